@@ -1,0 +1,184 @@
+//! The command line: global flags, one file per subcommand, and what all of them share.
+
+mod codes;
+mod completions;
+mod convert;
+mod crop;
+mod demo;
+mod eval;
+mod fuse;
+mod info;
+mod man;
+mod psf;
+mod report;
+mod restore;
+mod synth;
+mod tonemap;
+mod train;
+
+use std::io::IsTerminal;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context as _, Result};
+use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
+
+use udc::core::progress::Progress;
+
+/// Under-display camera imaging: from a measured panel to a restored photograph
+#[derive(Parser, Debug)]
+#[command(name = "udc", version, propagate_version = true, max_term_width = 100)]
+#[command(
+    after_help = "Start with `udc demo`: the whole pipeline on built-in scenes, ending in a page of results"
+)]
+pub(crate) struct Cli {
+    #[command(flatten)]
+    global: GlobalArgs,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Args, Debug)]
+struct GlobalArgs {
+    /// Say less: errors only
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Say more: time and memory of each step
+    #[arg(short, long, global = true, action = ArgAction::Count)]
+    verbose: u8,
+    /// Number of threads (default: all cores)
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    threads: Option<u16>,
+    /// When to draw progress bars on stderr
+    #[arg(long, global = true, value_enum, default_value_t = ProgressMode::Auto, value_name = "WHEN")]
+    progress: ProgressMode,
+    /// Replace existing outputs
+    #[arg(long, global = true)]
+    overwrite: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum ProgressMode {
+    Auto,
+    Always,
+    Never,
+}
+
+#[derive(Subcommand, Debug)]
+enum Command {
+    Demo(demo::DemoArgs),
+    Fuse(fuse::FuseArgs),
+    Psf(psf::PsfArgs),
+    Codes(codes::CodesArgs),
+    Crop(crop::CropArgs),
+    Synth(synth::SynthArgs),
+    Tonemap(tonemap::TonemapArgs),
+    Train(train::TrainArgs),
+    Restore(restore::RestoreArgs),
+    Eval(eval::EvalArgs),
+    Report(report::ReportArgs),
+    Info(info::InfoArgs),
+    Convert(convert::ConvertArgs),
+    Completions(completions::CompletionsArgs),
+    Man(man::ManArgs),
+}
+
+/// What every command needs to know beside its own flags.
+pub(crate) struct Session {
+    /// 0 quiet, 1 normal, 2 and more verbose.
+    verbosity: u8,
+    /// Where stages report, and the flag that Ctrl-C sets.
+    pub(crate) progress: Progress,
+    /// Whether existing outputs may be replaced.
+    pub(crate) overwrite: bool,
+}
+
+impl Session {
+    /// Tells the user a result on stdout, unless `--quiet`.
+    ///
+    /// # Errors
+    /// When stdout is closed; a broken pipe ends the program quietly.
+    pub(crate) fn say(&self, text: impl std::fmt::Display) -> Result<()> {
+        use std::io::Write;
+        if self.verbosity > 0 {
+            writeln!(std::io::stdout().lock(), "{text}")?;
+        }
+        Ok(())
+    }
+
+    /// Warns on stderr, unless `--quiet`.
+    pub(crate) fn warn(&self, text: impl std::fmt::Display) {
+        if self.verbosity > 0 {
+            eprintln!("warning: {text}");
+        }
+    }
+
+    /// Tells details on stderr with `--verbose`.
+    pub(crate) fn detail(&self, text: impl std::fmt::Display) {
+        if self.verbosity > 1 {
+            eprintln!("{text}");
+        }
+    }
+}
+
+impl Cli {
+    /// Runs the command that was asked for.
+    ///
+    /// # Errors
+    /// Whatever the command failed of, with what was being done.
+    pub(crate) fn run(self) -> Result<()> {
+        let session = self.global.start()?;
+        match self.command {
+            Command::Demo(args) => args.run(&session),
+            Command::Fuse(args) => args.run(&session),
+            Command::Psf(args) => args.run(&session),
+            Command::Codes(args) => args.run(&session),
+            Command::Crop(args) => args.run(&session),
+            Command::Synth(args) => args.run(&session),
+            Command::Tonemap(args) => args.run(&session),
+            Command::Train(args) => args.run(&session),
+            Command::Restore(args) => args.run(&session),
+            Command::Eval(args) => args.run(&session),
+            Command::Report(args) => args.run(&session),
+            Command::Info(args) => args.run(&session),
+            Command::Convert(args) => args.run(&session),
+            Command::Completions(args) => args.run(&session),
+            Command::Man(args) => args.run(&session),
+        }
+    }
+}
+
+impl GlobalArgs {
+    fn start(&self) -> Result<Session> {
+        let threads = self.threads.map_or(0, usize::from);
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build_global()
+            .context("starting the thread pool")?;
+        let interrupted = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&interrupted);
+        ctrlc::set_handler(move || {
+            if flag.swap(true, Ordering::Relaxed) {
+                std::process::exit(130);
+            }
+        })
+        .context("installing the handler of Ctrl-C")?;
+        let visible = match self.progress {
+            ProgressMode::Auto => !self.quiet && std::io::stderr().is_terminal(),
+            ProgressMode::Always => true,
+            ProgressMode::Never => false,
+        };
+        Ok(Session {
+            verbosity: if self.quiet { 0 } else { 1 + self.verbose },
+            progress: Progress::new(visible, interrupted),
+            overwrite: self.overwrite,
+        })
+    }
+}
+
+/// Whether the reader of our output went away, which is no failure.
+pub(crate) fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        cause.downcast_ref::<std::io::Error>().is_some_and(|io| io.kind() == std::io::ErrorKind::BrokenPipe)
+    })
+}

@@ -1,0 +1,78 @@
+//! The library's one error type: few variants, one for each kind of person who can fix it.
+
+use std::path::{Path, PathBuf};
+
+/// The result of every fallible function of the library.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// What went wrong, by who can mend it.
+///
+/// Messages say what to do next; the command line adds what was being done.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The operating system refused: a missing file, an unwritable folder, a full disk.
+    #[error("cannot {action} {}", path.display())]
+    Io {
+        /// What was tried, as a verb: `read`, `write`, `create`.
+        action: &'static str,
+        /// The file or folder it was tried on.
+        path: PathBuf,
+        /// The operating system's reason.
+        #[source]
+        source: std::io::Error,
+    },
+    /// A file is not what its reader expects.
+    #[error("{}: {reason}", path.display())]
+    Format {
+        /// The offending file.
+        path: PathBuf,
+        /// What is wrong with it, and what would be right.
+        reason: String,
+    },
+    /// Two arrays that must fit together do not.
+    #[error("{what}: expected {expected}, found {found}")]
+    Shape {
+        /// What has the wrong shape.
+        what: String,
+        /// The shape that was needed.
+        expected: String,
+        /// The shape that was given.
+        found: String,
+    },
+    /// A setting is out of range, unknown, or contradicts another.
+    #[error("{key}: {reason}")]
+    Config {
+        /// The key or flag, as the user wrote it.
+        key: String,
+        /// What is wrong, and which values are accepted.
+        reason: String,
+    },
+    /// The request is understood and cannot be served.
+    #[error("{0}")]
+    Unsupported(String),
+    /// The user asked the program to stop.
+    #[error("interrupted; finished files were kept, unfinished ones removed")]
+    Interrupted,
+}
+
+impl Error {
+    /// Wraps an operating-system error with what was tried on which path.
+    pub fn io(action: &'static str, path: impl AsRef<Path>, source: std::io::Error) -> Self {
+        Self::Io { action, path: path.as_ref().to_owned(), source }
+    }
+
+    /// Describes a file whose contents are not what was expected.
+    pub fn format(path: impl AsRef<Path>, reason: impl Into<String>) -> Self {
+        Self::Format { path: path.as_ref().to_owned(), reason: reason.into() }
+    }
+
+    /// Describes arrays that do not fit together.
+    pub fn shape(what: impl Into<String>, expected: impl Into<String>, found: impl Into<String>) -> Self {
+        Self::Shape { what: what.into(), expected: expected.into(), found: found.into() }
+    }
+
+    /// Describes a setting that cannot be used.
+    pub fn config(key: impl Into<String>, reason: impl Into<String>) -> Self {
+        Self::Config { key: key.into(), reason: reason.into() }
+    }
+}

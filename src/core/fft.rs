@@ -1,0 +1,1 @@
+//! Convolves real images by fast Fourier transforms.

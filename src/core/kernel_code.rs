@@ -1,0 +1,139 @@
+//! Describes PSFs by few numbers: the PCA basis of a kernel set, the code of each kernel, and the bank that
+//! keeps them together.
+
+use ndarray::{Array1, Array2, ArrayView1};
+
+use super::error::{Error, Result};
+use super::psf::Psf;
+
+/// The coefficients of one PSF in a [`CodeBasis`], `[b]`.
+pub type KernelCode = Array1<f32>;
+
+/// Mean and principal components of a kernel set.
+///
+/// # Shapes
+/// With n = 3·H·W values a PSF in `[3, H, W]` order: `mean` is `[n]`, `components` is `[b, n]` with
+/// orthonormal rows, `explained_variance` is `[b]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CodeBasis {
+    /// The mean PSF of the set.
+    pub mean: Array1<f32>,
+    /// The principal components, strongest first.
+    pub components: Array2<f32>,
+    /// The variance of the set along each component, with K − 1 in the denominator.
+    pub explained_variance: Array1<f32>,
+}
+
+/// A set of PSFs of one size with their codes and the basis of these codes.
+///
+/// # Shapes
+/// K PSFs, `codes` is `[K, b]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KernelBank {
+    /// The kernels, all of one size.
+    pub psfs: Vec<Psf>,
+    /// One code a row, in the order of the kernels.
+    pub codes: Array2<f32>,
+    /// The basis of the codes.
+    pub basis: CodeBasis,
+    /// The rotation of each kernel in degrees, counter-clockwise; `None` for a set that was not made by
+    /// rotation.
+    pub angles_deg: Option<Vec<f64>>,
+}
+
+impl KernelBank {
+    /// Checks that the parts fit together and keeps them as a bank.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] naming the part that does not fit.
+    pub fn new(
+        psfs: Vec<Psf>,
+        codes: Array2<f32>,
+        basis: CodeBasis,
+        angles_deg: Option<Vec<f64>>,
+    ) -> Result<Self> {
+        let Some(first) = psfs.first() else {
+            return Err(Error::shape("kernel bank", "at least one PSF", "none"));
+        };
+        let size = (first.height(), first.width());
+        if let Some(other) = psfs.iter().find(|psf| (psf.height(), psf.width()) != size) {
+            let found = format!("{} × {}", other.height(), other.width());
+            return Err(Error::shape("PSFs of a kernel bank", format!("all {} × {}", size.0, size.1), found));
+        }
+        let dim = basis.components.nrows();
+        let expected = [
+            ("codes", codes.shape().to_vec(), vec![psfs.len(), dim]),
+            ("mean", basis.mean.shape().to_vec(), vec![3 * size.0 * size.1]),
+            ("components", basis.components.shape().to_vec(), vec![dim, 3 * size.0 * size.1]),
+            ("explained variance", basis.explained_variance.shape().to_vec(), vec![dim]),
+            ("angles", vec![angles_deg.as_ref().map_or(psfs.len(), Vec::len)], vec![psfs.len()]),
+        ];
+        for (what, found, expected) in expected {
+            if found != expected {
+                let what = format!("{what} of a kernel bank");
+                return Err(Error::shape(what, format!("{expected:?}"), format!("{found:?}")));
+            }
+        }
+        Ok(Self { psfs, codes, basis, angles_deg })
+    }
+
+    /// Number of kernels, K.
+    pub fn len(&self) -> usize {
+        self.psfs.len()
+    }
+
+    /// Whether the bank is empty; it never is.
+    pub fn is_empty(&self) -> bool {
+        self.psfs.is_empty()
+    }
+
+    /// Length of a kernel code, b.
+    pub fn code_dim(&self) -> usize {
+        self.codes.ncols()
+    }
+
+    /// The code of kernel `index`.
+    ///
+    /// # Panics
+    /// When `index` is not below [`len`](Self::len).
+    pub fn code(&self, index: usize) -> ArrayView1<'_, f32> {
+        self.codes.row(index)
+    }
+
+    /// The folder name of kernel `index` in a dataset: `r-12`, `r+03` for rotations, `k01` otherwise.
+    pub fn kernel_name(&self, index: usize) -> String {
+        match &self.angles_deg {
+            Some(angles) if angles[index].fract() == 0.0 => format!("r{:+03.0}", angles[index]),
+            Some(angles) => format!("r{:+}", angles[index]),
+            None => format!("k{:02}", index + 1),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array3;
+
+    fn bank(angles: Vec<f64>) -> Result<KernelBank> {
+        let psf = Psf::from_energy(Array3::ones((3, 2, 2))).unwrap();
+        let basis = CodeBasis {
+            mean: Array1::zeros(12),
+            components: Array2::zeros((1, 12)),
+            explained_variance: Array1::zeros(1),
+        };
+        KernelBank::new(vec![psf.clone(), psf], Array2::zeros((2, 1)), basis, Some(angles))
+    }
+
+    #[test]
+    fn names_kernels_by_signed_angle() {
+        let bank = bank(vec![-3.0, 12.0]).unwrap();
+        assert_eq!((bank.kernel_name(0), bank.kernel_name(1)), ("r-03".into(), "r+12".into()));
+    }
+
+    #[test]
+    fn refuses_parts_that_do_not_fit() {
+        let message = bank(vec![0.0]).unwrap_err().to_string();
+        assert!(message.contains("angles of a kernel bank"), "{message}");
+    }
+}

@@ -1,0 +1,1 @@
+//! Measures how far two images are apart.

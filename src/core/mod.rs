@@ -1,0 +1,17 @@
+//! The shared vocabulary of every stage: images, PSFs, kernel codes, tone mapping, transforms, files, errors.
+//!
+//! Core knows no stage and no command line, and prints nothing.
+
+pub mod dataset;
+pub mod error;
+pub mod fft;
+pub mod image;
+pub mod io;
+pub mod kernel_code;
+pub mod metrics;
+pub mod progress;
+pub mod provenance;
+pub mod psf;
+pub mod resample;
+pub mod rng;
+pub mod tone;

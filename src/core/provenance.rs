@@ -1,0 +1,37 @@
+//! Says where a file came from: program version, command and resolved configuration.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// The origin of a written file, kept inside of it as JSON.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Provenance {
+    /// Program and version: `udc 0.1.0`.
+    pub program: String,
+    /// The subcommand that wrote the file.
+    pub command: String,
+    /// The configuration that it ran with, every default resolved.
+    pub config: Value,
+}
+
+impl Provenance {
+    /// Describes a run of `command` of this program with `config`.
+    ///
+    /// # Panics
+    /// When `config` is a type that JSON cannot hold, such as a map with non-string keys.
+    pub fn new(command: &str, config: &impl Serialize) -> Self {
+        Self {
+            program: concat!("udc ", env!("CARGO_PKG_VERSION")).to_owned(),
+            command: command.to_owned(),
+            config: serde_json::to_value(config).expect("configurations are plain data"),
+        }
+    }
+
+    /// The JSON text that files carry.
+    ///
+    /// # Panics
+    /// Never: the fields are plain data.
+    pub fn to_json(&self) -> String {
+        serde_json::to_string(self).expect("provenance is plain data")
+    }
+}

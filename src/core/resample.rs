@@ -1,0 +1,1 @@
+//! Samples images between their pixels.

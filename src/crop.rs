@@ -1,0 +1,1 @@
+//! From equirectangular panoramas to perspective views.

@@ -1,0 +1,1 @@
+//! From restored images and ground truth to tables.

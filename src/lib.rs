@@ -1,0 +1,27 @@
+//! Under-display camera imaging: from a measured panel to a restored photograph.
+//!
+//! Data flows one way, each stage a module that takes values and returns values:
+//! captures → [`psf`] → [`codes`] → [`synth`] (of [`crop`]s) → [`train`] → [`restore`] → [`eval`] → [`report`].
+//! The stages never import one another; they meet through the types and files of [`core`]. The binary's
+//! commands connect them.
+//!
+//! # Axes and units
+//! Images are RGB, planar, `[channel, height, width]`; batches `[item, channel, height, width]`; positions
+//! are (row y, column x), row 0 on top. Physical quantities carry their unit in their name.
+//!
+//! # Scope
+//! Still captures through a panel whose PSF does not change over the exposure; processing on the CPU.
+//! Out of scope: video, autofocus, panel design.
+
+pub mod codes;
+pub mod core;
+pub mod crop;
+pub mod demo;
+pub mod eval;
+pub mod kernels;
+pub mod network;
+pub mod psf;
+pub mod report;
+pub mod restore;
+pub mod synth;
+pub mod train;

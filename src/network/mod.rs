@@ -1,0 +1,1 @@
+//! The networks in Burn: operations, blocks, models, weight files.

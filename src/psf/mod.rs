@@ -1,0 +1,1 @@
+//! From a bracket of exposures or a display layout to a point spread function.

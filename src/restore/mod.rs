@@ -1,0 +1,1 @@
+//! From a degraded image to a restored one.
