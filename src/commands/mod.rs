@@ -19,6 +19,7 @@ mod train;
 use std::io::IsTerminal;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
@@ -128,22 +129,33 @@ impl Cli {
     /// Whatever the command failed of, with what was being done.
     pub(crate) fn run(self) -> Result<()> {
         let session = self.global.start()?;
-        match self.command {
-            Command::Demo(args) => args.run(&session),
-            Command::Fuse(args) => args.run(&session),
-            Command::Psf(args) => args.run(&session),
-            Command::Codes(args) => args.run(&session),
-            Command::Crop(args) => args.run(&session),
-            Command::Synth(args) => args.run(&session),
-            Command::Tonemap(args) => args.run(&session),
-            Command::Train(args) => args.run(&session),
-            Command::Restore(args) => args.run(&session),
-            Command::Eval(args) => args.run(&session),
-            Command::Report(args) => args.run(&session),
-            Command::Info(args) => args.run(&session),
-            Command::Convert(args) => args.run(&session),
-            Command::Completions(args) => args.run(&session),
-            Command::Man(args) => args.run(&session),
+        let start = Instant::now();
+        self.command.run(&session)?;
+        let memory =
+            peak_memory_bytes().map_or(String::new(), |bytes| format!(", peak memory {}", mebibytes(bytes)));
+        session.detail(format_args!("finished in {:.2} s{memory}", start.elapsed().as_secs_f64()));
+        Ok(())
+    }
+}
+
+impl Command {
+    fn run(self, session: &Session) -> Result<()> {
+        match self {
+            Self::Demo(args) => args.run(session),
+            Self::Fuse(args) => args.run(session),
+            Self::Psf(args) => args.run(session),
+            Self::Codes(args) => args.run(session),
+            Self::Crop(args) => args.run(session),
+            Self::Synth(args) => args.run(session),
+            Self::Tonemap(args) => args.run(session),
+            Self::Train(args) => args.run(session),
+            Self::Restore(args) => args.run(session),
+            Self::Eval(args) => args.run(session),
+            Self::Report(args) => args.run(session),
+            Self::Info(args) => args.run(session),
+            Self::Convert(args) => args.run(session),
+            Self::Completions(args) => args.run(session),
+            Self::Man(args) => args.run(session),
         }
     }
 }
@@ -181,4 +193,16 @@ pub(crate) fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         cause.downcast_ref::<std::io::Error>().is_some_and(|io| io.kind() == std::io::ErrorKind::BrokenPipe)
     })
+}
+
+/// The most memory that this process has held at once, where the system tells.
+fn peak_memory_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
+    let kibibytes: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kibibytes * 1024)
+}
+
+fn mebibytes(bytes: u64) -> String {
+    format!("{} MiB", bytes / (1 << 20))
 }

@@ -1,1 +1,6 @@
-//! From results to one self-contained page.
+//! Turns results into one self-contained page: text, tables, pictures and charts in a single HTML file that
+//! loads nothing from anywhere.
+
+pub mod chart;
+pub mod page;
+pub mod picture;

@@ -1,0 +1,149 @@
+//! Keeps the module tree's promises: who may import whom, who opens files, who prints, where unsafe code is.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Top-level modules and what each may import beside itself. Stages meet in `core`; nobody imports commands.
+const IMPORTS: &[(&str, &[&str])] = &[
+    ("core", &[]),
+    ("kernels", &["core"]),
+    ("network", &["core", "kernels"]),
+    ("psf", &["core"]),
+    ("codes", &["core"]),
+    ("crop", &["core"]),
+    ("synth", &["core"]),
+    ("train", &["core", "network"]),
+    ("restore", &["core", "network"]),
+    ("eval", &["core"]),
+    ("report", &["core"]),
+    ("demo", &["core"]),
+];
+
+struct Source {
+    /// Path below `src`, with forward slashes.
+    name: String,
+    /// First path component without extension.
+    module: String,
+    /// Lines of code: comments and everything from the file's unit tests on are left out.
+    code: Vec<String>,
+}
+
+fn sources() -> Vec<Source> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut files = Vec::new();
+    collect(&root, &mut files);
+    assert!(files.len() > 20, "found only {} files below {}", files.len(), root.display());
+    files.iter().map(|path| source(&root, path)).collect()
+}
+
+fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).expect("src is readable") {
+        let path = entry.expect("src is readable").path();
+        if path.is_dir() {
+            collect(&path, files);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            files.push(path);
+        }
+    }
+}
+
+fn source(root: &Path, path: &Path) -> Source {
+    let name = path.strip_prefix(root).expect("below src").to_string_lossy().replace('\\', "/");
+    let module = name.split('/').next().expect("not empty").trim_end_matches(".rs").to_owned();
+    let text = fs::read_to_string(path).expect("sources are text");
+    let code = text
+        .lines()
+        .take_while(|line| !line.starts_with("#[cfg(test)]"))
+        .filter(|line| !line.trim_start().starts_with("//"))
+        .map(str::to_owned)
+        .collect();
+    Source { name, module, code }
+}
+
+/// The lines in which a source of the given modules does what `is_offence` describes.
+fn offences(applies: impl Fn(&Source) -> bool, is_offence: impl Fn(&Source, &str) -> bool) -> Vec<String> {
+    let mut found = Vec::new();
+    for source in sources().iter().filter(|source| applies(source)) {
+        for line in source.code.iter().filter(|line| is_offence(source, line)) {
+            found.push(format!("{}: {}", source.name, line.trim()));
+        }
+    }
+    found
+}
+
+fn imported_modules(line: &str) -> Vec<&str> {
+    line.split("crate::")
+        .skip(1)
+        .map(|rest| rest.split(|c: char| !c.is_alphanumeric() && c != '_').next().unwrap_or(""))
+        .collect()
+}
+
+#[test]
+fn data_flows_one_way() {
+    let found = offences(
+        |source| IMPORTS.iter().any(|(module, _)| *module == source.module),
+        |source, line| {
+            let (_, allowed) = IMPORTS.iter().find(|(module, _)| *module == source.module).expect("filtered");
+            imported_modules(line).iter().any(|&module| {
+                let known = IMPORTS.iter().any(|(name, _)| *name == module);
+                known && module != source.module && !allowed.contains(&module)
+            })
+        },
+    );
+    assert!(found.is_empty(), "imports against the flow:\n{}", found.join("\n"));
+}
+
+#[test]
+fn every_module_has_its_place_in_the_flow() {
+    let outside = ["main", "lib", "commands"];
+    let unplaced: Vec<_> = sources()
+        .into_iter()
+        .map(|source| source.module)
+        .filter(|module| {
+            !outside.contains(&module.as_str()) && IMPORTS.iter().all(|(name, _)| name != module)
+        })
+        .collect();
+    assert!(unplaced.is_empty(), "modules without a line in IMPORTS: {unplaced:?}");
+}
+
+#[test]
+fn only_kernels_hold_unsafe_code() {
+    let found = offences(|source| source.module != "kernels", |_, line| line.contains("unsafe "));
+    assert!(found.is_empty(), "unsafe code outside of the kernels:\n{}", found.join("\n"));
+}
+
+#[test]
+fn the_library_prints_nothing() {
+    let prints = ["println!", "print!(", "eprint!(", "dbg!("];
+    let found = offences(
+        |source| !["commands", "main"].contains(&source.module.as_str()),
+        |_, line| prints.iter().any(|print| line.contains(print)),
+    );
+    assert!(found.is_empty(), "prints in the library:\n{}", found.join("\n"));
+}
+
+#[test]
+fn only_core_io_opens_files() {
+    let opens = ["File::open", "File::create", "fs::read", "fs::write", "OpenOptions"];
+    let found = offences(
+        |source| {
+            !source.name.starts_with("core/io") && !["commands", "main"].contains(&source.module.as_str())
+        },
+        |_, line| opens.iter().any(|open| line.contains(open)),
+    );
+    assert!(found.is_empty(), "files opened outside of core::io:\n{}", found.join("\n"));
+}
+
+#[test]
+fn every_file_says_what_it_is() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let silent: Vec<_> = sources()
+        .into_iter()
+        .filter(|source| {
+            let text = fs::read_to_string(root.join(&source.name)).expect("sources are text");
+            !text.starts_with("//!")
+        })
+        .map(|source| source.name)
+        .collect();
+    assert!(silent.is_empty(), "files without a first paragraph: {silent:?}");
+}
