@@ -6,6 +6,10 @@ use sha2::{Digest, Sha256};
 use super::error::{Error, Result};
 use super::image::CHANNELS;
 
+/// A sum this close to one is left alone, so that a PSF stays the same however often it is written and read:
+/// each rounded value is off by at most 2⁻²⁴ of itself, and so is their sum.
+const UNIT_SUM_TOLERANCE: f64 = 1.0 / (1 << 23) as f64;
+
 /// A point spread function: where the light of one point lands on the sensor, for each colour channel.
 ///
 /// Values are non-negative and each channel sums to one. The centre is at index `N / 2` (rounded down) on
@@ -20,6 +24,8 @@ pub struct Psf {
 
 impl Psf {
     /// Makes a PSF of an energy map: negative values become zero, each channel is divided by its sum.
+    ///
+    /// A map that already is a PSF is kept as it is, to the bit.
     ///
     /// # Errors
     /// [`Error::Shape`] when there are not three channels; [`Error::Unsupported`] when a value is not finite
@@ -41,6 +47,9 @@ impl Psf {
                     "channel {channel} of the PSF sums to {sum}; a PSF needs finite values and some light in \
                      every channel"
                 )));
+            }
+            if (sum - 1.0).abs() <= UNIT_SUM_TOLERANCE {
+                continue;
             }
             #[expect(clippy::cast_possible_truncation, reason = "the quotient is in [0, 1]")]
             plane.mapv_inplace(|v| (f64::from(v) / sum) as f32);
@@ -111,6 +120,13 @@ mod tests {
             assert!(psf.channel(channel).iter().all(|&v| v >= 0.0));
         }
         assert_eq!(psf.centre(), (4, 4));
+    }
+
+    #[test]
+    fn stays_the_same_when_it_is_made_again() {
+        let energy = Array3::from_shape_fn((3, 64, 63), |(c, y, x)| ((c + 7 * y + 13 * x) % 101) as f32);
+        let psf = Psf::from_energy(energy).unwrap();
+        assert_eq!(Psf::from_energy(psf.planes().to_owned()).unwrap(), psf);
     }
 
     #[test]

@@ -1,14 +1,37 @@
 //! The only opener of files: images, PSFs, kernel banks; whole files only, never half of one.
+//!
+//! Files are recognised by their contents when they are read and by their extension when they are written.
+//! Sizes that a header declares are checked against the file's length and [`MAX_PIXELS`] before anything is
+//! allocated for them.
 
-use std::path::{Path, PathBuf};
+mod array;
+mod atomic;
+mod bank;
+mod container;
+mod exr;
+mod format;
+mod inputs;
+mod npy;
+mod raster;
 
-use ndarray::Array3;
+use std::path::Path;
 
-use super::error::Result;
-use super::image::{Domain, Image};
-use super::kernel_code::KernelBank;
+use ndarray::{Array3, Axis, concatenate};
+
+use super::error::{Error, Result};
+use super::image::{Domain, Image, Linear, ToneMapped};
 use super::provenance::Provenance;
 use super::psf::Psf;
+
+pub use array::{read_array, write_array};
+pub use atomic::{check_output, write_atomically};
+pub use bank::{bank_sha256, read_bank, write_bank, write_published_bank};
+pub use container::{TensorData, write_safetensors};
+pub use format::{Encoding, Format};
+pub use inputs::expand_inputs;
+
+/// The largest number of pixels an image may have: 16384 × 16384, four times the largest panorama in use.
+pub const MAX_PIXELS: usize = 1 << 28;
 
 /// What the numbers of a file mean, where the file says so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,6 +40,21 @@ pub enum DomainTag {
     Linear,
     /// After the tone mapping φ.
     ToneMapped,
+}
+
+impl DomainTag {
+    /// The name written to files and accepted by `--domain`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Linear => Linear::NAME,
+            Self::ToneMapped => ToneMapped::NAME,
+        }
+    }
+
+    /// The tag of a name; `None` for a name that is not a domain's.
+    pub fn from_name(name: &str) -> Option<Self> {
+        [Self::Linear, Self::ToneMapped].into_iter().find(|tag| tag.name() == name)
+    }
 }
 
 /// The contents of an image file before their meaning is decided.
@@ -36,6 +74,13 @@ pub struct Pixels {
     pub provenance: Option<Provenance>,
 }
 
+impl Pixels {
+    /// Takes planes over that a file says nothing about.
+    pub fn of_planes(planes: Array3<f32>) -> Self {
+        Self { planes, domain: None, exposure_s: None, provenance: None }
+    }
+}
+
 /// How an image is written.
 #[derive(Clone, Debug, Default)]
 pub struct WriteOptions {
@@ -50,75 +95,131 @@ pub struct WriteOptions {
 /// Reads an image file of any supported format.
 ///
 /// # Errors
-/// See [`Error`](super::error::Error).
+/// [`Error::Io`] when the file cannot be read, [`Error::Format`] when it is damaged or no image,
+/// [`Error::Unsupported`] when it is an image of a kind that is not read.
 pub fn read_pixels(path: &Path) -> Result<Pixels> {
-    todo!("{}", path.display())
+    inspect_image(path).map(|(pixels, _)| pixels)
 }
 
-/// Reads an image of domain `D`; a file that declares another domain is refused.
+/// Reads an image file together with how it is stored.
 ///
 /// # Errors
-/// See [`Error`](super::error::Error).
+/// As [`read_pixels`].
+pub fn inspect_image(path: &Path) -> Result<(Pixels, Encoding)> {
+    let (format, bytes) = format::read_recognised(path)?;
+    match format {
+        Format::Exr => exr::decode(path, &bytes),
+        Format::Npy => npy::decode_image(path, &bytes),
+        Format::Png | Format::Jpeg | Format::Tiff | Format::Hdr => raster::decode(path, &bytes, format),
+    }
+}
+
+/// Reads an image of domain `D`; a grey file becomes three equal channels.
+///
+/// # Errors
+/// As [`read_pixels`]; [`Error::Format`] when the file declares the other domain, holds packed Bayer data,
+/// or holds values that are not finite.
 pub fn read_image<D: Domain>(path: &Path) -> Result<Image<D>> {
-    todo!("{}", path.display())
+    let pixels = read_pixels(path)?;
+    check_domain::<D>(path, pixels.domain)?;
+    let planes = to_rgb(path, pixels.planes)?;
+    Image::from_planes(planes).map_err(|error| Error::format(path, error.to_string()))
 }
 
 /// Reads a PSF from an image file, non-negative and of unit sum.
 ///
 /// # Errors
-/// See [`Error`](super::error::Error).
+/// As [`read_image`] of linear values; [`Error::Format`] when a channel holds no light.
 pub fn read_psf(path: &Path) -> Result<Psf> {
-    todo!("{}", path.display())
+    let pixels = read_pixels(path)?;
+    check_domain::<Linear>(path, pixels.domain)?;
+    let planes = to_rgb(path, pixels.planes)?;
+    Psf::from_energy(planes).map_err(|error| Error::format(path, error.to_string()))
 }
 
 /// Writes a PSF as an image file of linear values.
 ///
 /// # Errors
-/// See [`Error`](super::error::Error).
-pub fn write_psf(path: &Path, _psf: &Psf, _options: &WriteOptions) -> Result<()> {
-    todo!("{}", path.display())
+/// As [`write_image`].
+pub fn write_psf(path: &Path, psf: &Psf, options: &WriteOptions) -> Result<()> {
+    let image = Image::<Linear>::from_planes(psf.planes().to_owned())?;
+    write_image(path, &image, options)
 }
 
 /// Writes an image in the format of the path's extension.
 ///
-/// # Errors
-/// See [`Error`](super::error::Error).
-pub fn write_image<D: Domain>(path: &Path, _image: &Image<D>, _options: &WriteOptions) -> Result<()> {
-    todo!("{}", path.display())
-}
-
-/// Writes a whole file or nothing: to a temporary name in the same folder, flushed, then renamed.
+/// Integer formats clip tone-mapped values to `[0, 1]`; linear values above one are refused there.
 ///
 /// # Errors
-/// See [`Error`](super::error::Error).
-pub fn write_atomically(
-    path: &Path,
-    _overwrite: bool,
-    _write: impl FnOnce(&mut dyn std::io::Write) -> std::io::Result<()>,
-) -> Result<()> {
-    todo!("{}", path.display())
+/// [`Error::Io`] when the file cannot be written or exists; [`Error::Unsupported`] when the format cannot hold
+/// the values.
+pub fn write_image<D: Domain>(path: &Path, image: &Image<D>, options: &WriteOptions) -> Result<()> {
+    let pixels = Pixels {
+        planes: image.planes().to_owned(),
+        domain: DomainTag::from_name(D::NAME),
+        exposure_s: None,
+        provenance: options.provenance.clone(),
+    };
+    let clip = D::NAME == ToneMapped::NAME;
+    write_pixels(path, &pixels, &PixelOptions { half: options.half, overwrite: options.overwrite, clip })
 }
 
-/// Expands files, folders and globs to image files, sorted.
-///
-/// # Errors
-/// See [`Error`](super::error::Error).
-pub fn expand_inputs(_inputs: &[PathBuf]) -> Result<Vec<PathBuf>> {
-    todo!()
+/// How pixels of any meaning are written.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PixelOptions {
+    /// Half floats instead of floats, in formats that have both.
+    pub half: bool,
+    /// Whether an existing file may be replaced.
+    pub overwrite: bool,
+    /// Whether values outside of an integer format's range may be clipped.
+    pub clip: bool,
 }
 
-/// Reads a kernel bank (`*.safetensors`).
+/// Writes pixels, with what is known of them, in the format of the path's extension.
 ///
 /// # Errors
-/// See [`Error`](super::error::Error).
-pub fn read_bank(path: &Path) -> Result<KernelBank> {
-    todo!("{}", path.display())
+/// As [`write_image`].
+pub fn write_pixels(path: &Path, pixels: &Pixels, options: &PixelOptions) -> Result<()> {
+    let format = Format::of_extension(path)?;
+    check_output(path, options.overwrite)?;
+    let bytes = match format {
+        Format::Exr => exr::encode(path, pixels, options.half)?,
+        Format::Npy => npy::encode_image(pixels.planes.view(), options.half)
+            .map_err(|reason| Error::format(path, reason))?,
+        _ => raster::encode(path, pixels.planes.view(), format, options.clip)?,
+    };
+    write_atomically(path, options.overwrite, |file| file.write_all(&bytes))
 }
 
-/// Writes a kernel bank (`*.safetensors`).
-///
-/// # Errors
-/// See [`Error`](super::error::Error).
-pub fn write_bank(path: &Path, _bank: &KernelBank, _overwrite: bool) -> Result<()> {
-    todo!("{}", path.display())
+fn check_domain<D: Domain>(path: &Path, declared: Option<DomainTag>) -> Result<()> {
+    match declared {
+        Some(tag) if tag.name() != D::NAME => {
+            let reason = format!(
+                "holds {} values where {} ones are needed; pass `--domain {}` where the command has it, or convert \
+                 the file with `udc tonemap`",
+                tag.name(),
+                D::NAME,
+                tag.name()
+            );
+            Err(Error::format(path, reason))
+        }
+        _ => Ok(()),
+    }
 }
+
+fn to_rgb(path: &Path, planes: Array3<f32>) -> Result<Array3<f32>> {
+    match planes.dim().0 {
+        3 => Ok(planes),
+        1 => {
+            let grey = planes.view();
+            concatenate(Axis(0), &[grey, grey, grey]).map_err(|error| Error::format(path, error.to_string()))
+        }
+        channels => Err(Error::format(
+            path,
+            format!("has {channels} channels, as packed Bayer data; an RGB or grey image is needed"),
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests;

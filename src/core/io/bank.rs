@@ -1,0 +1,180 @@
+//! Reads and writes kernel banks: safetensors, and the layout of the published dataset.
+
+use std::borrow::Cow;
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+
+use ndarray::{Array, Array1, Array2, Array3, Dimension};
+use safetensors::SafeTensors;
+use sha2::{Digest, Sha256};
+
+use super::array::write_array;
+use super::atomic::check_output;
+use super::container::{TensorData, floats, le_bytes, metadata_of, write_safetensors};
+use super::format::read_all;
+use super::{WriteOptions, write_psf};
+use crate::core::error::{Error, Result};
+use crate::core::kernel_code::{CodeBasis, KernelBank};
+use crate::core::psf::{Psf, hex};
+
+const FORMAT: &str = "udc-kernel-bank";
+const VERSION: &str = "1";
+const SIGN_RULE: &str = "the first kernel has non-negative coefficients";
+
+/// Reads a kernel bank (`*.safetensors`).
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is damaged, of another kind or
+/// version, or its parts do not fit together.
+pub fn read_bank(path: &Path) -> Result<KernelBank> {
+    let bytes = read_all(path)?;
+    parse(&bytes).map_err(|reason| Error::format(path, reason))
+}
+
+/// Writes a kernel bank (`*.safetensors`).
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be written, or exists without `overwrite`.
+pub fn write_bank(path: &Path, bank: &KernelBank, overwrite: bool) -> Result<()> {
+    let tensors = tensors_of(bank);
+    let psf_sha256 = hex(&Sha256::digest(le_bytes(&tensors["psfs"].1)));
+    write_safetensors(path, &tensors, &metadata_of_bank(bank, psf_sha256), overwrite)
+}
+
+/// Writes a kernel bank as the published dataset is laid out: `<name>_psf_<i>.npy` `[H, W, 3]` and
+/// `<name>_code_<i>.npy` `[b]`, i from 1.
+///
+/// # Errors
+/// [`Error::Io`] when a file cannot be written, or one exists without `overwrite`; nothing is written then.
+pub fn write_published_bank(folder: &Path, name: &str, bank: &KernelBank, overwrite: bool) -> Result<()> {
+    std::fs::create_dir_all(folder).map_err(|source| Error::io("create", folder, source))?;
+    let file = |what: &str, index: usize| folder.join(format!("{name}_{what}_{}.npy", index + 1));
+    for index in 0..bank.len() {
+        check_output(&file("psf", index), overwrite)?;
+        check_output(&file("code", index), overwrite)?;
+    }
+    let options = WriteOptions { overwrite, ..WriteOptions::default() };
+    for (index, psf) in bank.psfs.iter().enumerate() {
+        write_psf(&file("psf", index), psf, &options)?;
+        write_array(&file("code", index), &bank.code(index).to_owned().into_dyn(), overwrite)?;
+    }
+    Ok(())
+}
+
+/// SHA-256 of a bank's file, in hexadecimal: how other files refer to it.
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be read.
+pub fn bank_sha256(path: &Path) -> Result<String> {
+    Ok(hex(&Sha256::digest(read_all(path)?)))
+}
+
+fn parse(bytes: &[u8]) -> Result<KernelBank, String> {
+    let metadata = metadata_of(bytes)?;
+    check_kind(&metadata)?;
+    let tensors = SafeTensors::deserialize(bytes).map_err(|error| format!("is damaged: {error}"))?;
+    let (shape, values) = floats(&tensors, "psfs")?;
+    let [count, 3, height, width] = shape[..] else {
+        return Err(format!("tensor `psfs` has shape {shape:?}; expected [K, 3, H, W]"));
+    };
+    if count == 0 || height == 0 || width == 0 {
+        return Err(format!("tensor `psfs` has shape {shape:?}: it is empty"));
+    }
+    check_hash(&metadata, &tensors)?;
+    let psfs = values
+        .chunks_exact(3 * height * width)
+        .map(|values| psf_of(values, height, width))
+        .collect::<Result<_, String>>()?;
+    let basis = CodeBasis {
+        mean: vector(&tensors, "mean")?,
+        components: matrix(&tensors, "components")?,
+        explained_variance: vector(&tensors, "explained_variance")?,
+    };
+    let codes = matrix(&tensors, "codes")?;
+    KernelBank::new(psfs, codes, basis, angles(&metadata)?).map_err(|error| error.to_string())
+}
+
+fn check_kind(metadata: &HashMap<String, String>) -> Result<(), String> {
+    match metadata.get("format").map(String::as_str) {
+        Some(FORMAT) => {}
+        Some(other) => return Err(format!("is a {other}, not a kernel bank; make one with `udc codes`")),
+        None => return Err("does not say that it is a kernel bank; make one with `udc codes`".into()),
+    }
+    match metadata.get("version").map(String::as_str) {
+        Some(VERSION) => Ok(()),
+        other => Err(format!(
+            "is a kernel bank of version {}; version {VERSION} is read",
+            other.unwrap_or("unknown")
+        )),
+    }
+}
+
+fn check_hash(metadata: &HashMap<String, String>, tensors: &SafeTensors<'_>) -> Result<(), String> {
+    let found = tensors.tensor("psfs").map(|psfs| hex(&Sha256::digest(psfs.data())));
+    match (metadata.get("psf_sha256"), found) {
+        (Some(declared), Ok(found)) if *declared == found => Ok(()),
+        (None, _) => Err("has no psf_sha256; it is damaged or not made by `udc codes`".into()),
+        _ => Err("is damaged: its PSFs do not have the hash that it declares".into()),
+    }
+}
+
+fn angles(metadata: &HashMap<String, String>) -> Result<Option<Vec<f64>>, String> {
+    let parse = |text: &String| serde_json::from_str(text).map_err(|error| format!("angles_deg: {error}"));
+    metadata.get("angles_deg").map(parse).transpose().map(Option::flatten)
+}
+
+fn psf_of(values: &[f32], height: usize, width: usize) -> Result<Psf, String> {
+    let planes =
+        Array3::from_shape_vec((3, height, width), values.to_vec()).map_err(|error| error.to_string())?;
+    Psf::from_energy(planes).map_err(|error| error.to_string())
+}
+
+fn vector(tensors: &SafeTensors<'_>, name: &str) -> Result<Array1<f32>, String> {
+    match floats(tensors, name)? {
+        (shape, values) if shape.len() == 1 => Ok(Array1::from_vec(values)),
+        (shape, _) => Err(format!("tensor `{name}` has shape {shape:?}; expected one axis")),
+    }
+}
+
+fn matrix(tensors: &SafeTensors<'_>, name: &str) -> Result<Array2<f32>, String> {
+    match floats(tensors, name)? {
+        (shape, values) if shape.len() == 2 => {
+            Array2::from_shape_vec((shape[0], shape[1]), values).map_err(|error| error.to_string())
+        }
+        (shape, _) => Err(format!("tensor `{name}` has shape {shape:?}; expected two axes")),
+    }
+}
+
+fn tensors_of(bank: &KernelBank) -> BTreeMap<String, TensorData<'_>> {
+    let (height, width) = (bank.psfs[0].height(), bank.psfs[0].width());
+    let psfs = bank.psfs.iter().flat_map(Psf::as_slice).copied().collect();
+    let basis = &bank.basis;
+    let tensors = [
+        ("psfs", (vec![bank.len(), 3, height, width], Cow::Owned(psfs))),
+        ("codes", (bank.codes.shape().to_vec(), contiguous(&bank.codes))),
+        ("mean", (basis.mean.shape().to_vec(), contiguous(&basis.mean))),
+        ("components", (basis.components.shape().to_vec(), contiguous(&basis.components))),
+        (
+            "explained_variance",
+            (basis.explained_variance.shape().to_vec(), contiguous(&basis.explained_variance)),
+        ),
+    ];
+    tensors.into_iter().map(|(name, tensor)| (name.to_owned(), tensor)).collect()
+}
+
+fn contiguous<D: Dimension>(array: &Array<f32, D>) -> Cow<'_, [f32]> {
+    array.as_slice().map_or_else(|| Cow::Owned(array.iter().copied().collect()), Cow::Borrowed)
+}
+
+fn metadata_of_bank(bank: &KernelBank, psf_sha256: String) -> BTreeMap<String, String> {
+    let mut metadata = BTreeMap::from([
+        ("format", FORMAT.to_owned()),
+        ("version", VERSION.to_owned()),
+        ("psf_sha256", psf_sha256),
+        ("sign_rule", SIGN_RULE.to_owned()),
+    ]);
+    if let Some(angles) = &bank.angles_deg {
+        metadata.insert("angles_deg", serde_json::json!(angles).to_string());
+    }
+    metadata.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+}

@@ -1,0 +1,115 @@
+//! Encodes planes as a scan-line OpenEXR file, the same bytes for any number of threads.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use ::exr::block::chunk::Chunk;
+use ::exr::block::writer::{ChunkWriter, ChunksWriter};
+use ::exr::block::{BlockIndex, UncompressedBlock};
+use ::exr::compression::Compression;
+use ::exr::math::Vec2;
+use ::exr::meta::attribute::{AttributeValue, ChannelDescription, LineOrder, SampleType, Text};
+use ::exr::meta::header::{Header, ImageAttributes, LayerAttributes};
+use ::exr::meta::{BlockDescription, MetaData};
+use half::f16;
+use ndarray::ArrayView3;
+use rayon::prelude::*;
+
+use super::{DOMAIN_ATTRIBUTE, PROVENANCE_ATTRIBUTE, WAVE};
+use crate::core::error::{Error, Result};
+use crate::core::io::Pixels;
+use crate::core::io::npy::check_half;
+
+/// Encodes one grey (`Y`) or three colour planes.
+pub(in crate::core::io) fn encode(path: &Path, pixels: &Pixels, half: bool) -> Result<Vec<u8>> {
+    let planes = pixels.planes.view();
+    if half {
+        check_half(planes).map_err(|reason| Error::format(path, reason))?;
+    }
+    let header = header_of(pixels, half).map_err(|reason| Error::format(path, reason))?;
+    let mut file = Cursor::new(Vec::new());
+    ::exr::block::write(&mut file, [header].into_iter().collect(), true, |meta, writer| {
+        write_blocks(&meta, writer, planes)
+    })
+    .map_err(|error| Error::format(path, format!("cannot be encoded: {error}")))?;
+    Ok(file.into_inner())
+}
+
+fn header_of(pixels: &Pixels, half: bool) -> Result<Header, String> {
+    let (channels, height, width) = pixels.planes.dim();
+    let names = match channels {
+        1 => &["Y"][..],
+        3 => &["B", "G", "R"][..],
+        _ => return Err(format!("OpenEXR images have 1 or 3 channels here, not {channels}; write .npy")),
+    };
+    let sample_type = if half { SampleType::F16 } else { SampleType::F32 };
+    let channels = names.iter().map(|name| ChannelDescription::named(*name, sample_type)).collect();
+    let mut header = Header::new(Text::from(""), (width, height), channels).with_encoding(
+        Compression::ZIP16,
+        BlockDescription::ScanLines,
+        LineOrder::Increasing,
+    );
+    header.own_attributes = layer_attributes(pixels);
+    header.shared_attributes = image_attributes(pixels, width, height);
+    Ok(header)
+}
+
+fn layer_attributes(pixels: &Pixels) -> LayerAttributes {
+    #[expect(clippy::cast_possible_truncation, reason = "the attribute is a 32-bit float")]
+    let exposure = pixels.exposure_s.map(|seconds| seconds as f32);
+    let mut attributes = LayerAttributes { exposure, ..LayerAttributes::default() };
+    if let Some(domain) = pixels.domain {
+        attributes
+            .other
+            .insert(Text::from(DOMAIN_ATTRIBUTE), AttributeValue::Text(Text::from(domain.name())));
+    }
+    attributes
+}
+
+/// Puts the provenance among the image's attributes and the domain among the layer's: each of the two is a
+/// hash map, which the crate writes in a random order once it has more than one entry.
+fn image_attributes(pixels: &Pixels, width: usize, height: usize) -> ImageAttributes {
+    let mut attributes = ImageAttributes::with_size((width, height));
+    if let Some(provenance) = &pixels.provenance {
+        let text = Text::from_bytes_unchecked(provenance.to_json().bytes().collect());
+        attributes.other.insert(Text::from(PROVENANCE_ATTRIBUTE), AttributeValue::Text(text));
+    }
+    attributes
+}
+
+fn write_blocks(
+    meta: &MetaData,
+    writer: &mut ChunkWriter<&mut Cursor<Vec<u8>>>,
+    planes: ArrayView3<'_, f32>,
+) -> ::exr::error::Result<()> {
+    let indices: Vec<(usize, BlockIndex)> = meta.enumerate_ordered_header_block_indices().collect();
+    for wave in indices.chunks(WAVE) {
+        let chunks = wave
+            .par_iter()
+            .map(|(_, index)| block_of(*index, meta, planes).compress_to_chunk(&meta.headers))
+            .collect::<::exr::error::Result<Vec<Chunk>>>()?;
+        for ((position, _), chunk) in wave.iter().zip(chunks) {
+            writer.write_chunk(*position, chunk)?;
+        }
+    }
+    Ok(())
+}
+
+/// Lays out a block: line by line, in each the channels in alphabetical order, which is B, G, R.
+fn block_of(index: BlockIndex, meta: &MetaData, planes: ArrayView3<'_, f32>) -> UncompressedBlock {
+    let channels = &meta.headers[0].channels;
+    let Vec2(left, top) = index.pixel_position;
+    let Vec2(width, height) = index.pixel_size;
+    let mut data = Vec::with_capacity(width * height * channels.bytes_per_pixel);
+    for y in top..top + height {
+        for channel in (0..planes.dim().0).rev() {
+            let line = (left..left + width).map(|x| planes[[channel, y, x]]);
+            if channels.list[0].sample_type == SampleType::F16 {
+                data.extend(line.flat_map(|v| f16::from_f32(v).to_ne_bytes()));
+            } else {
+                data.extend(line.flat_map(f32::to_ne_bytes));
+            }
+        }
+    }
+    UncompressedBlock { index, data }
+}

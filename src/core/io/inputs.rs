@@ -1,0 +1,67 @@
+//! Expands what a user names — files, folders, patterns — to a list of image files.
+
+use std::path::{Path, PathBuf};
+
+use super::format::Format;
+use crate::core::error::{Error, Result};
+
+/// Expands files, folders and globs to image files.
+///
+/// A folder stands for the image files directly inside of it, a pattern for the files that match; both are
+/// sorted by name. Files keep the order in which they are named.
+///
+/// # Errors
+/// [`Error::Io`] when a name does not exist; [`Error::Format`] when a folder or a pattern yields no file.
+pub fn expand_inputs(inputs: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for input in inputs {
+        files.extend(expand(input)?);
+    }
+    Ok(files)
+}
+
+fn expand(input: &Path) -> Result<Vec<PathBuf>> {
+    if input.is_dir() {
+        return images_of_folder(input);
+    }
+    // A file whose name holds pattern characters is that file.
+    if input.exists() {
+        return Ok(vec![input.to_owned()]);
+    }
+    match input.to_str().filter(|text| text.contains(['*', '?', '['])) {
+        Some(pattern) => files_of_pattern(input, pattern),
+        None => Err(Error::io("read", input, std::io::ErrorKind::NotFound.into())),
+    }
+}
+
+fn images_of_folder(folder: &Path) -> Result<Vec<PathBuf>> {
+    let read_error = |source| Error::io("read", folder, source);
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(read_error)? {
+        let path = entry.map_err(read_error)?.path();
+        if path.is_file() && Format::known_extension(&path).is_some() {
+            files.push(path);
+        }
+    }
+    if files.is_empty() {
+        return Err(Error::format(folder, "the folder holds no image (.exr, .npy, .hdr, .png, .tif, .jpg)"));
+    }
+    files.sort();
+    Ok(files)
+}
+
+fn files_of_pattern(input: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
+    let paths = glob::glob(pattern).map_err(|error| Error::format(input, error.to_string()))?;
+    let mut files = Vec::new();
+    for path in paths {
+        let path = path.map_err(|error| Error::io("read", error.path().to_owned(), error.into()))?;
+        if path.is_file() {
+            files.push(path);
+        }
+    }
+    if files.is_empty() {
+        return Err(Error::format(input, "no file matches this pattern"));
+    }
+    files.sort();
+    Ok(files)
+}

@@ -1,0 +1,188 @@
+//! Reads and writes PNG, JPEG, TIFF and Radiance HDR as planes of floats.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use image::codecs::hdr::HdrEncoder;
+use image::{
+    ColorType, DynamicImage, ExtendedColorType, ImageDecoder, ImageFormat, ImageReader, Limits, Rgb,
+};
+use ndarray::{Array3, ArrayView3};
+
+use super::format::{Encoding, Format};
+use super::{MAX_PIXELS, Pixels};
+use crate::core::error::{Error, Result};
+
+/// The most memory a decoder may take beside the image: a frame of [`MAX_PIXELS`] at 16 bits.
+const MAX_DECODER_BYTES: u64 = MAX_PIXELS as u64 * 8;
+
+/// Decodes an image; grey stays one plane, integers are divided by their type's maximum.
+pub(super) fn decode(path: &Path, bytes: &[u8], format: Format) -> Result<(Pixels, Encoding)> {
+    let image = decode_dynamic(bytes, format).map_err(|reason| Error::format(path, reason))?;
+    let sample_type = match image.color() {
+        ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => "uint8",
+        ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => "uint16",
+        _ => "float",
+    };
+    let planes = to_planes(image).map_err(|reason| Error::format(path, reason))?;
+    Ok((Pixels::of_planes(planes), Encoding { format, sample_type: sample_type.to_owned() }))
+}
+
+fn decode_dynamic(bytes: &[u8], format: Format) -> Result<DynamicImage, String> {
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(MAX_DECODER_BYTES);
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), image_format(format));
+    reader.limits(limits);
+    let damaged = |error: image::ImageError| format!("cannot be decoded: {error}");
+    let decoder = reader.into_decoder().map_err(damaged)?;
+    let (width, height) = decoder.dimensions();
+    let pixels = u64::from(width) * u64::from(height);
+    if pixels == 0 || pixels > MAX_PIXELS as u64 {
+        return Err(format!("declares {width} × {height} pixels; the limit is 1 to {MAX_PIXELS}"));
+    }
+    DynamicImage::from_decoder(decoder).map_err(damaged)
+}
+
+fn image_format(format: Format) -> ImageFormat {
+    match format {
+        Format::Png => ImageFormat::Png,
+        Format::Jpeg => ImageFormat::Jpeg,
+        Format::Tiff => ImageFormat::Tiff,
+        Format::Hdr => ImageFormat::Hdr,
+        Format::Exr | Format::Npy => unreachable!("decoded by their own modules"),
+    }
+}
+
+fn to_planes(image: DynamicImage) -> Result<Array3<f32>, String> {
+    let (height, width) = (image.height() as usize, image.width() as usize);
+    let channels = usize::from(image.color().channel_count());
+    let planes = match image {
+        DynamicImage::ImageLuma8(i) => planar(i.as_raw(), channels, height, width, from_u8),
+        DynamicImage::ImageLumaA8(i) => planar(i.as_raw(), channels, height, width, from_u8),
+        DynamicImage::ImageRgb8(i) => planar(i.as_raw(), channels, height, width, from_u8),
+        DynamicImage::ImageRgba8(i) => planar(i.as_raw(), channels, height, width, from_u8),
+        DynamicImage::ImageLuma16(i) => planar(i.as_raw(), channels, height, width, from_u16),
+        DynamicImage::ImageLumaA16(i) => planar(i.as_raw(), channels, height, width, from_u16),
+        DynamicImage::ImageRgb16(i) => planar(i.as_raw(), channels, height, width, from_u16),
+        DynamicImage::ImageRgba16(i) => planar(i.as_raw(), channels, height, width, from_u16),
+        DynamicImage::ImageRgb32F(i) => planar(i.as_raw(), channels, height, width, |v| v),
+        DynamicImage::ImageRgba32F(i) => planar(i.as_raw(), channels, height, width, |v| v),
+        other => return Err(format!("has colours of type {:?}, which is not read", other.color())),
+    };
+    drop_alpha(planes)
+}
+
+fn from_u8(value: u8) -> f32 {
+    f32::from(value) / f32::from(u8::MAX)
+}
+
+fn from_u16(value: u16) -> f32 {
+    f32::from(value) / f32::from(u16::MAX)
+}
+
+fn planar<T: Copy>(
+    samples: &[T],
+    channels: usize,
+    height: usize,
+    width: usize,
+    convert: impl Fn(T) -> f32,
+) -> Array3<f32> {
+    let mut planes = Vec::with_capacity(samples.len());
+    for channel in 0..channels {
+        planes.extend(samples.iter().skip(channel).step_by(channels).map(|&v| convert(v)));
+    }
+    Array3::from_shape_vec((channels, height, width), planes).expect("decoders fill the whole image")
+}
+
+/// Removes an opaque alpha channel; the colour of transparent pixels is not defined.
+fn drop_alpha(planes: Array3<f32>) -> Result<Array3<f32>, String> {
+    let (channels, height, width) = planes.dim();
+    if channels != 2 && channels != 4 {
+        return Ok(planes);
+    }
+    let (mut samples, _) = planes.into_raw_vec_and_offset();
+    let colours = (channels - 1) * height * width;
+    if samples[colours..].iter().any(|&alpha| alpha < 1.0) {
+        return Err("has transparent pixels; flatten it onto a background first".into());
+    }
+    samples.truncate(colours);
+    Array3::from_shape_vec((channels - 1, height, width), samples).map_err(|error| error.to_string())
+}
+
+/// Encodes planes: 16 bits in PNG and TIFF, 8 bits in JPEG, shared-exponent floats in Radiance HDR.
+pub(super) fn encode(
+    path: &Path,
+    planes: ArrayView3<'_, f32>,
+    format: Format,
+    clip: bool,
+) -> Result<Vec<u8>> {
+    let encoded = match format {
+        Format::Hdr => encode_hdr(planes),
+        _ => check_range(planes, format, clip).and_then(|()| encode_integers(planes, format)),
+    };
+    encoded.map_err(|reason| Error::format(path, reason))
+}
+
+fn check_range(planes: ArrayView3<'_, f32>, format: Format, clip: bool) -> Result<(), String> {
+    let max = planes.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    if clip || max <= 1.0 {
+        return Ok(());
+    }
+    Err(format!(
+        "{} holds values up to 1 and the image reaches {max}; tone map it first (`udc tonemap`), or write .exr, \
+         .hdr or .npy",
+        format.name()
+    ))
+}
+
+fn encode_integers(planes: ArrayView3<'_, f32>, format: Format) -> Result<Vec<u8>, String> {
+    let (channels, height, width) = planes.dim();
+    let grey = match channels {
+        1 => true,
+        3 => false,
+        _ => return Err(format!("{} cannot hold {channels} channels; write .npy", format.name())),
+    };
+    let pixels_first = planes.permuted_axes([1, 2, 0]);
+    let (samples, colour) = if format == Format::Jpeg {
+        let samples: Vec<u8> = pixels_first.iter().map(|&v| to_u8(v)).collect();
+        (samples, if grey { ExtendedColorType::L8 } else { ExtendedColorType::Rgb8 })
+    } else {
+        let samples = pixels_first.iter().flat_map(|&v| to_u16(v).to_ne_bytes()).collect();
+        (samples, if grey { ExtendedColorType::L16 } else { ExtendedColorType::Rgb16 })
+    };
+    let (width, height) = sides(width, height)?;
+    let mut file = Cursor::new(Vec::new());
+    image::write_buffer_with_format(&mut file, &samples, width, height, colour, image_format(format))
+        .map_err(|error| error.to_string())?;
+    Ok(file.into_inner())
+}
+
+fn encode_hdr(planes: ArrayView3<'_, f32>) -> Result<Vec<u8>, String> {
+    let (channels, height, width) = planes.dim();
+    if channels != 1 && channels != 3 {
+        return Err(format!("Radiance HDR cannot hold {channels} channels; write .npy"));
+    }
+    let value = |c: usize, y, x| planes[[c.min(channels - 1), y, x]].max(0.0);
+    let pixels: Vec<Rgb<f32>> =
+        (0..height * width).map(|i| Rgb([0, 1, 2].map(|c| value(c, i / width, i % width)))).collect();
+    let mut bytes = Vec::new();
+    HdrEncoder::new(&mut bytes).encode(&pixels, width, height).map_err(|error| error.to_string())?;
+    Ok(bytes)
+}
+
+fn sides(width: usize, height: usize) -> Result<(u32, u32), String> {
+    match (u32::try_from(width), u32::try_from(height)) {
+        (Ok(width), Ok(height)) => Ok((width, height)),
+        _ => Err(format!("{width} × {height} pixels are too many")),
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the type's range")]
+fn to_u8(value: f32) -> u8 {
+    (value.clamp(0.0, 1.0) * f32::from(u8::MAX)).round() as u8
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the type's range")]
+fn to_u16(value: f32) -> u16 {
+    (value.clamp(0.0, 1.0) * f32::from(u16::MAX)).round() as u16
+}
