@@ -1,0 +1,153 @@
+//! Turns an architecture into weights: drawn at random, or taken from a file's tensors after checking that
+//! they fit.
+
+use std::collections::BTreeMap;
+
+use rand_distr::{Distribution, StandardNormal, Uniform};
+use serde::{Deserialize, Serialize};
+
+use super::architecture::{Architecture, LayerWeights, TensorSpec};
+use crate::core::error::{Error, Result};
+use crate::core::rng::{self, Rng};
+
+/// The slope that every PReLU starts with.
+const INITIAL_SLOPE: f32 = 0.2;
+
+/// Scale of the weights inside residual blocks, which makes the blocks start near the identity.
+const RESIDUAL_SCALE: f32 = 0.1;
+
+/// How weights are drawn before training.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Initialisation {
+    /// Residual blocks Kaiming normal × 0.1 without bias; PyTorch's default elsewhere (the training code).
+    #[default]
+    Released,
+    /// Kaiming normal without bias everywhere (the paper's text).
+    Paper,
+}
+
+/// A tensor of 32-bit floats with its shape, in C order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Values {
+    /// The shape.
+    pub shape: Vec<usize>,
+    /// The numbers.
+    pub values: Vec<f32>,
+}
+
+/// One named weight tensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameter {
+    /// The released name.
+    pub name: String,
+    /// The shape.
+    pub shape: Vec<usize>,
+    /// The numbers, in C order.
+    pub values: Vec<f32>,
+}
+
+/// All weights of an architecture, in its order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameters(Vec<Parameter>);
+
+impl Parameters {
+    /// Draws weights; each tensor has a random stream of its own under `seed`.
+    pub fn random(architecture: &Architecture, initialisation: Initialisation, seed: u64) -> Self {
+        let draw = |spec: TensorSpec| {
+            let mut rng = rng::stream(seed, &format!("weights/{}", spec.name));
+            let values = draw_values(&spec, initialisation, &mut rng);
+            Parameter { name: spec.name, shape: spec.shape, values }
+        };
+        Self(architecture.tensors().into_iter().map(draw).collect())
+    }
+
+    /// Takes the weights of `architecture` out of named tensors.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] naming tensors that are missing, that no layer uses, or that have another
+    /// shape.
+    pub fn from_tensors(architecture: &Architecture, mut tensors: BTreeMap<String, Values>) -> Result<Self> {
+        let (mut found, mut missing) = (Vec::new(), Vec::new());
+        for spec in architecture.tensors() {
+            let Some(tensor) = tensors.remove(&spec.name) else {
+                missing.push(spec.name);
+                continue;
+            };
+            if tensor.shape != spec.shape {
+                let what = format!("weights {}", spec.name);
+                return Err(Error::shape(what, format!("{:?}", spec.shape), format!("{:?}", tensor.shape)));
+            }
+            found.push(Parameter { name: spec.name, shape: spec.shape, values: tensor.values });
+        }
+        if !missing.is_empty() {
+            return Err(Error::Unsupported(format!("the network's weights lack {}", list(&missing))));
+        }
+        if !tensors.is_empty() {
+            let unused: Vec<String> = tensors.into_keys().collect();
+            let reason = format!("the network has no place for the weights {}", list(&unused));
+            return Err(Error::Unsupported(reason));
+        }
+        Ok(Self(found))
+    }
+
+    /// Keeps tensors that are known to be those of one architecture, in its order.
+    pub(super) fn from_list(parameters: Vec<Parameter>) -> Self {
+        Self(parameters)
+    }
+
+    /// The weights in the architecture's order.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &Parameter> {
+        self.0.iter()
+    }
+
+    /// The weights in the architecture's order, to be changed in place.
+    pub fn iter_mut(&mut self) -> impl ExactSizeIterator<Item = &mut Parameter> {
+        self.0.iter_mut()
+    }
+
+    /// Number of tensors.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether there are none; an architecture always has some.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+/// Names at most three of many.
+fn list(names: &[String]) -> String {
+    let shown = names.iter().take(3).map(String::as_str).collect::<Vec<_>>().join(", ");
+    if names.len() > 3 { format!("{shown} and {} more", names.len() - 3) } else { shown }
+}
+
+/// # Equation
+/// With fan = inputs · size²: Kaiming normal N(0, 2/fan); PyTorch's default U(−1/√fan, 1/√fan) for weights
+/// and biases.
+fn draw_values(spec: &TensorSpec, initialisation: Initialisation, rng: &mut Rng) -> Vec<f32> {
+    let count = spec.shape.iter().product();
+    let LayerWeights::Convolution { inputs, size, residual, .. } = spec.weights else {
+        return vec![INITIAL_SLOPE; count];
+    };
+    let is_bias = spec.shape.len() == 1;
+    #[expect(clippy::cast_precision_loss, reason = "a fan is far below 2²⁴")]
+    let fan = (inputs * size * size) as f32;
+    match initialisation {
+        Initialisation::Released if !residual => uniform(rng, 1.0 / fan.sqrt(), count),
+        _ if is_bias => vec![0.0; count],
+        Initialisation::Released => normal(rng, RESIDUAL_SCALE * (2.0 / fan).sqrt(), count),
+        Initialisation::Paper => normal(rng, (2.0 / fan).sqrt(), count),
+    }
+}
+
+fn normal(rng: &mut Rng, deviation: f32, count: usize) -> Vec<f32> {
+    let draw = |z: f32| z * deviation;
+    StandardNormal.sample_iter(rng).take(count).map(draw).collect()
+}
+
+fn uniform(rng: &mut Rng, bound: f32, count: usize) -> Vec<f32> {
+    let distribution = Uniform::new(-bound, bound).expect("the bound is positive and finite");
+    distribution.sample_iter(rng).take(count).collect()
+}

@@ -1,0 +1,177 @@
+//! Turns weight files into networks' weights and back: self-describing safetensors, and PyTorch checkpoints.
+
+mod pytorch;
+pub(crate) mod tensors;
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+
+use serde_json::Value;
+
+use self::tensors::{NamedValues, TensorFile};
+use super::architecture::Architecture;
+use super::model::{Model, Origin};
+use super::parameters::Parameters;
+use crate::core::error::{Error, Result};
+
+/// What the metadata of a model file calls its format.
+const FORMAT: &str = "udc-model";
+
+/// The version of the format that this program writes, and the newest that it reads.
+const VERSION: u32 = 1;
+
+/// The side of the image that descriptions give the cost of.
+const DESCRIBED_SIDE: usize = 800;
+
+/// Everything that a weight file says.
+#[derive(Clone, Debug)]
+pub struct Weights {
+    /// The network that the weights belong to.
+    pub architecture: Architecture,
+    /// The weights.
+    pub parameters: Parameters,
+    /// Where they come from.
+    pub origin: Origin,
+}
+
+/// Reads a model file (`.safetensors`) or a PyTorch checkpoint (any other extension).
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is of another kind, damaged, or
+/// when weights are missing, left over or of another shape.
+pub fn read(path: &Path) -> Result<Weights> {
+    let is_safetensors =
+        path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("safetensors"));
+    let file = if is_safetensors { tensors::read(path)? } else { pytorch::read(path)? };
+    let in_file = |error: Error| match error {
+        Error::Format { .. } | Error::Io { .. } => error,
+        other => Error::format(path, other.to_string()),
+    };
+    interpret(file).map_err(in_file)
+}
+
+fn interpret(file: TensorFile) -> Result<Weights> {
+    let metadata = &file.metadata;
+    check_format(metadata)?;
+    let architecture = match metadata.get("architecture") {
+        Some(text) => serde_json::from_str(text)
+            .map_err(|error| Error::Unsupported(format!("cannot understand its architecture: {error}")))?,
+        None => pytorch::infer_architecture(&file.tensors)?,
+    };
+    architecture.validate()?;
+    let origin = Origin {
+        training: metadata.get("training").and_then(|text| serde_json::from_str(text).ok()),
+        kernel_bank_sha256: metadata.get("kernel_bank_sha256").cloned(),
+        state_dict: metadata.get("state-dict").cloned(),
+    };
+    let parameters = Parameters::from_tensors(&architecture, file.tensors)?;
+    Ok(Weights { architecture, parameters, origin })
+}
+
+/// Refuses files of our own that are no models; a file that does not say what it is may be one.
+fn check_format(metadata: &BTreeMap<String, String>) -> Result<()> {
+    match metadata.get("format").map(String::as_str) {
+        Some(FORMAT) => {}
+        Some(other) if other.starts_with("udc-") => {
+            let reason = format!("this is a {other}, not a model; name the file that `udc train` wrote");
+            return Err(Error::Unsupported(reason));
+        }
+        _ => return Ok(()),
+    }
+    let version = metadata.get("version").map(String::as_str).unwrap_or_default();
+    match version.parse::<u32>() {
+        Ok(1..=VERSION) => Ok(()),
+        _ => Err(Error::Unsupported(format!(
+            "the model has version {version:?} of the format and this program reads up to {VERSION}; use a newer \
+             udc"
+        ))),
+    }
+}
+
+/// Writes a model file, which PyTorch can load under the released names as well.
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be written, or exists and may not be replaced.
+pub fn write(path: &Path, weights: &Weights, overwrite: bool) -> Result<()> {
+    let json = |value: &Value| value.to_string();
+    let mut metadata = BTreeMap::from([
+        ("format", FORMAT.to_owned()),
+        ("version", VERSION.to_string()),
+        ("architecture", json(&weights.architecture.to_json())),
+    ]);
+    metadata.extend(weights.origin.training.as_ref().map(|training| ("training", json(training))));
+    metadata.extend(weights.origin.kernel_bank_sha256.clone().map(|hash| ("kernel_bank_sha256", hash)));
+    let tensors: Vec<NamedValues<'_>> = weights
+        .parameters
+        .iter()
+        .map(|p| NamedValues { name: &p.name, shape: &p.shape, values: &p.values })
+        .collect();
+    tensors::write(path, &metadata, &tensors, overwrite)
+}
+
+/// Rewrites a weight file of any readable kind as a model file.
+///
+/// # Errors
+/// Those of [`read`] and [`write`]; [`Error::Config`] when the output is not named `.safetensors`.
+pub fn convert(input: &Path, output: &Path, overwrite: bool) -> Result<()> {
+    if output.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("safetensors")) {
+        let reason = format!("models are written as .safetensors, which {} is not", output.display());
+        return Err(Error::config("output", reason));
+    }
+    write(output, &read(input)?, overwrite)
+}
+
+/// What a weight file is, for people to read.
+#[derive(Clone, Debug)]
+pub struct Description {
+    /// The network.
+    pub architecture: Architecture,
+    /// Where the weights come from.
+    pub origin: Origin,
+}
+
+/// Describes a weight file after checking all of it.
+///
+/// # Errors
+/// Those of [`read`].
+pub fn describe(path: &Path) -> Result<Description> {
+    let Weights { architecture, origin, .. } = read(path)?;
+    Ok(Description { architecture, origin })
+}
+
+impl fmt::Display for Description {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let architecture = self.architecture.to_json();
+        writeln!(f, "model")?;
+        for (key, value) in architecture.as_object().into_iter().flatten() {
+            let text = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+            writeln!(f, "  {key:<14}{text}")?;
+        }
+        writeln!(f, "  {:<14}{}", "parameters", self.architecture.parameters())?;
+        #[expect(clippy::cast_precision_loss, reason = "a figure of five digits")]
+        let gmac = self.architecture.macs(DESCRIBED_SIDE, DESCRIBED_SIDE) as f64 / 1e9;
+        write!(f, "  {:<14}{gmac:.2} GMAC for {DESCRIBED_SIDE} × {DESCRIBED_SIDE} pixels", "cost")?;
+        if let Some(key) = &self.origin.state_dict {
+            write!(f, "\n  {:<14}{key}", "weights of")?;
+        }
+        if let Some(hash) = &self.origin.kernel_bank_sha256 {
+            write!(f, "\n  {:<14}{hash}", "kernel bank")?;
+        }
+        if let Some(iteration) = self.origin.training.as_ref().and_then(|training| training.get("iteration"))
+        {
+            write!(f, "\n  {:<14}{iteration} iterations", "trained for")?;
+        }
+        Ok(())
+    }
+}
+
+impl Model {
+    /// Writes the model as a file that describes itself.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the file cannot be written, or exists and may not be replaced.
+    pub fn save(&self, path: &Path, overwrite: bool) -> Result<()> {
+        write(path, &self.to_weights(), overwrite)
+    }
+}
