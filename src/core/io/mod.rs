@@ -1,5 +1,7 @@
 //! The only opener of files: images, PSFs, kernel banks; whole files only, never half of one.
 
+mod plain;
+
 use std::path::{Path, PathBuf};
 
 use ndarray::Array3;
@@ -9,6 +11,8 @@ use super::image::{Domain, Image};
 use super::kernel_code::KernelBank;
 use super::provenance::Provenance;
 use super::psf::Psf;
+
+pub use plain::{list_folder, read_code, read_text};
 
 /// What the numbers of a file mean, where the file says so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
