@@ -12,6 +12,7 @@ mod exr;
 mod format;
 mod inputs;
 mod npy;
+mod plain;
 mod raster;
 
 use std::path::Path;
@@ -29,6 +30,7 @@ pub use bank::{bank_sha256, read_bank, write_bank, write_published_bank};
 pub use container::{TensorData, write_safetensors};
 pub use format::{Encoding, Format};
 pub use inputs::expand_inputs;
+pub use plain::{list_folder, read_code, read_text};
 
 /// The largest number of pixels an image may have: 16384 × 16384, four times the largest panorama in use.
 pub const MAX_PIXELS: usize = 1 << 28;

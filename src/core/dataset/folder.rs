@@ -1,0 +1,169 @@
+//! Our own dataset folder: `dataset.toml`, `kernels.safetensors` and `triplets*.jsonl`.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use crate::core::error::{Error, Result};
+use crate::core::io;
+
+use super::config::{DatasetConfig, FORMAT, VERSION};
+use super::{Dataset, Triplet};
+
+/// The file that describes a dataset.
+pub const CONFIG_FILE: &str = "dataset.toml";
+
+/// The kernel bank of a dataset.
+pub const BANK_FILE: &str = "kernels.safetensors";
+
+pub(super) fn open(root: &Path) -> Result<Dataset> {
+    let config = DatasetConfig::read(root)?;
+    let bank_path = root.join(&config.bank);
+    let bank = io::read_bank(&bank_path)?;
+    if bank.sha256() != config.bank_sha256 {
+        let reason = format!(
+            "is not the kernel bank of this dataset (its hash is {}, {CONFIG_FILE} records {}); put the \
+             original back or synthesise again",
+            bank.sha256(),
+            config.bank_sha256
+        );
+        return Err(Error::format(bank_path, reason));
+    }
+    let kernels = (0..bank.len()).map(|index| bank.kernel_name(index)).collect();
+    let codes = (0..bank.len()).map(|index| bank.code(index).to_owned()).collect();
+    Ok(Dataset {
+        root: root.to_owned(),
+        formation: config.formation.clone(),
+        config: Some(config),
+        bank: Some(bank),
+        triplets: TripletFiles::find(root)?.read_all()?,
+        real_captures: Vec::new(),
+        kernels,
+        codes,
+    })
+}
+
+impl DatasetConfig {
+    /// Reads `dataset.toml` of the folder `root`.
+    ///
+    /// # Errors
+    /// [`Error::Format`] with the line and column of what is wrong, or naming an unknown format or version.
+    pub fn read(root: &Path) -> Result<Self> {
+        let path = root.join(CONFIG_FILE);
+        let text = io::read_text(&path)?;
+        let table: toml::Table =
+            toml::from_str(&text).map_err(|error| Error::format(&path, error.to_string()))?;
+        if table.get("format").and_then(toml::Value::as_str) != Some(FORMAT) {
+            return Err(Error::format(&path, format!("does not say format = \"{FORMAT}\"")));
+        }
+        let version = table.get("version").and_then(toml::Value::as_integer);
+        if version != Some(i64::from(VERSION)) {
+            let found = version.map_or("none".to_owned(), |version| version.to_string());
+            let reason = format!("has version {found}; this program reads version {VERSION}");
+            return Err(Error::format(&path, reason));
+        }
+        toml::from_str(&text).map_err(|error| Error::format(&path, error.to_string()))
+    }
+
+    /// The text of `dataset.toml`.
+    ///
+    /// # Panics
+    /// Never: the fields are plain data.
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("a dataset's configuration is plain data")
+    }
+}
+
+/// The files that list a dataset's triplets: `triplets.jsonl`, or one for each shard.
+#[derive(Clone, Debug)]
+pub struct TripletFiles {
+    root: PathBuf,
+    names: Vec<String>,
+}
+
+impl TripletFiles {
+    /// Finds every list of triplets in the folder `root`.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the folder cannot be listed.
+    pub fn find(root: &Path) -> Result<Self> {
+        let names = io::list_folder(root)?
+            .into_iter()
+            .filter(|name| name.starts_with("triplets") && name.ends_with(".jsonl"))
+            .collect();
+        Ok(Self { root: root.to_owned(), names })
+    }
+
+    /// The name of the list that shard `index` (from 0) of `count` writes.
+    pub fn name(index: usize, count: usize) -> String {
+        if count == 1 {
+            "triplets.jsonl".to_owned()
+        } else {
+            format!("triplets-{:05}-of-{count:05}.jsonl", index + 1)
+        }
+    }
+
+    /// The names that were found.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Reads the triplets of all lists, ordered by split, scene and kernel.
+    ///
+    /// # Errors
+    /// [`Error::Format`] naming the line that is no triplet, a triplet that is listed twice, a source that
+    /// is in two splits, or the absence of any triplet.
+    pub fn read_all(&self) -> Result<Vec<Triplet>> {
+        let mut triplets = Vec::new();
+        for name in &self.names {
+            triplets.extend(read_list(&self.root.join(name))?);
+        }
+        if triplets.is_empty() {
+            let reason = "lists no triplets; finish the synthesis with `udc synth --resume`";
+            return Err(Error::format(&self.root, reason));
+        }
+        // The order of kernels within a scene is the order of their angles, then of their names.
+        triplets.sort_by(|a, b| {
+            let by_scene = (a.split, &a.id).cmp(&(b.split, &b.id));
+            let angle = |triplet: &Triplet| triplet.angle_deg.unwrap_or(0.0);
+            by_scene.then(angle(a).total_cmp(&angle(b))).then_with(|| a.kernel.cmp(&b.kernel))
+        });
+        self.check_unique(&triplets)?;
+        self.check_splits(&triplets)?;
+        Ok(triplets)
+    }
+
+    fn check_splits(&self, triplets: &[Triplet]) -> Result<()> {
+        let mut splits = BTreeMap::new();
+        for triplet in triplets {
+            let first = *splits.entry(&triplet.source).or_insert(triplet.split);
+            if first != triplet.split {
+                let (source, split) = (&triplet.source, triplet.split.name());
+                let reason = format!("has source {source} in the splits {} and {split}", first.name());
+                return Err(Error::format(&self.root, reason));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_unique(&self, triplets: &[Triplet]) -> Result<()> {
+        let mut seen = BTreeSet::new();
+        for triplet in triplets {
+            if !seen.insert((&triplet.id, &triplet.kernel)) {
+                let reason = format!("lists the triplet {} of kernel {} twice", triplet.id, triplet.kernel);
+                return Err(Error::format(&self.root, reason));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn read_list(path: &Path) -> Result<Vec<Triplet>> {
+    let text = io::read_text(path)?;
+    let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    lines
+        .map(|(index, line)| {
+            serde_json::from_str(line)
+                .map_err(|error| Error::format(path, format!("line {} is no triplet: {error}", index + 1)))
+        })
+        .collect()
+}

@@ -1,0 +1,212 @@
+//! Describes a dataset folder: what was made of which scene by which kernel.
+//!
+//! A dataset is a list of triplets (ground truth, degraded image, kernel). Our own folders say all of it in
+//! `dataset.toml` and `triplets*.jsonl`; the published dataset is read in place from its folder names.
+
+mod config;
+mod folder;
+mod published;
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::error::{Error, Result};
+use super::image::LinearImage;
+use super::io;
+use super::kernel_code::{KernelBank, KernelCode};
+
+pub use config::{DatasetConfig, FORMAT, FormationConfig, NoiseConfig, SensorConfig, VERSION};
+pub use folder::{BANK_FILE, CONFIG_FILE, TripletFiles};
+
+/// The use that a triplet is reserved for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Split {
+    /// To learn from.
+    Train,
+    /// To measure with, once.
+    Test,
+    /// To watch a training with.
+    Val,
+}
+
+impl Split {
+    /// The name in files and folders: `train`, `test`, `val`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Train => "train",
+            Self::Test => "test",
+            Self::Val => "val",
+        }
+    }
+}
+
+/// One scene seen through one kernel.
+///
+/// One line of `triplets.jsonl`; paths are relative to the dataset's folder.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Triplet {
+    /// The scene's name, unique among scenes; the scene appears once for each kernel.
+    pub id: String,
+    /// What the triplet is reserved for.
+    pub split: Split,
+    /// The clean image.
+    pub gt: String,
+    /// The image through the display.
+    pub degraded: String,
+    /// The kernel's name, `r-12` … `r+12`.
+    pub kernel: String,
+    /// The kernel's rotation; absent for a set that was not made by rotation.
+    pub angle_deg: Option<f64>,
+    /// What the scene was cut from: the panorama.
+    pub source: String,
+    /// SHA-256 of the degraded file; absent in datasets that do not record it.
+    pub sha256: Option<String>,
+}
+
+/// A dataset folder that has been opened: its description, not its images.
+#[derive(Clone, Debug)]
+pub struct Dataset {
+    /// The folder.
+    pub root: PathBuf,
+    /// How the degraded images were formed.
+    pub formation: FormationConfig,
+    /// All of `dataset.toml`; absent for the published dataset.
+    pub config: Option<DatasetConfig>,
+    /// The kernels with their PSFs; absent for the published dataset, which has codes only.
+    pub bank: Option<KernelBank>,
+    /// Every triplet, ordered by split, scene and kernel.
+    pub triplets: Vec<Triplet>,
+    /// Captures without ground truth, where the folder has them.
+    pub real_captures: Vec<PathBuf>,
+    kernels: Vec<String>,
+    codes: Vec<KernelCode>,
+}
+
+impl Dataset {
+    /// Opens a dataset folder: ours, or the published one as it is distributed.
+    ///
+    /// # Errors
+    /// [`Error::Format`] saying what is missing: `dataset.toml` or `synthetic_data/`, triplets, files that
+    /// triplets name, a bank of the recorded hash, a version that this program reads.
+    pub fn open(root: &Path) -> Result<Self> {
+        let dataset = if root.join(CONFIG_FILE).is_file() {
+            folder::open(root)?
+        } else if root.join(published::SYNTHETIC).is_dir() {
+            published::open(root)?
+        } else {
+            return Err(Error::format(root, not_a_dataset(root)));
+        };
+        dataset.check_files()?;
+        Ok(dataset)
+    }
+
+    /// The triplets reserved for `split`.
+    ///
+    /// # Errors
+    /// [`Error::Format`] when there is none, naming the splits that there are.
+    pub fn split(&self, split: Split) -> Result<Vec<&Triplet>> {
+        let chosen: Vec<_> = self.triplets.iter().filter(|triplet| triplet.split == split).collect();
+        if !chosen.is_empty() {
+            return Ok(chosen);
+        }
+        let mut present: Vec<_> = self.triplets.iter().map(|triplet| triplet.split).collect();
+        present.sort_unstable();
+        present.dedup();
+        let present: Vec<_> = present.into_iter().map(Split::name).collect();
+        let reason = format!(
+            "the dataset has no {} split (only {}); synthesise it from two sources or more",
+            split.name(),
+            present.join(", ")
+        );
+        Err(Error::format(&self.root, reason))
+    }
+
+    /// The names of the kernels, in the order of the bank.
+    pub fn kernel_names(&self) -> &[String] {
+        &self.kernels
+    }
+
+    /// Length of a kernel code, b; 0 when the kernels have none.
+    pub fn code_dim(&self) -> usize {
+        self.codes.first().map_or(0, KernelCode::len)
+    }
+
+    /// The index in the bank of the kernel of `triplet`.
+    ///
+    /// # Errors
+    /// [`Error::Format`] when the bank has no kernel of that name.
+    pub fn kernel_index(&self, triplet: &Triplet) -> Result<usize> {
+        self.kernels.iter().position(|name| *name == triplet.kernel).ok_or_else(|| {
+            let reason = format!(
+                "triplet {} names kernel {}, and the bank has {}",
+                triplet.id,
+                triplet.kernel,
+                self.kernels.join(", ")
+            );
+            Error::format(&self.root, reason)
+        })
+    }
+
+    /// The code of the kernel of `triplet`, `[b]`.
+    ///
+    /// # Errors
+    /// [`Error::Format`] when the kernel is unknown; [`Error::Unsupported`] when the bank has no codes.
+    pub fn code(&self, triplet: &Triplet) -> Result<KernelCode> {
+        let code = self.codes[self.kernel_index(triplet)?].clone();
+        if code.is_empty() {
+            return Err(Error::Unsupported(format!(
+                "the kernels of {} have no codes; use a network without PSF condition, or synthesise with a \
+                 bank of `udc codes`",
+                self.root.display()
+            )));
+        }
+        Ok(code)
+    }
+
+    /// Reads the clean image of `triplet`.
+    ///
+    /// # Errors
+    /// Those of [`io::read_image`].
+    pub fn read_ground_truth(&self, triplet: &Triplet) -> Result<LinearImage> {
+        io::read_image(&self.root.join(&triplet.gt))
+    }
+
+    /// Reads the degraded image of `triplet`, linear and clipped.
+    ///
+    /// # Errors
+    /// Those of [`io::read_image`].
+    pub fn read_degraded(&self, triplet: &Triplet) -> Result<LinearImage> {
+        io::read_image(&self.root.join(&triplet.degraded))
+    }
+
+    fn check_files(&self) -> Result<()> {
+        let named = self.triplets.iter().flat_map(|triplet| [&triplet.gt, &triplet.degraded]);
+        let mut missing: Vec<_> = named.filter(|path| !self.root.join(path).is_file()).collect();
+        missing.sort_unstable();
+        missing.dedup();
+        match missing.first() {
+            None => Ok(()),
+            Some(first) => {
+                let count = missing.len();
+                let reason =
+                    format!("{count} of its images are missing, the first is {first}; copy them back");
+                Err(Error::format(&self.root, reason))
+            }
+        }
+    }
+}
+
+fn not_a_dataset(root: &Path) -> String {
+    if root.is_dir() {
+        format!(
+            "is no dataset: it has neither {CONFIG_FILE} (as `udc synth` writes it) nor {}/ (as the \
+             published dataset has it)",
+            published::SYNTHETIC
+        )
+    } else {
+        "no such dataset folder".to_owned()
+    }
+}

@@ -1,1 +1,0 @@
-//! Convolves real images by fast Fourier transforms.
