@@ -1,1 +1,0 @@
-//! From one PSF to a rotated set, its PCA basis and its kernel codes.

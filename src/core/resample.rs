@@ -1,1 +1,0 @@
-//! Samples images between their pixels.

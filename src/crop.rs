@@ -1,1 +1,0 @@
-//! From equirectangular panoramas to perspective views.

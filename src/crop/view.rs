@@ -1,0 +1,146 @@
+//! Turns the direction and field of view of a virtual camera into the ray of each of its pixels.
+
+use serde::{Deserialize, Serialize};
+
+use crate::core::error::{Error, Result};
+
+/// A direction in space, not normalised: x right, y up, z ahead, seen from yaw 0 and pitch 0.
+pub(super) type Direction = [f64; 3];
+
+/// Pitches that the views of [`spread_views`] take in turn: level, up, down.
+const PITCHES_DEG: [f64; 3] = [0.0, 30.0, -30.0];
+
+/// A square perspective view out of a panorama.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct View {
+    /// Where the camera looks along the horizon: 0 is the panorama's centre, positive is to the right.
+    pub yaw_deg: f64,
+    /// How far the camera looks up; negative is down.
+    pub pitch_deg: f64,
+    /// The angle between the centres of the outermost pixels of the middle row, and of the middle column.
+    pub fov_deg: f64,
+    /// Pixels of a side.
+    pub size: usize,
+}
+
+impl View {
+    /// Checks that the view can be rendered.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the flag that is out of range.
+    pub fn check(&self) -> Result<()> {
+        let refuse = |key, range: &str, value: f64| {
+            Err(Error::config(key, format!("{value} is out of range; give {range}")))
+        };
+        if !self.yaw_deg.is_finite() {
+            return refuse("yaw", "a number of degrees", self.yaw_deg);
+        }
+        if !(-90.0..=90.0).contains(&self.pitch_deg) {
+            return refuse("pitch", "-90 to 90 degrees", self.pitch_deg);
+        }
+        if !(1e-3..=170.0).contains(&self.fov_deg) {
+            return refuse("fov", "0.001 to 170 degrees", self.fov_deg);
+        }
+        if !(2..=16384).contains(&self.size) {
+            return refuse("size", "2 to 16384 pixels", self.size as f64);
+        }
+        Ok(())
+    }
+}
+
+/// Spreads `count` views over a panorama: equal steps of yaw from its centre to the right, and pitches of
+/// 0, 30 and −30 degrees in turn.
+///
+/// 18 views are six directions, 60° apart, for each of the three pitches.
+pub fn spread_views(count: usize, fov_deg: f64, size: usize) -> Vec<View> {
+    let view = |i: usize| {
+        let turn = 360.0 * i as f64 / count as f64;
+        let yaw_deg = if turn > 180.0 { turn - 360.0 } else { turn };
+        View { yaw_deg, pitch_deg: PITCHES_DEG[i % PITCHES_DEG.len()], fov_deg, size }
+    };
+    (0..count).map(view).collect()
+}
+
+/// The frame of a view: its axes scaled to steps of one pixel at unit distance.
+pub(super) struct Camera {
+    ahead: Direction,
+    step_right: Direction,
+    step_down: Direction,
+    centre: f64,
+}
+
+impl Camera {
+    pub(super) fn new(view: &View) -> Self {
+        assert!(view.check().is_ok(), "views are checked before they are rendered, found {view:?}");
+        let (sin_yaw, cos_yaw) = view.yaw_deg.to_radians().sin_cos();
+        let (sin_pitch, cos_pitch) = view.pitch_deg.to_radians().sin_cos();
+        let last = (view.size - 1) as f64;
+        let step = 2.0 * (view.fov_deg.to_radians() / 2.0).tan() / last;
+        Self {
+            ahead: [sin_yaw * cos_pitch, sin_pitch, cos_yaw * cos_pitch],
+            step_right: [cos_yaw, 0.0, -sin_yaw].map(|v| v * step),
+            step_down: [sin_yaw * sin_pitch, -cos_pitch, cos_yaw * sin_pitch].map(|v| v * step),
+            centre: last / 2.0,
+        }
+    }
+
+    /// The ray of row `y`, column `x`; whole numbers are pixel centres.
+    pub(super) fn direction(&self, y: f64, x: f64) -> Direction {
+        let (down, right) = (y - self.centre, x - self.centre);
+        std::array::from_fn(|i| self.ahead[i] + right * self.step_right[i] + down * self.step_down[i])
+    }
+
+    /// The change of a ray from one column to the next.
+    pub(super) fn step_right(&self) -> Direction {
+        self.step_right
+    }
+
+    /// The change of a ray from one row to the next.
+    pub(super) fn step_down(&self) -> Direction {
+        self.step_down
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spans_the_field_of_view_between_the_outermost_pixel_centres() {
+        let camera = Camera::new(&View { yaw_deg: 0.0, pitch_deg: 0.0, fov_deg: 60.0, size: 11 });
+        for (y, x, right_deg, up_deg) in
+            [(5.0, 10.0, 30.0, 0.0), (0.0, 5.0, 0.0, 30.0), (10.0, 5.0, 0.0, -30.0)]
+        {
+            let [dx, dy, dz] = camera.direction(y, x);
+            assert!((dx.atan2(dz).to_degrees() - right_deg).abs() < 1e-12);
+            assert!((dy.atan2(dz).to_degrees() - up_deg).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn spreads_views_evenly_over_yaw_and_pitch() {
+        let views = spread_views(18, 90.0, 800);
+        for pitch in PITCHES_DEG {
+            let mut yaws: Vec<f64> =
+                views.iter().filter(|v| v.pitch_deg == pitch).map(|v| v.yaw_deg).collect();
+            yaws.sort_by(f64::total_cmp);
+            assert_eq!(yaws.len(), 6);
+            assert!(yaws.windows(2).all(|pair| (pair[1] - pair[0] - 60.0).abs() < 1e-12), "{yaws:?}");
+        }
+        assert_eq!((views[0].yaw_deg, views[0].pitch_deg), (0.0, 0.0));
+    }
+
+    #[test]
+    fn names_the_flag_that_is_out_of_range() {
+        let view = View { yaw_deg: 0.0, pitch_deg: 0.0, fov_deg: 90.0, size: 8 };
+        assert!(view.check().is_ok());
+        for (view, flag) in [
+            (View { fov_deg: 180.0, ..view }, "fov"),
+            (View { pitch_deg: 91.0, ..view }, "pitch"),
+            (View { yaw_deg: f64::NAN, ..view }, "yaw"),
+            (View { size: 1, ..view }, "size"),
+        ] {
+            assert!(view.check().unwrap_err().to_string().starts_with(flag));
+        }
+    }
+}
