@@ -1,16 +1,143 @@
 //! `udc demo`.
 
-use anyhow::Result;
-use clap::Args;
+use std::path::{Path, PathBuf};
 
-use super::Session;
+use anyhow::{Context as _, Result, bail};
+use clap::{Args, Parser as _};
+
+use udc::core::io::{self, WriteOptions};
+use udc::demo;
+
+use super::{Cli, Session};
 
 /// Run the whole pipeline on built-in scenes and write a page of results
+///
+/// Every step is a command that is printed before it runs, so that it can be repeated on files of your own.
 #[derive(Args, Debug)]
-pub(crate) struct DemoArgs {}
+#[command(after_help = "Example:\n  udc demo -o demo\n  udc demo --hdri panoramas -o demo")]
+pub(crate) struct DemoArgs {
+    /// Folder for everything that the demo makes
+    #[arg(short, long, value_name = "DIR", default_value = "udc-demo")]
+    output: PathBuf,
+    /// Folder of HDR panoramas to use instead of the built-in scenes
+    #[arg(long, value_name = "DIR")]
+    hdri: Option<PathBuf>,
+    /// Seed of the scenes, the noise and the training
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    seed: u64,
+}
+
+/// Number and side of the scenes that are painted.
+const SCENES: usize = 18;
+const SCENE_PX: usize = 288;
+
+/// Side of the PSF; the panel's file asks the sensor for as much.
+const PSF_PX: usize = 129;
 
 impl DemoArgs {
-    pub(crate) fn run(self, _session: &Session) -> Result<()> {
-        todo!()
+    pub(crate) fn run(self, session: &Session) -> Result<()> {
+        let demo = Demo { root: self.output, seed: self.seed, session };
+        demo.prepare_folder()?;
+        demo.measure_the_panel()?;
+        match &self.hdri {
+            Some(panoramas) => demo.crop(panoramas)?,
+            None => demo.paint()?,
+        }
+        demo.synthesise_train_and_measure()?;
+        session.say(format_args!("\nThe page with all results: {}", demo.path("report.html").display()))
+    }
+}
+
+struct Demo<'a> {
+    root: PathBuf,
+    seed: u64,
+    session: &'a Session,
+}
+
+impl Demo<'_> {
+    fn path(&self, name: &str) -> PathBuf {
+        self.root.join(name)
+    }
+
+    fn prepare_folder(&self) -> Result<()> {
+        if self.root.exists() {
+            if !self.session.overwrite {
+                bail!("{} exists already; name another folder with -o, or add --overwrite", self.root.display());
+            }
+            if !self.path("panel.toml").is_file() {
+                bail!("{} holds something else than a demo; name another folder with -o", self.root.display());
+            }
+            std::fs::remove_dir_all(&self.root).with_context(|| format!("emptying {}", self.root.display()))?;
+        }
+        for folder in ["psf", "scenes"] {
+            let folder = self.path(folder);
+            std::fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
+        }
+        self.write_text("panel.toml", demo::PANEL)?;
+        self.write_text("training.toml", demo::TRAINING)
+    }
+
+    fn write_text(&self, name: &str, text: &str) -> Result<()> {
+        Ok(io::write_atomically(&self.path(name), true, |file| file.write_all(text.as_bytes()))?)
+    }
+
+    /// Simulates the panel, records its PSF as a camera would, and measures it from the recording.
+    fn measure_the_panel(&self) -> Result<()> {
+        let size = PSF_PX.to_string();
+        self.run(&["psf", "--display", "@panel.toml", "-o", "@psf/simulated.exr", "--size", &size])?;
+        let psf = io::read_psf(&self.path("psf/simulated.exr"))?;
+        let frames = demo::capture::expose(&psf, self.seed)?;
+        let names: Vec<String> = (1..=frames.len()).map(|i| format!("psf/exposure-{i}.exr")).collect();
+        for (frame, name) in frames.iter().zip(&names) {
+            io::write_image(&self.path(name), frame, &WriteOptions::default())?;
+        }
+        self.session.say("# its point spread function is recorded in three noisy 14-bit exposures")?;
+        let names: Vec<String> = names.iter().map(|name| format!("@{name}")).collect();
+        let mut fuse = vec!["fuse", "--psf", "--exposures", "1,1/32,1/768", "--size", &size];
+        fuse.extend(names.iter().map(String::as_str));
+        fuse.extend(["-o", "@psf/measured.exr"]);
+        self.run(&fuse)?;
+        self.run(&["codes", "@psf/measured.exr", "--angles=-12:12:3", "-o", "@bank.safetensors"])
+    }
+
+    fn paint(&self) -> Result<()> {
+        for scene in demo::scenes::scenes(0, SCENES, SCENE_PX, self.seed)? {
+            let path = self.path(&format!("scenes/{}.exr", scene.name));
+            io::write_image(&path, &scene.image, &WriteOptions::default())?;
+        }
+        self.session.say(format_args!("# {SCENES} HDR scenes are painted"))
+    }
+
+    fn crop(&self, panoramas: &Path) -> Result<()> {
+        let panoramas = std::path::absolute(panoramas)?;
+        let size = SCENE_PX.to_string();
+        let panoramas = panoramas.to_string_lossy();
+        self.run(&["crop", &panoramas, "-o", "@scenes", "--size", &size, "--views", "6", "--fov", "60"])
+    }
+
+    fn synthesise_train_and_measure(&self) -> Result<()> {
+        let seed = self.seed.to_string();
+        self.run(&["synth", "@scenes", "--bank", "@bank.safetensors", "-o", "@dataset", "--seed", &seed])?;
+        let seed = format!("seed={seed}");
+        self.run(&["train", "@training.toml", "--data", "@dataset", "-o", "@run", "--set", &seed])?;
+        self.run(&["eval", "@dataset", "--model", "@run/model.safetensors", "-o", "@results"])?;
+        let psfs = ["@psf/simulated.exr", "@psf/measured.exr"];
+        let folders = ["@bank.safetensors", "@dataset", "@run", "@results"];
+        let report: Vec<_> = [&["report"][..], &psfs, &folders, &["-o", "@report.html"]].concat();
+        self.run(&report)
+    }
+
+    /// Prints a command of this program as the user would type it, and runs it; an argument that starts with
+    /// `@` is a path in the demo's folder.
+    fn run(&self, arguments: &[&str]) -> Result<()> {
+        let place = |argument: &&str| match argument.strip_prefix('@') {
+            Some(name) => self.path(name).to_string_lossy().into_owned(),
+            None => (*argument).to_owned(),
+        };
+        let arguments: Vec<String> = arguments.iter().map(place).collect();
+        let line = arguments.join(" ");
+        self.session.say(format_args!("$ udc {line}"))?;
+        let cli = Cli::try_parse_from(std::iter::once("udc".to_owned()).chain(arguments))?;
+        cli.command.run(self.session).with_context(|| format!("running udc {line}"))
     }
 }
