@@ -54,7 +54,10 @@ fn files_of_pattern(input: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
     let paths = glob::glob(pattern).map_err(|error| Error::format(input, error.to_string()))?;
     let mut files = Vec::new();
     for path in paths {
-        let path = path.map_err(|error| Error::io("read", error.path().to_owned(), error.into()))?;
+        let path = path.map_err(|error| {
+            let folder = error.path().to_owned();
+            Error::io("read", folder, error.into())
+        })?;
         if path.is_file() {
             files.push(path);
         }

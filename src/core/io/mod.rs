@@ -10,14 +10,16 @@ mod bank;
 mod container;
 mod exr;
 mod format;
+mod guard;
 mod inputs;
 mod npy;
 mod plain;
+mod planes;
 mod raster;
 
 use std::path::Path;
 
-use ndarray::{Array3, Axis, concatenate};
+use ndarray::{Array3, ArrayView3, Axis, concatenate};
 
 use super::error::{Error, Result};
 use super::image::{Domain, Image, Linear, ToneMapped};
@@ -109,10 +111,14 @@ pub fn read_pixels(path: &Path) -> Result<Pixels> {
 /// As [`read_pixels`].
 pub fn inspect_image(path: &Path) -> Result<(Pixels, Encoding)> {
     let (format, bytes) = format::read_recognised(path)?;
+    decode_image(path, &bytes, format)
+}
+
+fn decode_image(path: &Path, bytes: &[u8], format: Format) -> Result<(Pixels, Encoding)> {
     match format {
-        Format::Exr => exr::decode(path, &bytes),
-        Format::Npy => npy::decode_image(path, &bytes),
-        Format::Png | Format::Jpeg | Format::Tiff | Format::Hdr => raster::decode(path, &bytes, format),
+        Format::Exr => exr::decode(path, bytes),
+        Format::Npy => npy::decode_image(path, bytes),
+        Format::Png | Format::Jpeg | Format::Tiff | Format::Hdr => raster::decode(path, bytes, format),
     }
 }
 
@@ -156,14 +162,14 @@ pub fn write_psf(path: &Path, psf: &Psf, options: &WriteOptions) -> Result<()> {
 /// [`Error::Io`] when the file cannot be written or exists; [`Error::Unsupported`] when the format cannot hold
 /// the values.
 pub fn write_image<D: Domain>(path: &Path, image: &Image<D>, options: &WriteOptions) -> Result<()> {
-    let pixels = Pixels {
-        planes: image.planes().to_owned(),
+    let contents = Contents {
+        planes: image.planes(),
         domain: DomainTag::from_name(D::NAME),
         exposure_s: None,
-        provenance: options.provenance.clone(),
+        provenance: options.provenance.as_ref(),
     };
     let clip = D::NAME == ToneMapped::NAME;
-    write_pixels(path, &pixels, &PixelOptions { half: options.half, overwrite: options.overwrite, clip })
+    write_contents(path, &contents, PixelOptions { half: options.half, overwrite: options.overwrite, clip })
 }
 
 /// How pixels of any meaning are written.
@@ -181,15 +187,33 @@ pub struct PixelOptions {
 ///
 /// # Errors
 /// As [`write_image`].
-pub fn write_pixels(path: &Path, pixels: &Pixels, options: &PixelOptions) -> Result<()> {
+pub fn write_pixels(path: &Path, pixels: &Pixels, options: PixelOptions) -> Result<()> {
+    let contents = Contents {
+        planes: pixels.planes.view(),
+        domain: pixels.domain,
+        exposure_s: pixels.exposure_s,
+        provenance: pixels.provenance.as_ref(),
+    };
+    write_contents(path, &contents, options)
+}
+
+/// What an encoder is given: pixels that belong to somebody else.
+struct Contents<'a> {
+    planes: ArrayView3<'a, f32>,
+    domain: Option<DomainTag>,
+    exposure_s: Option<f64>,
+    provenance: Option<&'a Provenance>,
+}
+
+fn write_contents(path: &Path, contents: &Contents<'_>, options: PixelOptions) -> Result<()> {
     let format = Format::of_extension(path)?;
     check_output(path, options.overwrite)?;
-    let bytes = match format {
-        Format::Exr => exr::encode(path, pixels, options.half)?,
-        Format::Npy => npy::encode_image(pixels.planes.view(), options.half)
-            .map_err(|reason| Error::format(path, reason))?,
-        _ => raster::encode(path, pixels.planes.view(), format, options.clip)?,
+    let encoded = match format {
+        Format::Exr => exr::encode(contents, options.half),
+        Format::Npy => npy::encode_image(&contents.planes, options.half),
+        _ => raster::encode(&contents.planes, format, options.clip),
     };
+    let bytes = encoded.map_err(|reason| Error::format(path, reason))?;
     write_atomically(path, options.overwrite, |file| file.write_all(&bytes))
 }
 
@@ -223,5 +247,7 @@ fn to_rgb(path: &Path, planes: Array3<f32>) -> Result<Array3<f32>> {
     }
 }
 
+#[cfg(test)]
+mod damage_tests;
 #[cfg(test)]
 mod tests;

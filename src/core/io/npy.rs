@@ -9,7 +9,7 @@ use half::f16;
 use ndarray::{Array3, ArrayD, ArrayView3, IxDyn, ShapeBuilder};
 
 use super::format::{Encoding, Format};
-use super::{MAX_PIXELS, Pixels};
+use super::{MAX_PIXELS, Pixels, planes};
 use crate::core::error::{Error, Result};
 
 /// The longest header that is believed; NumPy's own are 128 bytes unless the type is a long structure.
@@ -137,43 +137,52 @@ impl<'a> Npy<'a> {
             Element::I32 => self.map(|b| f64::from(i32::from_le_bytes(b))),
             Element::I64 => self.map(|b| i64::from_le_bytes(b) as f64),
         };
-        self.shaped(values)
+        let shape = IxDyn(&self.shape).set_f(self.fortran_order);
+        ArrayD::from_shape_vec(shape, values).map_err(|error| error.to_string())
     }
 
-    /// The elements as image samples: integers are divided by their type's maximum.
+    /// The elements as image planes: integers are divided by their type's maximum.
     #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit; a double's overflow is infinite")]
-    fn into_samples(self) -> Result<ArrayD<f32>, String> {
-        let values = match self.element {
-            Element::F16 => self.map(|b| f32::from(f16::from_le_bytes(b))),
-            Element::F32 => self.map(f32::from_le_bytes),
-            Element::F64 => self.map(|b| f64::from_le_bytes(b) as f32),
-            Element::U8 => self.map(|b| f32::from(u8::from_le_bytes(b)) / f32::from(u8::MAX)),
-            Element::U16 => self.map(|b| f32::from(u16::from_le_bytes(b)) / f32::from(u16::MAX)),
-            other => {
-                let name = other.name();
-                return Err(format!("holds {name} elements; images are f2, f4, f8, u1 or u2"));
+    fn into_planes(self) -> Result<Array3<f32>, String> {
+        let layout = Layout::of_shape(&self.shape, self.fortran_order)?;
+        match self.element {
+            Element::F16 => Ok(self.gather(&layout, |b| f32::from(f16::from_le_bytes(b)))),
+            Element::F32 => Ok(self.gather(&layout, f32::from_le_bytes)),
+            Element::F64 => Ok(self.gather(&layout, |b| f64::from_le_bytes(b) as f32)),
+            Element::U8 => Ok(self.gather(&layout, |b| f32::from(u8::from_le_bytes(b)) / f32::from(u8::MAX))),
+            Element::U16 => {
+                Ok(self.gather(&layout, |b| f32::from(u16::from_le_bytes(b)) / f32::from(u16::MAX)))
             }
-        };
-        self.shaped(values)
+            other => Err(format!("holds {} elements; images are f2, f4, f8, u1 or u2", other.name())),
+        }
+    }
+
+    fn gather<const N: usize>(
+        &self,
+        layout: &Layout,
+        convert: impl Fn([u8; N]) -> f32 + Sync,
+    ) -> Array3<f32> {
+        let (elements, _) = self.data.as_chunks::<N>();
+        if self.big_endian {
+            planes::gather(elements, layout.strides, layout.shape, |bytes| convert(swapped(bytes)))
+        } else {
+            planes::gather(elements, layout.strides, layout.shape, convert)
+        }
     }
 
     fn map<T, const N: usize>(&self, convert: impl Fn([u8; N]) -> T) -> Vec<T> {
         let (elements, _) = self.data.as_chunks::<N>();
         if self.big_endian {
-            let swap = |mut bytes: [u8; N]| {
-                bytes.reverse();
-                bytes
-            };
-            elements.iter().map(|&bytes| convert(swap(bytes))).collect()
+            elements.iter().map(|&bytes| convert(swapped(bytes))).collect()
         } else {
             elements.iter().map(|&bytes| convert(bytes)).collect()
         }
     }
+}
 
-    fn shaped<T>(&self, values: Vec<T>) -> Result<ArrayD<T>, String> {
-        let shape = IxDyn(&self.shape).set_f(self.fortran_order);
-        ArrayD::from_shape_vec(shape, values).map_err(|error| error.to_string())
-    }
+fn swapped<const N: usize>(mut bytes: [u8; N]) -> [u8; N] {
+    bytes.reverse();
+    bytes
 }
 
 /// Reads an image: `[H, W, 3]`, `[3, H, W]`, `[H, W]`, or packed Bayer with 4 for 3.
@@ -183,67 +192,62 @@ pub(super) fn decode_image(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encodin
     let decode = || {
         let npy = Npy::parse(bytes)?;
         let encoding = Encoding { format: Format::Npy, sample_type: npy.element.name().to_owned() };
-        let channels_last = ChannelAxis::of_shape(&npy.shape)?;
-        Ok((Pixels::of_planes(channels_last.to_planes(npy.into_samples()?)?), encoding))
+        Ok((Pixels::of_planes(npy.into_planes()?), encoding))
     };
     decode().map_err(|reason: String| Error::format(path, reason))
 }
 
-/// Where an image array keeps its channels.
-enum ChannelAxis {
-    None,
-    First,
-    Last,
+/// Where an image array keeps its channels, rows and columns.
+struct Layout {
+    /// Channels, height, width.
+    shape: (usize, usize, usize),
+    /// Distances between channels, rows and columns, in elements.
+    strides: [usize; 3],
 }
 
-impl ChannelAxis {
-    fn of_shape(shape: &[usize]) -> Result<Self, String> {
-        if shape.contains(&0) {
-            return Err(format!("has shape {shape:?}: it is empty"));
-        }
-        let (axis, pixels) = match *shape {
-            [h, w] => (Self::None, h.checked_mul(w)),
-            [h, w, 3] => (Self::Last, h.checked_mul(w)),
-            [3, h, w] => (Self::First, h.checked_mul(w)),
-            [h, w, 4 | 1] => (Self::Last, h.checked_mul(w)),
-            [4 | 1, h, w] => (Self::First, h.checked_mul(w)),
+impl Layout {
+    fn of_shape(shape: &[usize], fortran_order: bool) -> Result<Self, String> {
+        // The place of the channel, row and column axis in the shape; a grey image has no channel axis.
+        let [channel, row, column] = match *shape {
+            [_, _] => [None, Some(0), Some(1)],
+            [_, _, 3] => [Some(2), Some(0), Some(1)],
+            [3, _, _] => [Some(0), Some(1), Some(2)],
+            [_, _, 4 | 1] => [Some(2), Some(0), Some(1)],
+            [4 | 1, _, _] => [Some(0), Some(1), Some(2)],
             _ => {
                 return Err(format!(
                     "has shape {shape:?}; an image is [H, W, 3], [3, H, W] or [H, W], packed Bayer [H, W, 4]"
                 ));
             }
         };
-        match pixels {
-            Some(count) if count <= MAX_PIXELS => Ok(axis),
+        let length = |axis: Option<usize>| axis.map_or(1, |axis| shape[axis]);
+        let stride = |axis: Option<usize>| match axis {
+            None => 1,
+            Some(axis) if fortran_order => shape[..axis].iter().product(),
+            Some(axis) => shape[axis + 1..].iter().product(),
+        };
+        let layout = Self {
+            shape: (length(channel), length(row), length(column)),
+            strides: [stride(channel), stride(row), stride(column)],
+        };
+        match layout.shape.1.checked_mul(layout.shape.2) {
+            Some(0) => Err(format!("has shape {shape:?}: it is empty")),
+            Some(pixels) if pixels <= MAX_PIXELS => Ok(layout),
             _ => Err(format!("has shape {shape:?}, more than the limit of {MAX_PIXELS} pixels")),
         }
-    }
-
-    fn to_planes(&self, samples: ArrayD<f32>) -> Result<Array3<f32>, String> {
-        let planes = match self {
-            Self::None => samples.insert_axis(ndarray::Axis(0)),
-            Self::First => samples,
-            Self::Last => samples.permuted_axes(IxDyn(&[2, 0, 1])),
-        };
-        let planes = planes.into_dimensionality().map_err(|error| error.to_string())?;
-        Ok(if planes.is_standard_layout() { planes } else { planes.as_standard_layout().into_owned() })
     }
 }
 
 /// Writes planes as `[H, W, C]`, a single plane as `[H, W]`, little-endian floats or halves.
-pub(super) fn encode_image(planes: ArrayView3<'_, f32>, half: bool) -> Result<Vec<u8>, String> {
+pub(super) fn encode_image(planes: &ArrayView3<'_, f32>, half: bool) -> Result<Vec<u8>, String> {
     let (channels, height, width) = planes.dim();
     let shape = if channels == 1 { vec![height, width] } else { vec![height, width, channels] };
-    let pixels_first = planes.permuted_axes([1, 2, 0]);
     if half {
         check_half(planes)?;
-        let mut bytes = header("<f2", &shape);
-        bytes.extend(pixels_first.iter().flat_map(|&v| f16::from_f32(v).to_le_bytes()));
-        Ok(bytes)
+        let data = planes::to_interleaved(planes, |v| f16::from_f32(v).to_le_bytes());
+        Ok([header("<f2", &shape), data].concat())
     } else {
-        let mut bytes = header("<f4", &shape);
-        bytes.extend(pixels_first.iter().flat_map(|v| v.to_le_bytes()));
-        Ok(bytes)
+        Ok([header("<f4", &shape), planes::to_interleaved(planes, f32::to_le_bytes)].concat())
     }
 }
 
@@ -255,7 +259,7 @@ pub(super) fn encode_array(array: &ArrayD<f32>) -> Vec<u8> {
 }
 
 /// Refuses values that half floats would turn into infinities.
-pub(super) fn check_half(planes: ArrayView3<'_, f32>) -> Result<(), String> {
+pub(super) fn check_half(planes: &ArrayView3<'_, f32>) -> Result<(), String> {
     let overflow = planes.iter().find(|v| v.is_finite() && !f16::from_f32(**v).is_finite());
     match overflow {
         None => Ok(()),

@@ -10,6 +10,8 @@ use image::{
 use ndarray::{Array3, ArrayView3};
 
 use super::format::{Encoding, Format};
+use super::guard::guarded;
+use super::planes::{from_interleaved, to_interleaved};
 use super::{MAX_PIXELS, Pixels};
 use crate::core::error::{Error, Result};
 
@@ -18,13 +20,13 @@ const MAX_DECODER_BYTES: u64 = MAX_PIXELS as u64 * 8;
 
 /// Decodes an image; grey stays one plane, integers are divided by their type's maximum.
 pub(super) fn decode(path: &Path, bytes: &[u8], format: Format) -> Result<(Pixels, Encoding)> {
-    let image = decode_dynamic(bytes, format).map_err(|reason| Error::format(path, reason))?;
+    let image = guarded(|| decode_dynamic(bytes, format)).map_err(|reason| Error::format(path, reason))?;
     let sample_type = match image.color() {
         ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => "uint8",
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => "uint16",
         _ => "float",
     };
-    let planes = to_planes(image).map_err(|reason| Error::format(path, reason))?;
+    let planes = to_planes(&image).map_err(|reason| Error::format(path, reason))?;
     Ok((Pixels::of_planes(planes), Encoding { format, sample_type: sample_type.to_owned() }))
 }
 
@@ -53,20 +55,19 @@ fn image_format(format: Format) -> ImageFormat {
     }
 }
 
-fn to_planes(image: DynamicImage) -> Result<Array3<f32>, String> {
-    let (height, width) = (image.height() as usize, image.width() as usize);
-    let channels = usize::from(image.color().channel_count());
+fn to_planes(image: &DynamicImage) -> Result<Array3<f32>, String> {
+    let shape = (usize::from(image.color().channel_count()), image.height() as usize, image.width() as usize);
     let planes = match image {
-        DynamicImage::ImageLuma8(i) => planar(i.as_raw(), channels, height, width, from_u8),
-        DynamicImage::ImageLumaA8(i) => planar(i.as_raw(), channels, height, width, from_u8),
-        DynamicImage::ImageRgb8(i) => planar(i.as_raw(), channels, height, width, from_u8),
-        DynamicImage::ImageRgba8(i) => planar(i.as_raw(), channels, height, width, from_u8),
-        DynamicImage::ImageLuma16(i) => planar(i.as_raw(), channels, height, width, from_u16),
-        DynamicImage::ImageLumaA16(i) => planar(i.as_raw(), channels, height, width, from_u16),
-        DynamicImage::ImageRgb16(i) => planar(i.as_raw(), channels, height, width, from_u16),
-        DynamicImage::ImageRgba16(i) => planar(i.as_raw(), channels, height, width, from_u16),
-        DynamicImage::ImageRgb32F(i) => planar(i.as_raw(), channels, height, width, |v| v),
-        DynamicImage::ImageRgba32F(i) => planar(i.as_raw(), channels, height, width, |v| v),
+        DynamicImage::ImageLuma8(i) => from_interleaved(i.as_raw(), shape, from_u8),
+        DynamicImage::ImageLumaA8(i) => from_interleaved(i.as_raw(), shape, from_u8),
+        DynamicImage::ImageRgb8(i) => from_interleaved(i.as_raw(), shape, from_u8),
+        DynamicImage::ImageRgba8(i) => from_interleaved(i.as_raw(), shape, from_u8),
+        DynamicImage::ImageLuma16(i) => from_interleaved(i.as_raw(), shape, from_u16),
+        DynamicImage::ImageLumaA16(i) => from_interleaved(i.as_raw(), shape, from_u16),
+        DynamicImage::ImageRgb16(i) => from_interleaved(i.as_raw(), shape, from_u16),
+        DynamicImage::ImageRgba16(i) => from_interleaved(i.as_raw(), shape, from_u16),
+        DynamicImage::ImageRgb32F(i) => from_interleaved(i.as_raw(), shape, |v| v),
+        DynamicImage::ImageRgba32F(i) => from_interleaved(i.as_raw(), shape, |v| v),
         other => return Err(format!("has colours of type {:?}, which is not read", other.color())),
     };
     drop_alpha(planes)
@@ -78,20 +79,6 @@ fn from_u8(value: u8) -> f32 {
 
 fn from_u16(value: u16) -> f32 {
     f32::from(value) / f32::from(u16::MAX)
-}
-
-fn planar<T: Copy>(
-    samples: &[T],
-    channels: usize,
-    height: usize,
-    width: usize,
-    convert: impl Fn(T) -> f32,
-) -> Array3<f32> {
-    let mut planes = Vec::with_capacity(samples.len());
-    for channel in 0..channels {
-        planes.extend(samples.iter().skip(channel).step_by(channels).map(|&v| convert(v)));
-    }
-    Array3::from_shape_vec((channels, height, width), planes).expect("decoders fill the whole image")
 }
 
 /// Removes an opaque alpha channel; the colour of transparent pixels is not defined.
@@ -110,20 +97,15 @@ fn drop_alpha(planes: Array3<f32>) -> Result<Array3<f32>, String> {
 }
 
 /// Encodes planes: 16 bits in PNG and TIFF, 8 bits in JPEG, shared-exponent floats in Radiance HDR.
-pub(super) fn encode(
-    path: &Path,
-    planes: ArrayView3<'_, f32>,
-    format: Format,
-    clip: bool,
-) -> Result<Vec<u8>> {
-    let encoded = match format {
-        Format::Hdr => encode_hdr(planes),
-        _ => check_range(planes, format, clip).and_then(|()| encode_integers(planes, format)),
-    };
-    encoded.map_err(|reason| Error::format(path, reason))
+pub(super) fn encode(planes: &ArrayView3<'_, f32>, format: Format, clip: bool) -> Result<Vec<u8>, String> {
+    if format == Format::Hdr {
+        return encode_hdr(planes);
+    }
+    check_range(planes, format, clip)?;
+    encode_integers(planes, format)
 }
 
-fn check_range(planes: ArrayView3<'_, f32>, format: Format, clip: bool) -> Result<(), String> {
+fn check_range(planes: &ArrayView3<'_, f32>, format: Format, clip: bool) -> Result<(), String> {
     let max = planes.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     if clip || max <= 1.0 {
         return Ok(());
@@ -135,19 +117,18 @@ fn check_range(planes: ArrayView3<'_, f32>, format: Format, clip: bool) -> Resul
     ))
 }
 
-fn encode_integers(planes: ArrayView3<'_, f32>, format: Format) -> Result<Vec<u8>, String> {
+fn encode_integers(planes: &ArrayView3<'_, f32>, format: Format) -> Result<Vec<u8>, String> {
     let (channels, height, width) = planes.dim();
     let grey = match channels {
         1 => true,
         3 => false,
         _ => return Err(format!("{} cannot hold {channels} channels; write .npy", format.name())),
     };
-    let pixels_first = planes.permuted_axes([1, 2, 0]);
     let (samples, colour) = if format == Format::Jpeg {
-        let samples: Vec<u8> = pixels_first.iter().map(|&v| to_u8(v)).collect();
+        let samples = to_interleaved(planes, |v| [to_u8(v)]);
         (samples, if grey { ExtendedColorType::L8 } else { ExtendedColorType::Rgb8 })
     } else {
-        let samples = pixels_first.iter().flat_map(|&v| to_u16(v).to_ne_bytes()).collect();
+        let samples = to_interleaved(planes, |v| to_u16(v).to_ne_bytes());
         (samples, if grey { ExtendedColorType::L16 } else { ExtendedColorType::Rgb16 })
     };
     let (width, height) = sides(width, height)?;
@@ -157,7 +138,7 @@ fn encode_integers(planes: ArrayView3<'_, f32>, format: Format) -> Result<Vec<u8
     Ok(file.into_inner())
 }
 
-fn encode_hdr(planes: ArrayView3<'_, f32>) -> Result<Vec<u8>, String> {
+fn encode_hdr(planes: &ArrayView3<'_, f32>) -> Result<Vec<u8>, String> {
     let (channels, height, width) = planes.dim();
     if channels != 1 && channels != 3 {
         return Err(format!("Radiance HDR cannot hold {channels} channels; write .npy"));

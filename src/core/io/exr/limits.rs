@@ -12,6 +12,8 @@ use crate::core::io::MAX_PIXELS;
 
 /// Bytes of image per byte of file that no lossless method reaches: deflate ends at 1032.
 const MAX_RATIO: usize = 1100;
+/// The same for the lossy DWA methods: two numbers for 64 half samples, then deflate.
+const MAX_RATIO_LOSSY: usize = MAX_RATIO * 32;
 /// Fewest bytes of a block in the file: its entry in the offset table, position, length, one byte of data.
 const MIN_BLOCK_BYTES: usize = 8 + 4 + 4 + 1;
 /// How much larger than the data a display window may be, in pixels.
@@ -44,11 +46,10 @@ fn check_sizes(meta: &MetaData, file_bytes: usize) -> Result<(), String> {
     if meta.headers.is_empty() {
         return Err("has no image in it".into());
     }
-    let mut blocks = 0_usize;
     for header in &meta.headers {
         check_size(header, file_bytes)?;
-        blocks = blocks.saturating_add(header.chunk_count);
     }
+    let blocks = meta.headers.iter().fold(0_usize, |sum, header| sum.saturating_add(header.chunk_count));
     if blocks.saturating_mul(MIN_BLOCK_BYTES) > file_bytes {
         return Err(format!("is truncated or damaged: {blocks} blocks do not fit in its {file_bytes} bytes"));
     }
@@ -75,11 +76,18 @@ fn check_size(header: &Header, file_bytes: usize) -> Result<(), String> {
         return Err(format!("declares {} channels; it is damaged", header.channels.list.len()));
     }
     let bytes = pixels.saturating_mul(header.channels.bytes_per_pixel);
-    let lossy = matches!(header.compression, Compression::DWAA(_) | Compression::DWAB(_));
-    if !lossy && bytes > file_bytes.saturating_mul(MAX_RATIO) {
+    if bytes > file_bytes.saturating_mul(max_ratio(header.compression)) {
         return Err(format!(
             "is truncated or damaged: {width} × {height} pixels do not fit in its {file_bytes} bytes"
         ));
     }
     Ok(())
+}
+
+/// Bytes of image that one byte of file can hold at most.
+pub(super) fn max_ratio(compression: Compression) -> usize {
+    match compression {
+        Compression::DWAA(_) | Compression::DWAB(_) => MAX_RATIO_LOSSY,
+        _ => MAX_RATIO,
+    }
 }

@@ -1,7 +1,6 @@
 //! Encodes planes as a scan-line OpenEXR file, the same bytes for any number of threads.
 
 use std::io::Cursor;
-use std::path::Path;
 
 use ::exr::block::chunk::Chunk;
 use ::exr::block::writer::{ChunkWriter, ChunksWriter};
@@ -16,27 +15,25 @@ use ndarray::ArrayView3;
 use rayon::prelude::*;
 
 use super::{DOMAIN_ATTRIBUTE, PROVENANCE_ATTRIBUTE, WAVE};
-use crate::core::error::{Error, Result};
-use crate::core::io::Pixels;
+use crate::core::io::Contents;
 use crate::core::io::npy::check_half;
 
 /// Encodes one grey (`Y`) or three colour planes.
-pub(in crate::core::io) fn encode(path: &Path, pixels: &Pixels, half: bool) -> Result<Vec<u8>> {
-    let planes = pixels.planes.view();
+pub(in crate::core::io) fn encode(contents: &Contents<'_>, half: bool) -> Result<Vec<u8>, String> {
     if half {
-        check_half(planes).map_err(|reason| Error::format(path, reason))?;
+        check_half(&contents.planes)?;
     }
-    let header = header_of(pixels, half).map_err(|reason| Error::format(path, reason))?;
+    let header = header_of(contents, half)?;
     let mut file = Cursor::new(Vec::new());
     ::exr::block::write(&mut file, [header].into_iter().collect(), true, |meta, writer| {
-        write_blocks(&meta, writer, planes)
+        write_blocks(&meta, writer, &contents.planes)
     })
-    .map_err(|error| Error::format(path, format!("cannot be encoded: {error}")))?;
+    .map_err(|error| format!("cannot be encoded: {error}"))?;
     Ok(file.into_inner())
 }
 
-fn header_of(pixels: &Pixels, half: bool) -> Result<Header, String> {
-    let (channels, height, width) = pixels.planes.dim();
+fn header_of(contents: &Contents<'_>, half: bool) -> Result<Header, String> {
+    let (channels, height, width) = contents.planes.dim();
     let names = match channels {
         1 => &["Y"][..],
         3 => &["B", "G", "R"][..],
@@ -49,16 +46,16 @@ fn header_of(pixels: &Pixels, half: bool) -> Result<Header, String> {
         BlockDescription::ScanLines,
         LineOrder::Increasing,
     );
-    header.own_attributes = layer_attributes(pixels);
-    header.shared_attributes = image_attributes(pixels, width, height);
+    header.own_attributes = layer_attributes(contents);
+    header.shared_attributes = image_attributes(contents, width, height);
     Ok(header)
 }
 
-fn layer_attributes(pixels: &Pixels) -> LayerAttributes {
+fn layer_attributes(contents: &Contents<'_>) -> LayerAttributes {
     #[expect(clippy::cast_possible_truncation, reason = "the attribute is a 32-bit float")]
-    let exposure = pixels.exposure_s.map(|seconds| seconds as f32);
+    let exposure = contents.exposure_s.map(|seconds| seconds as f32);
     let mut attributes = LayerAttributes { exposure, ..LayerAttributes::default() };
-    if let Some(domain) = pixels.domain {
+    if let Some(domain) = contents.domain {
         attributes
             .other
             .insert(Text::from(DOMAIN_ATTRIBUTE), AttributeValue::Text(Text::from(domain.name())));
@@ -68,9 +65,9 @@ fn layer_attributes(pixels: &Pixels) -> LayerAttributes {
 
 /// Puts the provenance among the image's attributes and the domain among the layer's: each of the two is a
 /// hash map, which the crate writes in a random order once it has more than one entry.
-fn image_attributes(pixels: &Pixels, width: usize, height: usize) -> ImageAttributes {
+fn image_attributes(contents: &Contents<'_>, width: usize, height: usize) -> ImageAttributes {
     let mut attributes = ImageAttributes::with_size((width, height));
-    if let Some(provenance) = &pixels.provenance {
+    if let Some(provenance) = &contents.provenance {
         let text = Text::from_bytes_unchecked(provenance.to_json().bytes().collect());
         attributes.other.insert(Text::from(PROVENANCE_ATTRIBUTE), AttributeValue::Text(text));
     }
@@ -80,7 +77,7 @@ fn image_attributes(pixels: &Pixels, width: usize, height: usize) -> ImageAttrib
 fn write_blocks(
     meta: &MetaData,
     writer: &mut ChunkWriter<&mut Cursor<Vec<u8>>>,
-    planes: ArrayView3<'_, f32>,
+    planes: &ArrayView3<'_, f32>,
 ) -> ::exr::error::Result<()> {
     let indices: Vec<(usize, BlockIndex)> = meta.enumerate_ordered_header_block_indices().collect();
     for wave in indices.chunks(WAVE) {
@@ -96,7 +93,7 @@ fn write_blocks(
 }
 
 /// Lays out a block: line by line, in each the channels in alphabetical order, which is B, G, R.
-fn block_of(index: BlockIndex, meta: &MetaData, planes: ArrayView3<'_, f32>) -> UncompressedBlock {
+fn block_of(index: BlockIndex, meta: &MetaData, planes: &ArrayView3<'_, f32>) -> UncompressedBlock {
     let channels = &meta.headers[0].channels;
     let Vec2(left, top) = index.pixel_position;
     let Vec2(width, height) = index.pixel_size;
