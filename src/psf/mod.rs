@@ -1,1 +1,26 @@
 //! From a bracket of exposures or a display layout to a point spread function.
+//!
+//! Two ways lead there. Measured: [`fuse`] makes one linear image of a bracket, [`measure`] cuts the PSF out
+//! of it. Simulated: [`display`] describes panel, lens and sensor, [`propagate`] sends light through them.
+
+pub mod bayer;
+pub mod chirp_z;
+pub mod display;
+pub mod fuse;
+pub mod inpaint;
+pub mod layout;
+pub mod measure;
+pub mod optics;
+pub mod orders;
+pub mod pixel;
+pub mod propagate;
+pub mod pupil;
+pub mod quality;
+pub mod sampling;
+pub mod shape;
+
+pub use display::DisplayConfig;
+pub use fuse::{Bracket, FuseConfig, Fused, MergeRule, fuse};
+pub use measure::{MeasureConfig, MeasuredPsf, Normalization, measure_psf};
+pub use propagate::{SimulatedPsf, simulate_psf};
+pub use quality::{PsfQuality, assess_psf};

@@ -1,0 +1,498 @@
+//! Turns a display file (TOML) into the checked description of panel, lens, sensor and light.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::core::error::{Error, Result};
+
+use super::shape::ShapeKind;
+
+/// Everything that decides a simulated PSF: the contents of a display file.
+///
+/// # Units
+/// Each key names its own.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct DisplayConfig {
+    /// The source and the lens.
+    pub optics: OpticsConfig,
+    /// The sensor.
+    pub sensor: SensorConfig,
+    /// The light that each colour channel sees.
+    pub spectrum: SpectrumConfig,
+    /// The grid of the computation; left out, it is chosen.
+    pub sampling: SamplingConfig,
+    /// The panel.
+    pub display: LayoutConfig,
+}
+
+/// Distances and sizes of source, display and lens.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct OpticsConfig {
+    /// z₁: from the point source to the display; `inf` for a star.
+    pub source_distance_m: f64,
+    /// d: from the display to the lens.
+    pub display_to_lens_mm: f64,
+    /// f: the focal length.
+    pub focal_length_mm: f64,
+    /// D: the diameter of the pupil at the lens.
+    pub aperture_mm: f64,
+    /// z₂: from the lens to the sensor; left out, the sensor is in focus for the source.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensor_distance_mm: Option<f64>,
+}
+
+impl Default for OpticsConfig {
+    /// A phone's front camera at f/2 behind a panel one millimetre away.
+    fn default() -> Self {
+        Self {
+            source_distance_m: 1.0,
+            display_to_lens_mm: 1.0,
+            focal_length_mm: 3.8,
+            aperture_mm: 1.9,
+            sensor_distance_mm: None,
+        }
+    }
+}
+
+/// The sensor's pixels.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct SensorConfig {
+    /// The side of a square pixel; all of its area collects light.
+    pub pixel_pitch_um: f64,
+    /// The side of the square PSF in pixels.
+    pub size_px: usize,
+}
+
+impl Default for SensorConfig {
+    fn default() -> Self {
+        Self { pixel_pitch_um: 1.12, size_px: 800 }
+    }
+}
+
+/// Wavelengths in nanometres with their weights, for each colour channel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct SpectrumConfig {
+    /// What the red channel sees.
+    pub red: Vec<(f64, f64)>,
+    /// What the green channel sees.
+    pub green: Vec<(f64, f64)>,
+    /// What the blue channel sees.
+    pub blue: Vec<(f64, f64)>,
+}
+
+impl Default for SpectrumConfig {
+    /// One wavelength for each channel, as in the paper.
+    fn default() -> Self {
+        Self { red: vec![(610.0, 1.0)], green: vec![(530.0, 1.0)], blue: vec![(465.0, 1.0)] }
+    }
+}
+
+impl SpectrumConfig {
+    /// The three lists in channel order.
+    pub fn channels(&self) -> [&[(f64, f64)]; 3] {
+        [&self.red, &self.green, &self.blue]
+    }
+
+    /// The shortest wavelength of any channel that has a weight, in metres.
+    pub fn shortest_m(&self) -> f64 {
+        self.wavelengths_m().fold(f64::INFINITY, f64::min)
+    }
+
+    /// The longest wavelength of any channel that has a weight, in metres.
+    pub fn longest_m(&self) -> f64 {
+        self.wavelengths_m().fold(0.0, f64::max)
+    }
+
+    fn wavelengths_m(&self) -> impl Iterator<Item = f64> {
+        let lines = self.channels().into_iter().flatten().filter(|(_, weight)| *weight > 0.0);
+        lines.map(|(wavelength_nm, _)| wavelength_nm * 1e-9)
+    }
+}
+
+/// The grid over the pupil, in the lens plane.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct SamplingConfig {
+    /// The distance of grid points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub grid_pitch_um: Option<f64>,
+    /// The number of grid points on a side.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub grid_size: Option<usize>,
+}
+
+/// What stands between source and lens.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LayoutKind {
+    /// Nothing: the bare lens.
+    #[default]
+    None,
+    /// Pixels of one green and alternately one red or blue sub-pixel, on the corners and centres of a
+    /// square lattice.
+    Pentile,
+    /// Pixels of a red, a green and a blue sub-pixel side by side.
+    Stripe,
+    /// A picture, repeated on all sides.
+    Image,
+}
+
+impl LayoutKind {
+    /// The name that the file uses.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Pentile => "pentile",
+            Self::Stripe => "stripe",
+            Self::Image => "image",
+        }
+    }
+}
+
+/// What the grey values of a layout picture mean.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Grey {
+    /// The factor t of Eq. 2 on the field: a half-covered pixel is 0.5, power follows as t².
+    #[default]
+    Amplitude,
+    /// The share of light that passes; the field gets its square root.
+    Power,
+}
+
+/// The panel: a pattern that repeats over the pupil, its cell's centre on the optical axis.
+///
+/// Positions are those that the camera sees looking out: x to the right, y down. All transmittances are
+/// factors on the field (t of Eq. 2, the power is t²) from 0 to 1.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct LayoutConfig {
+    /// Which kind of pattern.
+    pub kind: LayoutKind,
+    /// How far the panel is turned, counter-clockwise as the camera sees it.
+    pub angle_deg: f64,
+    /// How far the panel is moved to the right and down.
+    pub offset_um: [f64; 2],
+    /// pentile, stripe: the side of a pixel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pitch_um: Option<f64>,
+    /// pentile, stripe: transmittance where nothing else lies; 1 if left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub background_transmittance: Option<f64>,
+    /// pentile, stripe: the red sub-pixel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub red: Option<RegionConfig>,
+    /// pentile, stripe: the green sub-pixel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub green: Option<RegionConfig>,
+    /// pentile, stripe: the blue sub-pixel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub blue: Option<RegionConfig>,
+    /// pentile, stripe: further regions, once per pixel, over the sub-pixels.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub openings: Vec<OpeningConfig>,
+    /// pentile, stripe: lines through every pixel, on top of everything: their transmittance multiplies.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub wiring: Vec<WiringConfig>,
+    /// image: the picture, relative to the display file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
+    /// image: the side of one of its pixels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pixel_size_um: Option<f64>,
+    /// image: what its grey values mean; amplitude if left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub grey: Option<Grey>,
+}
+
+/// The shape and transmittance of a sub-pixel or opening.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct RegionConfig {
+    /// rectangle, ellipse or diamond.
+    pub shape: ShapeKind,
+    /// Its extent from left to right.
+    pub width_um: f64,
+    /// Its extent from top to bottom.
+    pub height_um: f64,
+    /// The radius of a rectangle's corners.
+    #[serde(default)]
+    pub corner_um: f64,
+    /// Its transmittance.
+    pub transmittance: f64,
+}
+
+/// A region that says where it lies.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct OpeningConfig {
+    /// Its centre, right of the pixel's centre.
+    #[serde(default)]
+    pub x_um: f64,
+    /// Its centre, below the pixel's centre.
+    #[serde(default)]
+    pub y_um: f64,
+    /// rectangle, ellipse or diamond.
+    pub shape: ShapeKind,
+    /// Its extent from left to right.
+    pub width_um: f64,
+    /// Its extent from top to bottom.
+    pub height_um: f64,
+    /// The radius of a rectangle's corners.
+    #[serde(default)]
+    pub corner_um: f64,
+    /// Its transmittance.
+    pub transmittance: f64,
+}
+
+/// Which way a line runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Direction {
+    /// From left to right.
+    #[default]
+    Horizontal,
+    /// From top to bottom.
+    Vertical,
+}
+
+/// A line through every pixel.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct WiringConfig {
+    /// Which way it runs.
+    pub direction: Direction,
+    /// Its middle, below (horizontal) or right of (vertical) the pixel's centre.
+    pub position_um: f64,
+    /// How wide it is.
+    pub width_um: f64,
+    /// Its transmittance; opaque if left out.
+    #[serde(default)]
+    pub transmittance: f64,
+}
+
+impl DisplayConfig {
+    /// Reads the text of a display file; `origin` names it in errors, and pictures are found beside it.
+    ///
+    /// # Errors
+    /// [`Error::Format`] with line and column for a typing error or an unknown key; [`Error::Config`] for a
+    /// value out of range.
+    pub fn parse(text: &str, origin: &Path) -> Result<Self> {
+        let mut config: Self =
+            toml::from_str(text).map_err(|error| Error::format(origin, error.to_string().trim_end()))?;
+        if let (Some(file), Some(folder)) = (&config.display.file, origin.parent()) {
+            config.display.file = Some(folder.join(file));
+        }
+        config.check()?;
+        Ok(config)
+    }
+
+    /// Makes sure that every value is in its range and belongs to the kind of layout.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the key.
+    pub fn check(&self) -> Result<()> {
+        require("sensor.pixel-pitch-um", self.sensor.pixel_pitch_um, is_positive, "a positive length")?;
+        if !(1..=MAX_SIZE_PX).contains(&self.sensor.size_px) {
+            let reason = format!("must be between 1 and {MAX_SIZE_PX}, found {}", self.sensor.size_px);
+            return Err(Error::config("sensor.size-px", reason));
+        }
+        self.spectrum.check()?;
+        self.display.check()
+    }
+}
+
+/// Larger PSFs than any sensor's frame are a typing error.
+const MAX_SIZE_PX: usize = 8192;
+
+impl SpectrumConfig {
+    fn check(&self) -> Result<()> {
+        for (name, lines) in ["red", "green", "blue"].into_iter().zip(self.channels()) {
+            let key = format!("spectrum.{name}");
+            for &(wavelength_nm, weight) in lines {
+                require(
+                    &key,
+                    wavelength_nm,
+                    |v| (100.0..=20_000.0).contains(&v),
+                    "wavelengths in nanometres",
+                )?;
+                require(&key, weight, |v| v.is_finite() && v >= 0.0, "weights from 0 up")?;
+            }
+            if lines.iter().map(|(_, weight)| weight).sum::<f64>() <= 0.0 {
+                let reason = "needs at least one [wavelength nm, weight] pair of positive weight";
+                return Err(Error::config(key, reason));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl LayoutConfig {
+    fn check(&self) -> Result<()> {
+        require("display.angle-deg", self.angle_deg, f64::is_finite, "an angle in degrees")?;
+        for offset in self.offset_um {
+            require("display.offset-um", offset, f64::is_finite, "a length in micrometres")?;
+        }
+        self.check_kind()?;
+        if let Some(pitch) = self.pitch_um {
+            require("display.pitch-um", pitch, is_positive, "a positive length")?;
+        }
+        if let Some(size) = self.pixel_size_um {
+            require("display.pixel-size-um", size, is_positive, "a positive length")?;
+        }
+        if let Some(background) = self.background_transmittance {
+            require_transmittance("display.background-transmittance", background)?;
+        }
+        for (name, region) in [("red", &self.red), ("green", &self.green), ("blue", &self.blue)] {
+            if let Some(region) = region {
+                region.check(&format!("display.{name}"), self.pitch_um.unwrap_or(f64::INFINITY))?;
+            }
+        }
+        for opening in &self.openings {
+            opening.region().check("display.openings", self.pitch_um.unwrap_or(f64::INFINITY))?;
+            require("display.openings.x-um", opening.x_um, f64::is_finite, "a length in micrometres")?;
+            require("display.openings.y-um", opening.y_um, f64::is_finite, "a length in micrometres")?;
+        }
+        for line in &self.wiring {
+            require(
+                "display.wiring.position-um",
+                line.position_um,
+                f64::is_finite,
+                "a length in micrometres",
+            )?;
+            require("display.wiring.width-um", line.width_um, is_positive, "a positive length")?;
+            require_transmittance("display.wiring.transmittance", line.transmittance)?;
+        }
+        Ok(())
+    }
+
+    /// Refuses keys that the kind of layout would ignore, and asks for those that it needs.
+    fn check_kind(&self) -> Result<()> {
+        let panel = matches!(self.kind, LayoutKind::Pentile | LayoutKind::Stripe);
+        let image = self.kind == LayoutKind::Image;
+        let keys = [
+            ("pitch-um", self.pitch_um.is_some(), panel),
+            ("background-transmittance", self.background_transmittance.is_some(), panel),
+            ("red", self.red.is_some(), panel),
+            ("green", self.green.is_some(), panel),
+            ("blue", self.blue.is_some(), panel),
+            ("openings", !self.openings.is_empty(), panel),
+            ("wiring", !self.wiring.is_empty(), panel),
+            ("file", self.file.is_some(), image),
+            ("pixel-size-um", self.pixel_size_um.is_some(), image),
+            ("grey", self.grey.is_some(), image),
+        ];
+        if let Some((key, ..)) = keys.iter().find(|(_, present, allowed)| *present && !allowed) {
+            let reason = format!("a layout of kind \"{}\" has no such key; remove it", self.kind.name());
+            return Err(Error::config(format!("display.{key}"), reason));
+        }
+        let needed: &[usize] = match self.kind {
+            LayoutKind::None => &[],
+            LayoutKind::Pentile | LayoutKind::Stripe => &[0],
+            LayoutKind::Image => &[7, 8],
+        };
+        match needed.iter().map(|&index| keys[index]).find(|(_, present, _)| !present) {
+            Some((key, ..)) => {
+                let reason = format!("a layout of kind \"{}\" needs this key", self.kind.name());
+                Err(Error::config(format!("display.{key}"), reason))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+impl RegionConfig {
+    fn check(&self, key: &str, pitch_um: f64) -> Result<()> {
+        for (name, extent) in [("width-um", self.width_um), ("height-um", self.height_um)] {
+            let fits = |v: f64| is_positive(v) && v <= pitch_um;
+            require(&format!("{key}.{name}"), extent, fits, "a positive length of at most one pitch")?;
+        }
+        let radius = self.width_um.min(self.height_um) / 2.0;
+        let rounds = |v: f64| (0.0..=radius).contains(&v);
+        require(&format!("{key}.corner-um"), self.corner_um, rounds, "at most half the shorter side")?;
+        require_transmittance(&format!("{key}.transmittance"), self.transmittance)
+    }
+}
+
+impl OpeningConfig {
+    /// The region without its place.
+    pub fn region(&self) -> RegionConfig {
+        RegionConfig {
+            shape: self.shape,
+            width_um: self.width_um,
+            height_um: self.height_um,
+            corner_um: self.corner_um,
+            transmittance: self.transmittance,
+        }
+    }
+}
+
+fn is_positive(value: f64) -> bool {
+    value.is_finite() && value > 0.0
+}
+
+fn require_transmittance(key: &str, value: f64) -> Result<()> {
+    require(key, value, |v| (0.0..=1.0).contains(&v), "a factor from 0 to 1 on the field")
+}
+
+fn require(key: &str, value: f64, in_range: impl Fn(f64) -> bool, range: &str) -> Result<()> {
+    if in_range(value) { Ok(()) } else { Err(Error::config(key, format!("must be {range}, found {value}"))) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<DisplayConfig> {
+        DisplayConfig::parse(text, Path::new("panels/panel.toml"))
+    }
+
+    #[test]
+    fn an_empty_file_is_the_bare_lens_of_the_defaults() {
+        assert_eq!(parse("").unwrap(), DisplayConfig::default());
+    }
+
+    #[test]
+    fn names_the_line_of_an_unknown_key() {
+        let message = parse("[optics]\nfocal-lenght-mm = 3.8\n").unwrap_err().to_string();
+        assert!(message.contains("line 2") && message.contains("focal-lenght-mm"), "{message}");
+    }
+
+    #[test]
+    fn refuses_a_key_of_another_kind_and_asks_for_missing_ones() {
+        let foreign = parse("[display]\nkind = \"none\"\npitch-um = 60\n").unwrap_err().to_string();
+        assert!(foreign.contains("display.pitch-um") && foreign.contains("\"none\""), "{foreign}");
+        let missing = parse("[display]\nkind = \"image\"\nfile = \"a.png\"\n").unwrap_err().to_string();
+        assert!(missing.contains("display.pixel-size-um"), "{missing}");
+    }
+
+    #[test]
+    fn finds_pictures_beside_the_file() {
+        let text = "[display]\nkind = \"image\"\nfile = \"a.png\"\npixel-size-um = 1\n";
+        assert_eq!(parse(text).unwrap().display.file.unwrap(), Path::new("panels/a.png"));
+    }
+
+    #[test]
+    fn refuses_values_out_of_range() {
+        for text in [
+            "[sensor]\nsize-px = 0\n",
+            "[sensor]\npixel-pitch-um = -1\n",
+            "[spectrum]\nred = []\n",
+            "[spectrum]\nred = [[0.61, 1.0]]\n",
+            "[display]\nkind = \"stripe\"\npitch-um = 60\nbackground-transmittance = 1.5\n",
+        ] {
+            assert!(matches!(parse(text), Err(Error::Config { .. })), "{text}");
+        }
+    }
+
+    #[test]
+    fn the_resolved_configuration_reads_back() {
+        let config = DisplayConfig::default();
+        assert_eq!(parse(&toml::to_string(&config).unwrap()).unwrap(), config);
+    }
+}

@@ -1,0 +1,308 @@
+//! Turns a panel's description into its repeating cell, drawn on a raster.
+
+use std::path::Path;
+
+use ndarray::{Array2, Axis, s};
+
+use crate::core::error::{Error, Result};
+use crate::core::io::read_pixels;
+
+use super::display::{Direction, Grey, LayoutConfig, LayoutKind, WiringConfig};
+use super::shape::Shape;
+
+/// One period of a display: the factor t on the field, constant over each raster square.
+///
+/// Its centre lies on the optical axis but for the layout's offset; rows run down and columns to the right as
+/// the camera sees the panel.
+#[derive(Clone, Debug)]
+pub struct UnitCell {
+    /// The transmittance of each raster square.
+    pub transmittance: Array2<f64>,
+    /// The side of a raster square, in metres.
+    pub raster_m: [f64; 2],
+    /// Where the cell's centre lies, before the panel is turned: down and right of the axis, in metres.
+    pub centre_m: [f64; 2],
+}
+
+/// Bounds of the raster of a drawn cell: fine enough for any shape, at most 128 MiB.
+const RASTER_RANGE: (usize, usize) = (256, 4096);
+
+/// How many raster squares the shortest period that matters spans. The raster's own aliases then stand at 1/16
+/// of the true coefficients' size or less, and only at the highest orders.
+const SQUARES_PER_PERIOD: f64 = 16.0;
+
+impl UnitCell {
+    /// Draws the cell of a layout, finely enough for spatial frequencies up to `band_per_m`.
+    ///
+    /// # Errors
+    /// What reading the picture of an `image` layout meets.
+    pub fn of(layout: &LayoutConfig, band_per_m: f64) -> Result<Self> {
+        let mut cell = match layout.kind {
+            LayoutKind::None => Self::uniform(),
+            LayoutKind::Pentile | LayoutKind::Stripe => draw_panel(layout, band_per_m),
+            LayoutKind::Image => read_layout(layout)?,
+        };
+        cell.centre_m = unturned_offset_m(layout);
+        Ok(cell)
+    }
+
+    /// Nothing in the way. Its period may be any; one nanometre has no orders but the zeroth.
+    fn uniform() -> Self {
+        Self { transmittance: Array2::ones((1, 1)), raster_m: [1e-9; 2], centre_m: [0.0; 2] }
+    }
+
+    /// The cell's height and width, in metres.
+    pub fn period_m(&self) -> [f64; 2] {
+        let (rows, columns) = self.transmittance.dim();
+        [rows as f64 * self.raster_m[0], columns as f64 * self.raster_m[1]]
+    }
+
+    /// The mean of t² over the cell: the share of the light that passes.
+    pub fn mean_power(&self) -> f64 {
+        self.transmittance.iter().map(|t| t * t).sum::<f64>() / self.transmittance.len() as f64
+    }
+
+    /// Keeps of a cell that is larger than the square of side `extent_m` around the axis only that square.
+    ///
+    /// Light from outside of it cannot reach the pupil when the extent allows for the spread over the gap.
+    pub fn within(self, extent_m: f64) -> Self {
+        let mut cell = self;
+        for axis in 0..2 {
+            let wanted = rounded_up(extent_m / cell.raster_m[axis]);
+            cell = cell.keep_along(axis, wanted);
+        }
+        cell
+    }
+
+    fn keep_along(self, axis: usize, wanted: usize) -> Self {
+        let length = self.transmittance.len_of(Axis(axis));
+        if wanted >= length {
+            return self;
+        }
+        // The square that holds the axis, counted from the cell's first square and wrapped by the period.
+        let on_axis = length as f64 / 2.0 - self.centre_m[axis] / self.raster_m[axis];
+        let first = (on_axis - wanted as f64 / 2.0).round();
+        let mut centre_m = self.centre_m;
+        centre_m[axis] += (first + wanted as f64 / 2.0 - length as f64 / 2.0) * self.raster_m[axis];
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "in 0..length by rem_euclid"
+        )]
+        let start = first.rem_euclid(length as f64) as usize;
+        let indices: Vec<usize> = (0..wanted).map(|index| (start + index) % length).collect();
+        Self { transmittance: self.transmittance.select(Axis(axis), &indices), centre_m, ..self }
+    }
+}
+
+/// The offset as seen along the panel's own axes: the panel is moved after it was turned.
+fn unturned_offset_m(layout: &LayoutConfig) -> [f64; 2] {
+    let [right, down] = layout.offset_um.map(|offset| offset * 1e-6);
+    let (sin, cos) = layout.angle_deg.to_radians().sin_cos();
+    [right * sin + down * cos, right * cos - down * sin]
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "saturates, and is bounded after"
+)]
+fn rounded_up(count: f64) -> usize {
+    count.ceil() as usize
+}
+
+/// A region at its place, repeated with the cell.
+struct Placed {
+    shape: Shape,
+    y_um: f64,
+    x_um: f64,
+    transmittance: f64,
+}
+
+fn draw_panel(layout: &LayoutConfig, band_per_m: f64) -> UnitCell {
+    let pitch_um = layout.pitch_um.unwrap_or(1.0);
+    let pixels = if layout.kind == LayoutKind::Pentile { 2 } else { 1 };
+    let side_um = pitch_um * f64::from(pixels);
+    let wanted = rounded_up(SQUARES_PER_PERIOD * band_per_m * side_um * 1e-6);
+    // An even number keeps the symmetry of a cell of two pixels.
+    let squares = wanted.clamp(RASTER_RANGE.0, RASTER_RANGE.1).next_multiple_of(2);
+    let raster_um = side_um / squares as f64;
+    let place = |index: usize| (index as f64 + 0.5) * raster_um - side_um / 2.0;
+
+    let mut transmittance =
+        Array2::from_elem((squares, squares), layout.background_transmittance.unwrap_or(1.0));
+    for region in placed_regions(layout, pitch_um) {
+        transmittance.indexed_iter_mut().for_each(|((row, column), t)| {
+            let dy = wrapped(place(row) - region.y_um, side_um);
+            let dx = wrapped(place(column) - region.x_um, side_um);
+            let covered = region.shape.coverage(dy, dx, raster_um);
+            *t += covered * (region.transmittance - *t);
+        });
+    }
+    for line in &layout.wiring {
+        draw_line(&mut transmittance, line, pitch_um, raster_um);
+    }
+    UnitCell { transmittance, raster_m: [raster_um * 1e-6; 2], centre_m: [0.0; 2] }
+}
+
+/// Where the sub-pixels and openings lie, from the cell's centre.
+///
+/// A stripe pixel holds red, green, blue at −⅓, 0, +⅓ of the pitch. A PenTile cell is two pixels wide and
+/// high: red and blue alternate at the pixels' centres, the greens stand on the pixels' corners; a shift by
+/// one pixel in both directions leaves the pattern as it is.
+fn placed_regions(layout: &LayoutConfig, pitch_um: f64) -> Vec<Placed> {
+    let (red, green, blue) = (&layout.red, &layout.green, &layout.blue);
+    let half = pitch_um / 2.0;
+    let (centres, sub_pixels) = if layout.kind == LayoutKind::Pentile {
+        let centres = vec![(-half, -half), (-half, half), (half, -half), (half, half)];
+        let (near, far) = (-half, half);
+        let corners = [(0.0, 0.0), (0.0, pitch_um), (pitch_um, 0.0), (pitch_um, pitch_um)];
+        let mut sub_pixels = vec![(red, near, near), (red, far, far), (blue, near, far), (blue, far, near)];
+        sub_pixels.extend(corners.map(|(y, x)| (green, y, x)));
+        (centres, sub_pixels)
+    } else {
+        let third = pitch_um / 3.0;
+        (vec![(0.0, 0.0)], vec![(red, 0.0, -third), (green, 0.0, 0.0), (blue, 0.0, third)])
+    };
+    let placed = |region: &_, y_um, x_um| {
+        let region: &super::display::RegionConfig = region;
+        Placed { shape: Shape::of(region), y_um, x_um, transmittance: region.transmittance }
+    };
+    let mut regions: Vec<Placed> = sub_pixels
+        .into_iter()
+        .filter_map(|(region, y, x)| region.as_ref().map(|region| placed(region, y, x)))
+        .collect();
+    for opening in &layout.openings {
+        let region = opening.region();
+        regions.extend(centres.iter().map(|(y, x)| placed(&region, y + opening.y_um, x + opening.x_um)));
+    }
+    regions
+}
+
+/// Multiplies the transmittance of a line that runs through every pixel.
+fn draw_line(transmittance: &mut Array2<f64>, line: &WiringConfig, pitch_um: f64, raster_um: f64) {
+    let axis = match line.direction {
+        Direction::Horizontal => Axis(0),
+        Direction::Vertical => Axis(1),
+    };
+    let length = transmittance.len_of(axis) as f64;
+    // The middle of a pixel is the middle of the cell (one pixel) or half a pitch off it (two pixels).
+    let two_pixels = length * raster_um > 1.5 * pitch_um;
+    let middle_um = line.position_um + if two_pixels { pitch_um / 2.0 } else { 0.0 };
+    for (index, mut lane) in transmittance.axis_iter_mut(axis).enumerate() {
+        let square_um = (index as f64 + 0.5 - length / 2.0) * raster_um;
+        let distance = wrapped(square_um - middle_um, pitch_um).abs();
+        let covered = ((line.width_um / 2.0 - distance) / raster_um + 0.5).clamp(0.0, 1.0);
+        let covered = covered.min(line.width_um / raster_um);
+        lane.mapv_inplace(|t| t * (1.0 - covered * (1.0 - line.transmittance)));
+    }
+}
+
+/// The distance to the nearest repetition.
+fn wrapped(distance: f64, period: f64) -> f64 {
+    distance - period * (distance / period).round()
+}
+
+fn read_layout(layout: &LayoutConfig) -> Result<UnitCell> {
+    let file = layout.file.as_deref().unwrap_or(Path::new(""));
+    let planes = read_pixels(file)?.planes;
+    let (channels, rows, columns) = planes.dim();
+    if planes.iter().any(|t| !(0.0..=1.0).contains(t)) {
+        return Err(Error::format(file, "a layout picture needs values from 0 (opaque) to 1 (open)"));
+    }
+    // Colour pictures are accepted when they are grey: a layout has one transmittance for all light.
+    let grey = planes.slice(s![0, .., ..]);
+    if planes.outer_iter().any(|plane| plane != grey) {
+        let reason = format!("its {channels} channels differ; a layout picture must be grey");
+        return Err(Error::format(file, reason));
+    }
+    let amplitude = match layout.grey.unwrap_or_default() {
+        Grey::Amplitude => grey.mapv(f64::from),
+        Grey::Power => grey.mapv(|power| f64::from(power).sqrt()),
+    };
+    if amplitude.iter().all(|t| *t <= 0.0) {
+        let reason = format!("all {rows} × {columns} pixels are black: no light would pass");
+        return Err(Error::format(file, reason));
+    }
+    let raster_m = [layout.pixel_size_um.unwrap_or(1.0) * 1e-6; 2];
+    Ok(UnitCell { transmittance: amplitude, raster_m, centre_m: [0.0; 2] })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::psf::display::{OpeningConfig, RegionConfig};
+    use crate::psf::shape::ShapeKind;
+
+    fn square(side: f64, transmittance: f64) -> RegionConfig {
+        RegionConfig {
+            shape: ShapeKind::Rectangle,
+            width_um: side,
+            height_um: side,
+            corner_um: 0.0,
+            transmittance,
+        }
+    }
+
+    /// Edges lie at 1/16 of a raster square at worst: 4 sides of 20 µm placed to 0.016 µm are 0.03 % of the
+    /// cell.
+    #[test]
+    fn a_stripe_pixel_has_the_transmittance_of_its_areas() {
+        let layout = LayoutConfig {
+            kind: LayoutKind::Stripe,
+            pitch_um: Some(60.0),
+            background_transmittance: Some(0.5),
+            green: Some(square(20.0, 1.0)),
+            wiring: vec![WiringConfig {
+                direction: Direction::Vertical,
+                position_um: 25.0,
+                width_um: 3.0,
+                transmittance: 0.0,
+            }],
+            ..LayoutConfig::default()
+        };
+        let cell = UnitCell::of(&layout, 250e3).unwrap();
+        let mean = cell.transmittance.mean().unwrap();
+        let expected = 0.5 + 0.5 * (400.0 / 3600.0) - 0.5 * 3.0 / 60.0;
+        assert!((mean - expected).abs() < 5e-4, "{mean} instead of {expected}");
+    }
+
+    #[test]
+    fn a_pentile_cell_repeats_after_one_pixel_in_both_directions() {
+        let layout = LayoutConfig {
+            kind: LayoutKind::Pentile,
+            pitch_um: Some(60.0),
+            red: Some(square(11.0, 0.1)),
+            green: Some(square(8.0, 0.3)),
+            blue: Some(square(17.0, 0.2)),
+            openings: vec![OpeningConfig {
+                x_um: 20.0,
+                y_um: 4.0,
+                width_um: 5.0,
+                height_um: 9.0,
+                ..OpeningConfig::default()
+            }],
+            ..LayoutConfig::default()
+        };
+        let t = UnitCell::of(&layout, 250e3).unwrap().transmittance;
+        let n = t.nrows() / 2;
+        let shifted = |y, x| t[[(y + n) % (2 * n), (x + n) % (2 * n)]];
+        assert!(t.indexed_iter().all(|((y, x), v)| (v - shifted(y, x)).abs() < 1e-12));
+        assert!(t.indexed_iter().any(|((y, x), v)| (v - t[[y, (x + n) % (2 * n)]]).abs() > 0.05));
+    }
+
+    #[test]
+    fn keeps_the_part_of_a_large_cell_around_the_axis() {
+        let cell = UnitCell {
+            transmittance: Array2::from_shape_fn((100, 80), |(y, x)| (y * 100 + x) as f64),
+            raster_m: [1e-6; 2],
+            centre_m: [10e-6, -30e-6],
+        };
+        let kept = cell.clone().within(20e-6);
+        assert_eq!(kept.transmittance.dim(), (20, 20));
+        // The axis meets row 100/2 − 10 and column 80/2 + 30 of the cell.
+        assert_eq!(kept.transmittance[[10, 10]], cell.transmittance[[40, 70]]);
+        assert!(kept.centre_m.iter().all(|c| c.abs() < 1e-12));
+        assert_eq!(cell.clone().within(1.0).transmittance, cell.transmittance);
+    }
+}

@@ -1,0 +1,311 @@
+//! Turns the fused picture of a point source into a PSF.
+
+use ndarray::{Array2, Array3, ArrayView2, Axis, s};
+use serde::{Deserialize, Serialize};
+
+use crate::core::error::{Error, Result};
+use crate::core::image::LinearImage;
+use crate::core::psf::Psf;
+
+use super::quality::{PsfQuality, assess_psf};
+
+/// What sums to one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Normalization {
+    /// Each channel: no change of colour.
+    #[default]
+    Channel,
+    /// All channels together: the source's colour stays.
+    Total,
+    /// Nothing: irradiance as measured.
+    None,
+}
+
+/// How a PSF is cut out of a picture.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct MeasureConfig {
+    /// The side of the square PSF in pixels.
+    pub size: usize,
+    /// What sums to one.
+    pub normalize: Normalization,
+}
+
+impl Default for MeasureConfig {
+    /// 800 pixels, each channel of unit sum.
+    fn default() -> Self {
+        Self { size: 800, normalize: Normalization::Channel }
+    }
+}
+
+/// The level under the light of the source.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Background {
+    /// The median of the frame's border.
+    pub level: f64,
+    /// Its spread: 1.4826 times the median deviation, a standard deviation for Gaussian noise.
+    pub spread: f64,
+}
+
+/// A measured PSF.
+#[derive(Clone, Debug)]
+pub struct MeasuredPsf {
+    /// The PSF, each channel of unit sum.
+    pub psf: Psf,
+    /// The same light, normalised as asked for.
+    pub image: LinearImage,
+    /// What was subtracted from each channel.
+    pub background: [Background; 3],
+    /// From the frame's centre (N/2) to the main peak, in pixels down and right.
+    pub displacement_px: [i64; 2],
+    /// From the PSF's centre to each channel's centroid, in pixels down and right: below half a pixel but for
+    /// lateral colour.
+    pub centroid_px: [[f64; 2]; 3],
+    /// The share of the PSF that lay outside of the frame and is zero.
+    pub padded: f64,
+    /// For each channel, the share of the light that noise around the background may pretend.
+    pub noise: [f64; 3],
+    /// How it spreads its light.
+    pub quality: PsfQuality,
+}
+
+/// The frame's border, of which the background is estimated, as a share of the shorter side.
+const BORDER: f64 = 0.05;
+/// Pixels around the peak that its centroid is taken over, on each side.
+const CENTROID_REACH: usize = 4;
+
+/// Cuts the PSF out of a picture of a point source: background subtracted, main peak at N/2, cropped or padded.
+///
+/// `valid` marks the pixels that were measured; others are not used for the background.
+///
+/// # Errors
+/// [`Error::Config`] for a size of zero; [`Error::Unsupported`] when a channel has no light above the background.
+pub fn measure_psf(
+    picture: &LinearImage,
+    valid: Option<&Array2<bool>>,
+    config: &MeasureConfig,
+) -> Result<MeasuredPsf> {
+    if config.size == 0 {
+        return Err(Error::config("size", "must be at least 1 pixel"));
+    }
+    let background = [0, 1, 2].map(|channel| border_level(picture.channel(channel), valid));
+    let mut light = picture.planes().mapv(f64::from);
+    for (mut plane, background) in light.outer_iter_mut().zip(&background) {
+        plane -= background.level;
+    }
+    let peak = main_peak(&light.sum_axis(Axis(0)));
+    let (planes, padded) = window(&light, peak, config.size);
+    let energy = planes.mapv(|v| v.max(0.0));
+    let psf = Psf::from_energy(to_f32(&energy))?;
+    let sums = [0, 1, 2].map(|channel| energy.index_axis(Axis(0), channel).sum());
+    let total: f64 = sums.iter().sum();
+    let image = match config.normalize {
+        Normalization::Channel => LinearImage::from_planes(psf.planes().to_owned())?,
+        Normalization::Total => LinearImage::from_planes(to_f32(&(&energy / total)))?,
+        Normalization::None => LinearImage::from_planes(to_f32(&energy))?,
+    };
+    let pixels = (config.size * config.size) as f64 * (1.0 - padded);
+    // The mean of max(noise, 0) is σ/√2π.
+    let pretended = |channel: usize| background[channel].spread * 0.398_942 * pixels / sums[channel];
+    let centre = [config.size / 2; 2];
+    Ok(MeasuredPsf {
+        centroid_px: [0, 1, 2].map(|channel| {
+            let found = centroid(&planes.index_axis(Axis(0), channel).to_owned(), centre);
+            [found[0] - centre[0] as f64, found[1] - centre[1] as f64]
+        }),
+        quality: assess_psf(&psf),
+        psf,
+        image,
+        displacement_px: [offset(peak[0], picture.height() / 2), offset(peak[1], picture.width() / 2)],
+        padded,
+        noise: [0, 1, 2].map(pretended),
+        background,
+    })
+}
+
+fn offset(index: usize, origin: usize) -> i64 {
+    index as i64 - origin as i64
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "images are kept in 32 bit")]
+fn to_f32(planes: &Array3<f64>) -> Array3<f32> {
+    planes.mapv(|v| v as f32)
+}
+
+/// The median of a frame's border, robust against sidelobes that cross it.
+fn border_level(plane: ArrayView2<'_, f32>, valid: Option<&Array2<bool>>) -> Background {
+    let (height, width) = plane.dim();
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small share of a length")]
+    let border = ((height.min(width) as f64 * BORDER) as usize).max(1);
+    let at_border = |y: usize, x: usize| y.min(x).min(height - 1 - y).min(width - 1 - x) < border;
+    let good = |y, x| valid.is_none_or(|valid| valid[[y, x]]);
+    let mut values: Vec<f64> = plane
+        .indexed_iter()
+        .filter(|((y, x), _)| at_border(*y, *x) && good(*y, *x))
+        .map(|(_, &value)| f64::from(value))
+        .collect();
+    if values.is_empty() {
+        return Background { level: 0.0, spread: 0.0 };
+    }
+    let level = median(&mut values);
+    let mut deviations: Vec<f64> = values.iter().map(|value| (value - level).abs()).collect();
+    Background { level, spread: 1.4826 * median(&mut deviations) }
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// The pixel nearest to the centroid of the brightest spot.
+///
+/// The spot is the brightest 3 × 3 neighbourhood, so that a lone hot pixel does not pass for one; the window of
+/// the centroid then follows it until both agree.
+fn main_peak(light: &Array2<f64>) -> [usize; 2] {
+    let (height, width) = light.dim();
+    let around = |y: usize, x: usize| {
+        let rows = y.saturating_sub(1)..(y + 2).min(height);
+        light.slice(s![rows, x.saturating_sub(1)..(x + 2).min(width)]).sum()
+    };
+    let mut peak = [0, 0];
+    let mut brightest = f64::NEG_INFINITY;
+    for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
+        let sum = around(y, x);
+        if sum > brightest {
+            (brightest, peak) = (sum, [y, x]);
+        }
+    }
+    for _ in 0..8 {
+        let found = centroid(light, peak);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a place within the frame"
+        )]
+        let nearest = found.map(|place| place.round() as usize);
+        if nearest == peak {
+            break;
+        }
+        peak = nearest;
+    }
+    peak
+}
+
+/// The centre of mass of the light in a window around `centre`, the window's darkest value being no light.
+fn centroid(light: &Array2<f64>, centre: [usize; 2]) -> [f64; 2] {
+    let (height, width) = light.dim();
+    let span = |place: usize, length: usize| {
+        // Symmetric around the place, so that a level plane has its centroid there.
+        let reach = CENTROID_REACH.min(place).min(length - 1 - place);
+        place - reach..place + reach + 1
+    };
+    let (rows, columns) = (span(centre[0], height), span(centre[1], width));
+    let window = light.slice(s![rows.clone(), columns.clone()]);
+    let darkest = window.iter().copied().fold(f64::INFINITY, f64::min);
+    let (mut sum, mut moment) = (0.0, [0.0; 2]);
+    for ((y, x), value) in window.indexed_iter() {
+        let mass = value - darkest;
+        sum += mass;
+        moment[0] += mass * (rows.start + y) as f64;
+        moment[1] += mass * (columns.start + x) as f64;
+    }
+    if sum > 0.0 { moment.map(|moment| moment / sum) } else { centre.map(|place| place as f64) }
+}
+
+/// The square of `size` pixels whose pixel N/2 is `peak`, zero outside of the frame, and the share that is.
+fn window(light: &Array3<f64>, peak: [usize; 2], size: usize) -> (Array3<f64>, f64) {
+    let (_, height, width) = light.dim();
+    let place = |index: usize, peak: usize| (index + peak).checked_sub(size / 2);
+    let mut outside = 0usize;
+    let mut planes = Array3::zeros((3, size, size));
+    for y in 0..size {
+        for x in 0..size {
+            match (place(y, peak[0]), place(x, peak[1])) {
+                (Some(from_y), Some(from_x)) if from_y < height && from_x < width => {
+                    planes.slice_mut(s![.., y, x]).assign(&light.slice(s![.., from_y, from_x]));
+                }
+                _ => outside += 1,
+            }
+        }
+    }
+    (planes, outside as f64 / (size * size) as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A Gaussian spot at (y, x) with one sidelobe and a level of its own in each channel.
+    fn picture(height: usize, width: usize, (y, x): (f64, f64)) -> LinearImage {
+        let planes = Array3::from_shape_fn((3, height, width), |(c, row, column)| {
+            let spot =
+                |cy: f64, cx: f64| (-((row as f64 - cy).powi(2) + (column as f64 - cx).powi(2)) / 6.0).exp();
+            (100.0 * spot(y, x) + 5.0 * spot(y + 12.0, x - 9.0) + 0.25 * (c + 1) as f64) as f32
+        });
+        LinearImage::from_planes(planes).unwrap()
+    }
+
+    #[test]
+    fn puts_the_peak_at_n_over_two_for_odd_and_even_sizes() {
+        for size in [40, 41] {
+            let config = MeasureConfig { size, normalize: Normalization::None };
+            let measured = measure_psf(&picture(90, 120, (50.3, 61.4)), None, &config).unwrap();
+            let plane = measured.image.channel(1);
+            let brightest = plane.indexed_iter().max_by(|a, b| a.1.total_cmp(b.1)).unwrap().0;
+            assert_eq!(brightest, (size / 2, size / 2));
+            assert_eq!(measured.displacement_px, [5, 1]);
+            // 12 rows below and 9 columns left of the peak, exp(−0.01/6) off its own maximum.
+            assert!((plane[[size / 2 + 12, size / 2 - 9]] - 5.0).abs() < 0.3);
+            let [y, x] = measured.centroid_px[1];
+            assert!((y - 0.3).abs() < 0.02 && (x - 0.4).abs() < 0.02, "{y} {x}");
+        }
+    }
+
+    #[test]
+    fn subtracts_each_channels_background() {
+        let config = MeasureConfig { size: 40, normalize: Normalization::None };
+        let measured = measure_psf(&picture(90, 120, (45.0, 60.0)), None, &config).unwrap();
+        for (c, background) in measured.background.iter().enumerate() {
+            assert!((background.level - 0.25 * (c + 1) as f64).abs() < 1e-6);
+        }
+        assert!(measured.image.planes()[[2, 0, 0]].abs() < 1e-6);
+        assert!((measured.image.planes()[[2, 20, 20]] - 100.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn normalises_as_asked() {
+        let of = |normalize| {
+            let config = MeasureConfig { size: 40, normalize };
+            measure_psf(&picture(90, 120, (45.0, 60.0)), None, &config).unwrap().image
+        };
+        let sum = |image: &LinearImage| image.as_slice().iter().map(|v| f64::from(*v)).sum::<f64>();
+        assert!((sum(&of(Normalization::Channel)) - 3.0).abs() < 1e-5);
+        assert!((sum(&of(Normalization::Total)) - 1.0).abs() < 1e-5);
+        assert!(sum(&of(Normalization::None)) > 1000.0);
+    }
+
+    #[test]
+    fn pads_what_the_frame_does_not_hold() {
+        let config = MeasureConfig { size: 60, normalize: Normalization::Channel };
+        let measured = measure_psf(&picture(40, 40, (20.0, 12.0)), None, &config).unwrap();
+        assert!((measured.padded - (1.0 - 1600.0 / 3600.0)).abs() < 1e-12);
+        assert_eq!(measured.psf.planes()[[0, 30, 0]], 0.0);
+    }
+
+    #[test]
+    fn a_hot_pixel_is_not_the_peak() {
+        let mut planes = picture(60, 60, (30.0, 30.0)).into_planes();
+        planes.slice_mut(s![.., 5, 5]).fill(300.0);
+        let config = MeasureConfig { size: 20, normalize: Normalization::None };
+        let measured = measure_psf(&LinearImage::from_planes(planes).unwrap(), None, &config).unwrap();
+        assert_eq!(measured.displacement_px, [0, 0]);
+    }
+
+    #[test]
+    fn refuses_a_dark_frame() {
+        let dark = LinearImage::from_planes(Array3::from_elem((3, 30, 30), 0.1)).unwrap();
+        assert!(measure_psf(&dark, None, &MeasureConfig::default()).is_err());
+    }
+}
