@@ -1,0 +1,409 @@
+//! The configuration of a training: a TOML file, and settings that the command line puts over it.
+
+use serde::{Deserialize, Serialize};
+
+use crate::core::error::{Error, Result};
+use crate::network::{Architecture, Initialisation};
+
+/// Everything that decides what a training computes; the default is the paper's.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct TrainConfig {
+    /// Seed of the initial weights and of every draw of samples.
+    pub seed: u64,
+    /// Number of optimiser steps.
+    pub iterations: u64,
+    /// Iterations between two lines of the log.
+    pub log_every: u64,
+    /// How the initial weights are drawn.
+    pub initialisation: Initialisation,
+    /// The network.
+    pub architecture: Architecture,
+    /// What a step learns from.
+    pub data: DataConfig,
+    /// What a step minimises.
+    pub loss: LossConfig,
+    /// How a step changes the weights.
+    pub optimizer: OptimizerConfig,
+    /// How the learning rate falls.
+    pub schedule: ScheduleConfig,
+    /// How the training is watched.
+    pub validation: ValidationConfig,
+    /// What is kept to go on from.
+    pub checkpoint: CheckpointConfig,
+}
+
+impl Default for TrainConfig {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            iterations: 1_000_000,
+            log_every: 10,
+            initialisation: Initialisation::default(),
+            architecture: Architecture::default(),
+            data: DataConfig::default(),
+            loss: LossConfig::default(),
+            optimizer: OptimizerConfig::default(),
+            schedule: ScheduleConfig::default(),
+            validation: ValidationConfig::default(),
+            checkpoint: CheckpointConfig::default(),
+        }
+    }
+}
+
+/// Where degraded images come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Degradation {
+    /// The dataset's files.
+    #[default]
+    Stored,
+    /// Computed from the clean image and a kernel of the bank whenever a sample is drawn.
+    OnTheFly,
+}
+
+/// What a step learns from.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct DataConfig {
+    /// Where degraded images come from.
+    pub degradation: Degradation,
+    /// Side of the random crops in pixels.
+    pub crop: usize,
+    /// Crops that are computed at once.
+    pub batch: usize,
+    /// Batches whose gradients are averaged for one step.
+    pub accumulate: usize,
+    /// Whether every pass over the data has an order of its own.
+    pub shuffle: bool,
+    /// Memory for images that have been read.
+    pub cache_mib: usize,
+}
+
+impl Default for DataConfig {
+    /// 16 crops of 256 × 256 a step, one at a time because their memory adds up.
+    fn default() -> Self {
+        Self {
+            degradation: Degradation::Stored,
+            crop: 256,
+            batch: 1,
+            accumulate: 16,
+            shuffle: true,
+            cache_mib: 2048,
+        }
+    }
+}
+
+/// What a step minimises.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct LossConfig {
+    /// Weight of the mean absolute difference between restored and clean crop, both tone-mapped.
+    pub l1: f64,
+}
+
+impl Default for LossConfig {
+    fn default() -> Self {
+        Self { l1: 1.0 }
+    }
+}
+
+/// How a step changes the weights: Adam.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct OptimizerConfig {
+    /// Learning rate at the start of every period.
+    pub learning_rate: f64,
+    /// Decay of the mean gradient.
+    pub beta1: f64,
+    /// Decay of the mean squared gradient.
+    pub beta2: f64,
+    /// What keeps the division by the latter's root finite.
+    pub epsilon: f64,
+    /// Largest Euclidean norm of all gradients together; 0 leaves them as they are.
+    pub clip_norm: f64,
+    /// Decay of the running mean of the weights that is saved in their place; 0 saves the weights.
+    pub ema_decay: f64,
+}
+
+impl Default for OptimizerConfig {
+    fn default() -> Self {
+        Self {
+            learning_rate: 2e-4,
+            beta1: 0.9,
+            beta2: 0.999,
+            epsilon: 1e-8,
+            clip_norm: 0.0,
+            ema_decay: 0.0,
+        }
+    }
+}
+
+/// How the learning rate falls: along half a cosine, again and again.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct ScheduleConfig {
+    /// Learning rate that a period ends with.
+    pub minimum: f64,
+    /// Iterations from one start to the next.
+    pub period: u64,
+}
+
+impl Default for ScheduleConfig {
+    fn default() -> Self {
+        Self { minimum: 1e-7, period: 200_000 }
+    }
+}
+
+/// How the training is watched.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct ValidationConfig {
+    /// Iterations between two validations; 0 for none.
+    pub every: u64,
+    /// Number of images, spread evenly over the split.
+    pub images: usize,
+    /// Side of the crop of each image.
+    pub crop: usize,
+}
+
+impl Default for ValidationConfig {
+    fn default() -> Self {
+        Self { every: 5000, images: 8, crop: 256 }
+    }
+}
+
+/// What is kept to go on from.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct CheckpointConfig {
+    /// Iterations between two checkpoints.
+    pub every: u64,
+    /// Number of checkpoints that are kept, the latest ones.
+    pub keep: usize,
+}
+
+impl Default for CheckpointConfig {
+    fn default() -> Self {
+        Self { every: 1000, keep: 3 }
+    }
+}
+
+impl TrainConfig {
+    /// Reads a configuration, puts `key.path=value` settings over it and checks it.
+    ///
+    /// # Errors
+    /// [`Error::Config`] with the line and column of a mistake in `text`; naming the key of a setting that
+    /// is unknown, with the nearest ones, or of a value that is out of range.
+    pub fn from_toml(text: &str, settings: &[String]) -> Result<Self> {
+        // Once without the settings, so that mistakes of the file are reported at their line.
+        toml::from_str::<Self>(text).map_err(|error| Error::config("configuration", error.to_string()))?;
+        let mut table: toml::Table = toml::from_str(text).expect("the text was understood before");
+        for setting in settings {
+            apply(&mut table, setting)?;
+        }
+        let config: Self = table.try_into().map_err(|error: toml::de::Error| {
+            Error::config(format!("--set {}", settings.join(" --set ")), error.message().to_owned())
+        })?;
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// The whole configuration as TOML, every default resolved.
+    ///
+    /// # Panics
+    /// Never: the fields are plain data.
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("configurations are plain data")
+    }
+
+    /// Checks every value's range.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the first key that is out of range.
+    pub fn validate(&self) -> Result<()> {
+        self.architecture.validate()?;
+        let counts = [
+            ("iterations", self.iterations),
+            ("log-every", self.log_every),
+            ("data.crop", self.data.crop as u64),
+            ("data.batch", self.data.batch as u64),
+            ("data.accumulate", self.data.accumulate as u64),
+            ("schedule.period", self.schedule.period),
+            ("validation.images", self.validation.images as u64),
+            ("validation.crop", self.validation.crop as u64),
+            ("checkpoint.every", self.checkpoint.every),
+            ("checkpoint.keep", self.checkpoint.keep as u64),
+        ];
+        if let Some((key, _)) = counts.into_iter().find(|(_, count)| *count == 0) {
+            return Err(Error::config(key, "must be at least 1, found 0"));
+        }
+        let optimizer = &self.optimizer;
+        let is_share = |value: f64| (0.0..1.0).contains(&value);
+        let is_positive = |value: f64| value > 0.0 && value.is_finite();
+        let ranges = [
+            ("loss.l1", self.loss.l1, is_positive(self.loss.l1), "positive"),
+            ("optimizer.learning-rate", optimizer.learning_rate, is_positive(optimizer.learning_rate), "positive"),
+            ("optimizer.beta1", optimizer.beta1, is_share(optimizer.beta1), "at least 0 and below 1"),
+            ("optimizer.beta2", optimizer.beta2, is_share(optimizer.beta2), "at least 0 and below 1"),
+            ("optimizer.epsilon", optimizer.epsilon, is_positive(optimizer.epsilon), "positive"),
+            ("optimizer.clip-norm", optimizer.clip_norm, optimizer.clip_norm >= 0.0, "0 (off) or positive"),
+            ("optimizer.ema-decay", optimizer.ema_decay, is_share(optimizer.ema_decay), "0 (off) or below 1"),
+            (
+                "schedule.minimum",
+                self.schedule.minimum,
+                (0.0..=optimizer.learning_rate).contains(&self.schedule.minimum),
+                "between 0 and optimizer.learning-rate",
+            ),
+        ];
+        match ranges.into_iter().find(|(.., holds, _)| !holds) {
+            Some((key, value, _, range)) => Err(Error::config(key, format!("must be {range}, found {value}"))),
+            None => Ok(()),
+        }
+    }
+
+    /// The first key whose change would make a resumed training another one: how long it runs, and what it
+    /// reports and keeps, may change.
+    pub fn first_difference(&self, other: &Self) -> Option<String> {
+        let comparable = |config: &Self| {
+            let (iterations, checkpoint) = (self.iterations, self.checkpoint.clone());
+            let comparable = Self { iterations, checkpoint, ..config.clone() };
+            keys(&toml::Table::try_from(comparable).expect("configurations are plain data"))
+        };
+        let (ours, theirs) = (comparable(self), comparable(other));
+        ours.into_iter().zip(theirs).find(|(a, b)| a != b).map(|((key, a), (_, b))| {
+            format!("{key} is {a} and was {b}")
+        })
+    }
+}
+
+/// Puts one `key.path=value` into a table.
+fn apply(table: &mut toml::Table, setting: &str) -> Result<()> {
+    let wrong = |reason: String| Error::config(format!("--set {setting}"), reason);
+    let Some((path, text)) = setting.split_once('=') else {
+        return Err(wrong("expected key.path=value, such as optimizer.learning-rate=1e-4".to_owned()));
+    };
+    let known = known_keys();
+    if !known.iter().any(|key| key == path) {
+        return Err(wrong(format!("there is no key {path}; near it are {}", nearest(path, &known).join(", "))));
+    }
+    // What is no TOML value is text: `architecture.condition=none` needs no quotes.
+    let parsed = format!("value = {text}").parse::<toml::Table>().ok();
+    let value = parsed.and_then(|mut table| table.remove("value")).unwrap_or_else(|| text.into());
+    let mut parts: Vec<&str> = path.split('.').collect();
+    let last = parts.pop().expect("splitting gives a part");
+    let mut inner = table;
+    for part in parts {
+        let entry = inner.entry(part).or_insert_with(|| toml::Table::new().into());
+        inner = entry.as_table_mut().ok_or_else(|| wrong(format!("{part} is no section")))?;
+    }
+    inner.insert(last.to_owned(), value);
+    Ok(())
+}
+
+fn known_keys() -> Vec<String> {
+    let table = toml::Table::try_from(TrainConfig::default()).expect("configurations are plain data");
+    keys(&table).into_iter().map(|(key, _)| key).collect()
+}
+
+/// All keys of a table with their values, as `section.key`.
+fn keys(table: &toml::Table) -> Vec<(String, String)> {
+    let mut found = Vec::new();
+    for (key, value) in table {
+        match value {
+            toml::Value::Table(inner) => {
+                found.extend(keys(inner).into_iter().map(|(rest, value)| (format!("{key}.{rest}"), value)));
+            }
+            value => found.push((key.clone(), value.to_string())),
+        }
+    }
+    found
+}
+
+/// The three known keys that take the fewest edits, counting those with the same last part as near.
+fn nearest(path: &str, known: &[String]) -> Vec<String> {
+    let leaf = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
+    let mut ranked: Vec<(usize, &String)> = known
+        .iter()
+        .map(|key| (edits(path, key).min(1 + edits(&leaf(path), &leaf(key))), key))
+        .collect();
+    ranked.sort();
+    ranked.into_iter().take(3).map(|(_, key)| key.clone()).collect()
+}
+
+/// The least number of insertions, deletions and replacements that turn `a` into `b`.
+fn edits(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = std::mem::replace(&mut row[0], i + 1);
+        for (j, y) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(x != *y);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn message(text: &str, settings: &[&str]) -> String {
+        let settings: Vec<String> = settings.iter().map(ToString::to_string).collect();
+        TrainConfig::from_toml(text, &settings).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn round_trips_through_toml() {
+        let config = TrainConfig { seed: 7, ..TrainConfig::default() };
+        assert_eq!(TrainConfig::from_toml(&config.to_toml(), &[]).unwrap(), config);
+    }
+
+    #[test]
+    fn settings_go_over_the_file() {
+        let settings = ["data.crop=64", "architecture.condition=image+psf", "optimizer.beta2=0.99"];
+        let text = "[data]\ncrop = 128\nbatch = 4\n";
+        let config = TrainConfig::from_toml(text, &settings.map(String::from)).unwrap();
+        assert_eq!((config.data.crop, config.data.batch), (64, 4));
+        assert!((config.optimizer.beta2 - 0.99).abs() < 1e-12);
+    }
+
+    #[test]
+    fn mistakes_of_the_file_are_reported_at_their_line() {
+        let message = message("seed = 1\n[data]\ncorp = 128\n", &["data.crop=64"]);
+        assert!(message.contains("line 3, column 1") && message.contains("corp"), "{message}");
+    }
+
+    #[test]
+    fn misspelt_settings_name_the_nearest_keys() {
+        let message = message("", &["optimizer.learning_rate=1e-4"]);
+        assert!(message.contains("no key optimizer.learning_rate"), "{message}");
+        assert!(message.contains("optimizer.learning-rate"), "{message}");
+    }
+
+    #[test]
+    fn values_of_another_type_or_out_of_range_are_refused() {
+        assert!(message("", &["data.crop=large"]).contains("--set data.crop=large"));
+        assert!(message("", &["data.batch=0"]).contains("data.batch: must be at least 1"));
+        assert!(message("", &["optimizer.beta1=1.0"]).contains("optimizer.beta1"));
+        assert!(message("", &["schedule.minimum=1.0"]).contains("schedule.minimum"));
+        assert!(message("", &["data.crop"]).contains("expected key.path=value"));
+    }
+
+    #[test]
+    fn only_length_and_checkpoints_may_change_when_resuming() {
+        let before = TrainConfig::default();
+        let mut after = before.clone();
+        (after.iterations, after.checkpoint.keep) = (5, 9);
+        assert_eq!(after.first_difference(&before), None);
+        after.optimizer.beta2 = 0.99;
+        assert_eq!(after.first_difference(&before).unwrap(), "optimizer.beta2 is 0.99 and was 0.999");
+    }
+
+    #[test]
+    fn edits_are_counted() {
+        assert_eq!((edits("crop", "corp"), edits("", "abc"), edits("beta1", "beta2")), (2, 3, 1));
+    }
+}

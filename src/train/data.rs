@@ -1,0 +1,94 @@
+//! Where a training's samples come from: anything that can cut a crop out of an item.
+
+use crate::core::error::{Error, Result};
+use crate::core::image::ToneMappedImage;
+use crate::core::kernel_code::KernelCode;
+use crate::core::rng::Rng;
+
+/// One sample: a crop as the display shows it, as it should be, and the code of the kernel between them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Patch {
+    /// The degraded crop.
+    pub degraded: ToneMappedImage,
+    /// The clean crop, of the same sides.
+    pub ground_truth: ToneMappedImage,
+    /// The kernel's code, where the data have codes.
+    pub code: Option<KernelCode>,
+}
+
+/// Items that samples can be cut from.
+///
+/// A sample must depend on its arguments alone, so that trainings repeat and resume exactly.
+pub trait TrainingData: Sync {
+    /// Number of items.
+    fn len(&self) -> usize;
+
+    /// Whether there are no items.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Cuts a square of `side` pixels out of item `item`, with its place and all else that is random drawn
+    /// from `rng`.
+    ///
+    /// # Errors
+    /// When the item cannot be read, or is smaller than the square.
+    fn patch(&self, item: usize, side: usize, rng: &mut Rng) -> Result<Patch>;
+}
+
+/// A square within an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Window {
+    /// Its first row.
+    pub top: usize,
+    /// Its first column.
+    pub left: usize,
+    /// Its side.
+    pub side: usize,
+}
+
+impl Window {
+    /// Draws the place of a square of `side` pixels in an image of `height` × `width`, every place being
+    /// equally likely.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when the image is smaller than the square.
+    pub fn draw(side: usize, height: usize, width: usize, rng: &mut Rng) -> Result<Self> {
+        use rand::RngExt as _;
+        if side > height.min(width) {
+            let reason = format!("is {side}, and an image has only {height} × {width} pixels; make it smaller");
+            return Err(Error::config("data.crop", reason));
+        }
+        let top = rng.random_range(0..=height - side);
+        let left = rng.random_range(0..=width - side);
+        Ok(Self { top, left, side })
+    }
+
+    /// Cuts the square out of an image.
+    ///
+    /// # Panics
+    /// When the square reaches outside of the image.
+    pub fn of(&self, image: &ToneMappedImage) -> ToneMappedImage {
+        image.crop(self.top, self.left, self.side, self.side)
+    }
+}
+
+/// Samples in memory.
+#[derive(Clone, Debug, Default)]
+pub struct InMemory(pub Vec<Patch>);
+
+impl TrainingData for InMemory {
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    fn patch(&self, item: usize, side: usize, rng: &mut Rng) -> Result<Patch> {
+        let whole = &self.0[item];
+        let window = Window::draw(side, whole.degraded.height(), whole.degraded.width(), rng)?;
+        Ok(Patch {
+            degraded: window.of(&whole.degraded),
+            ground_truth: window.of(&whole.ground_truth),
+            code: whole.code.clone(),
+        })
+    }
+}

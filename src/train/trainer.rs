@@ -1,0 +1,233 @@
+//! The training itself, without files: weights, optimiser and position, advanced one step at a time.
+
+use burn::module::{Module, ModuleVisitor, Param};
+use burn::tensor::{Device, Gradients as BurnGradients, Tensor, TensorData};
+use rayon::prelude::*;
+
+use super::config::TrainConfig;
+use super::data::{Patch, TrainingData};
+use super::loss::loss;
+use super::optimizer::{Gradients, Moments, average, clip, global_norm};
+use super::sampler::Sampler;
+use super::schedule::learning_rate;
+use crate::core::error::{Error, Result};
+use crate::core::image::{CHANNELS, ToneMappedImage};
+use crate::network::{Backend, DiscNet, Parameters};
+
+/// What one step did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// Number of steps done, this one included.
+    pub iteration: u64,
+    /// The loss before the step.
+    pub loss: f64,
+    /// The learning rate that it was made with.
+    pub learning_rate: f64,
+    /// Norm of the gradients before any clipping.
+    pub gradient_norm: f64,
+}
+
+/// A training between two steps.
+#[derive(Clone, Debug)]
+pub struct Trainer {
+    config: TrainConfig,
+    device: Device,
+    sampler: Sampler,
+    pub(super) state: State,
+}
+
+/// Everything that a step changes.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct State {
+    /// Number of steps done.
+    pub(super) iteration: u64,
+    /// The weights.
+    pub(super) parameters: Parameters,
+    /// The optimiser's memory.
+    pub(super) moments: Moments,
+    /// The running mean of the weights, when it is asked for.
+    pub(super) average: Option<Parameters>,
+}
+
+impl Trainer {
+    /// Starts a training over `items` items from the given weights, or from random ones.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when the configuration is out of range; [`Error::Unsupported`] without items.
+    pub fn new(
+        config: &TrainConfig,
+        initial: Option<Parameters>,
+        items: usize,
+        backend: Backend,
+    ) -> Result<Self> {
+        let parameters = initial.unwrap_or_else(|| {
+            Parameters::random(&config.architecture, config.initialisation, config.seed)
+        });
+        let moments = Moments::zeros(&parameters);
+        let average = (config.optimizer.ema_decay > 0.0).then(|| parameters.clone());
+        Self::from_state(config, State { iteration: 0, parameters, moments, average }, items, backend)
+    }
+
+    /// Goes on from a state.
+    pub(super) fn from_state(
+        config: &TrainConfig,
+        state: State,
+        items: usize,
+        backend: Backend,
+    ) -> Result<Self> {
+        config.validate()?;
+        if items == 0 {
+            return Err(Error::Unsupported("there is nothing to train on: the data have no items".to_owned()));
+        }
+        let sampler = Sampler::new(config.seed, items, config.data.shuffle);
+        Ok(Self { config: config.clone(), device: backend.device().autodiff(), sampler, state })
+    }
+
+    /// Number of steps done.
+    pub fn iteration(&self) -> u64 {
+        self.state.iteration
+    }
+
+    /// The weights to use: their running mean when it is asked for.
+    pub fn weights(&self) -> &Parameters {
+        self.state.average.as_ref().unwrap_or(&self.state.parameters)
+    }
+
+    /// Draws samples, computes gradients and changes the weights.
+    ///
+    /// # Errors
+    /// Those of the data; [`Error::Unsupported`] when loss or gradients are not finite, which leaves the
+    /// weights as they were.
+    pub fn step(&mut self, data: &dyn TrainingData) -> Result<Step> {
+        let config = self.config.clone();
+        let state = &self.state;
+        let rate = learning_rate(&config.optimizer, &config.schedule, state.iteration);
+        let network = DiscNet::new(&config.architecture, &state.parameters, &self.device);
+        let (mut total, mut gradients) = (0.0, Gradients::new());
+        for part in 0..config.data.accumulate {
+            let patches = self.draw(data, part)?;
+            let (loss, part) = self.differentiate(&network, &patches)?;
+            total += loss / config.data.accumulate as f64;
+            accumulate(&mut gradients, part, config.data.accumulate);
+        }
+        let iteration = self.state.iteration + 1;
+        let gradient_norm = global_norm(&gradients);
+        if !(total.is_finite() && gradient_norm.is_finite()) {
+            return Err(diverged(iteration, total));
+        }
+        if config.optimizer.clip_norm > 0.0 {
+            clip(&mut gradients, gradient_norm, config.optimizer.clip_norm);
+        }
+        let State { parameters, moments, average: mean, .. } = &mut self.state;
+        moments.step(parameters, &gradients, &config.optimizer, (iteration, rate));
+        if let Some(mean) = mean {
+            average(mean, parameters, config.optimizer.ema_decay);
+        }
+        self.state.iteration = iteration;
+        Ok(Step { iteration, loss: total, learning_rate: rate, gradient_norm })
+    }
+
+    /// Draws the samples of one batch; `part` counts the batches of a step.
+    fn draw(&mut self, data: &dyn TrainingData, part: usize) -> Result<Vec<Patch>> {
+        let config = &self.config.data;
+        let (batch, accumulate) = (config.batch as u64, config.accumulate as u64);
+        let first = (self.state.iteration * accumulate + part as u64) * batch;
+        let samples: Vec<_> = (first..first + batch)
+            .map(|position| (self.sampler.item(position), self.sampler.stream(position)))
+            .collect();
+        let crop = config.crop;
+        samples.into_par_iter().map(|(item, mut rng)| data.patch(item, crop, &mut rng)).collect()
+    }
+
+    /// The loss of a batch and its gradients.
+    fn differentiate(&self, network: &DiscNet, patches: &[Patch]) -> Result<(f64, Gradients)> {
+        let batch = Batch::new(network, patches, &self.device)?;
+        let restored = network.forward(batch.degraded, batch.codes);
+        let loss = loss(restored, batch.ground_truth, &self.config.loss);
+        let value = f64::from(loss.clone().into_scalar::<f32>());
+        let mut collect = Collect { gradients: loss.backward(), found: vec![None; self.state.parameters.len()] };
+        network.visit(&mut collect);
+        let sizes = self.state.parameters.iter().map(|p| p.values.len());
+        let found = collect.found.into_iter().zip(sizes);
+        Ok((value, found.map(|(values, size)| values.unwrap_or_else(|| vec![0.0; size])).collect()))
+    }
+}
+
+fn diverged(iteration: u64, loss: f64) -> Error {
+    Error::Unsupported(format!(
+        "the training diverged: loss {loss} at iteration {iteration}; resume the last checkpoint's weights in a \
+         new run (--init) with a smaller optimizer.learning-rate, or with optimizer.clip-norm set"
+    ))
+}
+
+/// Adds the `count`-th part of gradients to those of earlier batches.
+fn accumulate(sum: &mut Gradients, part: Gradients, count: usize) {
+    if count == 1 {
+        *sum = part;
+        return;
+    }
+    #[expect(clippy::cast_precision_loss, reason = "a number of batches is far below 2²⁴")]
+    let share = 1.0 / count as f32;
+    if sum.is_empty() {
+        *sum = part.iter().map(|values| vec![0.0; values.len()]).collect();
+    }
+    for (sum, part) in sum.iter_mut().zip(&part) {
+        sum.par_iter_mut().zip(part).for_each(|(sum, g)| *sum += share * g);
+    }
+}
+
+/// Samples as tensors.
+struct Batch {
+    degraded: Tensor<4>,
+    ground_truth: Tensor<4>,
+    codes: Option<Tensor<4>>,
+}
+
+impl Batch {
+    fn new(network: &DiscNet, patches: &[Patch], device: &Device) -> Result<Self> {
+        let images = |of: fn(&Patch) -> &ToneMappedImage| {
+            let (height, width) = (of(&patches[0]).height(), of(&patches[0]).width());
+            let values: Vec<f32> = patches.iter().flat_map(|patch| of(patch).as_slice()).copied().collect();
+            Tensor::from_data(TensorData::new(values, [patches.len(), CHANNELS, height, width]), device)
+        };
+        Ok(Self {
+            degraded: images(|patch| &patch.degraded),
+            ground_truth: images(|patch| &patch.ground_truth),
+            codes: Self::codes(network, patches, device)?,
+        })
+    }
+
+    fn codes(network: &DiscNet, patches: &[Patch], device: &Device) -> Result<Option<Tensor<4>>> {
+        if !network.architecture().condition.uses_code() {
+            return Ok(None);
+        }
+        let dim = network.architecture().code_dim;
+        let mut values = Vec::with_capacity(patches.len() * dim);
+        for patch in patches {
+            let code = patch.code.as_ref().map_or(&[][..], |code| code.as_slice().unwrap_or_default());
+            if code.len() != dim {
+                let expected = format!("{dim} numbers, architecture.code-dim");
+                return Err(Error::shape("kernel code of the training data", expected, code.len().to_string()));
+            }
+            values.extend_from_slice(code);
+        }
+        Ok(Some(Tensor::from_data(TensorData::new(values, [patches.len(), dim, 1, 1]), device)))
+    }
+}
+
+/// Copies every weight's gradient to its place in the architecture's order.
+struct Collect {
+    gradients: BurnGradients,
+    found: Gradients2,
+}
+
+type Gradients2 = Vec<Option<Vec<f32>>>;
+
+impl ModuleVisitor for Collect {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let index = usize::try_from(param.id.val()).expect("ids are small indices");
+        self.found[index] = param.val().grad(&self.gradients).map(|gradient| {
+            gradient.try_into_vec_as::<f32>().expect("gradients are 32-bit floats")
+        });
+    }
+}
