@@ -1,0 +1,311 @@
+//! Restores an image window by window, so that the result is that of the whole image and the memory that of
+//! one window.
+
+use ndarray::{Array3, s};
+
+use crate::core::error::{Error, Result};
+use crate::core::image::{CHANNELS, ToneMappedImage};
+use crate::core::progress::Progress;
+
+/// Pixels around a tile that its restoration may depend on, rounded up to the alignment; the receptive
+/// field of DISCNet has a radius of 79 for every filter size.
+pub const HALO: usize = 80;
+
+/// Tiles and windows start at multiples of this: the network halves its resolution twice.
+pub const ALIGNMENT: usize = 4;
+
+/// The shortest side of a tile that is chosen by itself: below it most of the work is halo.
+const SHORTEST_TILE: usize = 64;
+
+/// Copies of an RGB frame of 32-bit floats that exist at once around a restoration: the capture and its
+/// tone-mapped form, the result and the bytes of its file.
+const FRAMES_IN_MEMORY: u64 = 4;
+
+/// Restores one window of an image on its own.
+pub trait Restorer {
+    /// Bytes that it takes to restore one window, the window itself included.
+    fn window_bytes(&self, height: usize, width: usize) -> u64;
+
+    /// Restores `image`, which starts at (`top`, `left`) of the whole image and ends before it or with it.
+    ///
+    /// # Errors
+    /// Those of the method of restoration.
+    fn restore(&self, image: &ToneMappedImage, top: usize, left: usize) -> Result<ToneMappedImage>;
+}
+
+/// A half-open range of rows or columns with the halo that its restoration needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Span {
+    /// What is kept.
+    start: usize,
+    end: usize,
+    /// What is computed.
+    window_start: usize,
+    window_end: usize,
+}
+
+/// The tiles that an image is restored in.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Tiling {
+    rows: Vec<Span>,
+    columns: Vec<Span>,
+}
+
+impl Tiling {
+    /// Cuts an image into tiles of at most `tile` × `tile` pixels.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when `tile` is zero or no multiple of 4.
+    pub fn with_tile(height: usize, width: usize, tile: usize) -> Result<Self> {
+        if tile == 0 || !tile.is_multiple_of(ALIGNMENT) {
+            let reason = format!("must be a positive multiple of {ALIGNMENT}, found {tile}");
+            return Err(Error::config("tile", reason));
+        }
+        Ok(Self { rows: cut(height, tile), columns: cut(width, tile) })
+    }
+
+    /// Chooses the tiles with the least work whose restoration stays under `max_bytes`.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the smallest limit that would do.
+    pub fn within(height: usize, width: usize, max_bytes: u64, restorer: &dyn Restorer) -> Result<Self> {
+        let most = |side: usize| side.div_ceil(SHORTEST_TILE);
+        let mut best: Option<(usize, Self)> = None;
+        for count in 1..=most(width) {
+            let columns = cut_evenly(width, count);
+            let fitting = (1..=most(height))
+                .map(|count| Self { rows: cut_evenly(height, count), columns: columns.clone() })
+                .find(|tiling| tiling.bytes(restorer) <= max_bytes);
+            if let Some(tiling) = fitting
+                && best.as_ref().is_none_or(|(work, _)| tiling.work() < *work)
+            {
+                best = Some((tiling.work(), tiling));
+            }
+        }
+        best.map(|(_, tiling)| tiling).ok_or_else(|| {
+            let smallest = Self { rows: cut(height, SHORTEST_TILE), columns: cut(width, SHORTEST_TILE) };
+            let reason = format!(
+                "{} are too few for an image of {height} × {width}; allow at least {}",
+                format_bytes(max_bytes),
+                format_bytes(smallest.bytes(restorer))
+            );
+            Error::config("max-memory", reason)
+        })
+    }
+
+    /// Number of tiles.
+    pub fn len(&self) -> usize {
+        self.rows.len() * self.columns.len()
+    }
+
+    /// Whether there are no tiles; there always are.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Height and width of the largest window, halo included.
+    pub fn window(&self) -> (usize, usize) {
+        let largest = |spans: &[Span]| spans.iter().map(Span::window_len).max().unwrap_or(0);
+        (largest(&self.rows), largest(&self.columns))
+    }
+
+    /// Bytes that the restoration of the whole image takes, the image and the result included.
+    pub fn bytes(&self, restorer: &dyn Restorer) -> u64 {
+        let (height, width) = self.window();
+        let sides = |spans: &[Span]| spans.last().map_or(0, |span| span.end) as u64;
+        let frame = sides(&self.rows) * sides(&self.columns) * (CHANNELS * size_of::<f32>()) as u64;
+        FRAMES_IN_MEMORY * frame + restorer.window_bytes(height, width)
+    }
+
+    /// Pixels that are computed, halos included.
+    fn work(&self) -> usize {
+        let sum = |spans: &[Span]| spans.iter().map(Span::window_len).sum::<usize>();
+        sum(&self.rows) * sum(&self.columns)
+    }
+}
+
+impl Span {
+    fn window_len(&self) -> usize {
+        self.window_end - self.window_start
+    }
+}
+
+/// Cuts `side` pixels into spans of `tile`, the last one shorter, each with its halo.
+fn cut(side: usize, tile: usize) -> Vec<Span> {
+    let span = |start: usize| {
+        let end = side.min(start + tile);
+        Span { start, end, window_start: start.saturating_sub(HALO), window_end: side.min(end + HALO) }
+    };
+    (0..side).step_by(tile).map(span).collect()
+}
+
+/// Cuts `side` pixels into at most `count` spans of nearly one length.
+fn cut_evenly(side: usize, count: usize) -> Vec<Span> {
+    cut(side, side.div_ceil(count).next_multiple_of(ALIGNMENT))
+}
+
+/// Restores an image tile by tile.
+///
+/// Each tile is computed with its halo and, at the image's border, with the image's own border, so that the
+/// result is that of the whole image to the rounding of f32.
+///
+/// # Errors
+/// Those of the restorer; [`Error::Interrupted`] between tiles.
+///
+/// # Panics
+/// When the tiling was made for an image of another size, or the restorer changes a window's size: broken
+/// invariants of the caller.
+pub fn restore_tiled(
+    image: &ToneMappedImage,
+    tiling: &Tiling,
+    restorer: &dyn Restorer,
+    progress: &Progress,
+) -> Result<ToneMappedImage> {
+    let mut restored = Array3::zeros(image.planes().dim());
+    let bar = progress.bar(tiling.len() as u64, "restoring");
+    for row in &tiling.rows {
+        for column in &tiling.columns {
+            progress.check()?;
+            let (top, left) = (row.window_start, column.window_start);
+            let window = image.crop(top, left, row.window_len(), column.window_len());
+            let window = restorer.restore(&window, top, left)?;
+            assert_eq!((window.height(), window.width()), (row.window_len(), column.window_len()));
+            let kept = s![.., row.start - top..row.end - top, column.start - left..column.end - left];
+            restored
+                .slice_mut(s![.., row.start..row.end, column.start..column.end])
+                .assign(&window.planes().slice(kept));
+            bar.inc(1);
+        }
+    }
+    bar.finish_and_clear();
+    ToneMappedImage::from_planes(restored)
+}
+
+/// Reads a number of bytes with its unit: `2GiB`, `500MB`, `750 MiB`, `1073741824`.
+///
+/// # Errors
+/// [`Error::Config`] when the text is no such number.
+pub fn parse_bytes(text: &str) -> Result<u64> {
+    let text = text.trim();
+    let unit_at = text.find(|c: char| c != '.' && !c.is_ascii_digit()).unwrap_or(text.len());
+    let (number, unit) = text.split_at(unit_at);
+    let refuse = || {
+        Error::config("max-memory", format!("expected a size such as 2GiB, 500MB or 750MiB, found `{text}`"))
+    };
+    let factor: u64 = match unit.trim().to_ascii_lowercase().as_str() {
+        "" | "b" => 1,
+        "k" | "kb" => 1000,
+        "m" | "mb" => 1000_u64.pow(2),
+        "g" | "gb" => 1000_u64.pow(3),
+        "kib" => 1 << 10,
+        "mib" => 1 << 20,
+        "gib" => 1 << 30,
+        _ => return Err(refuse()),
+    };
+    let number: f64 = number.parse().map_err(|_| refuse())?;
+    #[expect(clippy::cast_precision_loss, reason = "units are exact in f64")]
+    let bytes = number * factor as f64;
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to be in range")]
+    if (1.0..=1e15).contains(&bytes) { Ok(bytes as u64) } else { Err(refuse()) }
+}
+
+/// Writes a number of bytes for people: `1.50 GiB`, `640 MiB`; rounded up.
+pub fn format_bytes(bytes: u64) -> String {
+    let mib = bytes.div_ceil(1 << 20);
+    if mib < 1024 {
+        return format!("{mib} MiB");
+    }
+    let hundredths = (mib * 100).div_ceil(1024);
+    format!("{}.{:02} GiB", hundredths / 100, hundredths % 100)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sums the four pixels at a halo's distance, with zeros beyond the border as the network pads.
+    struct Corners;
+
+    impl Restorer for Corners {
+        fn window_bytes(&self, height: usize, width: usize) -> u64 {
+            (height * width * 1000) as u64
+        }
+
+        fn restore(&self, image: &ToneMappedImage, top: usize, left: usize) -> Result<ToneMappedImage> {
+            assert!(top.is_multiple_of(ALIGNMENT) && left.is_multiple_of(ALIGNMENT), "{top} {left}");
+            let around = |at: usize| [at.checked_sub(HALO), Some(at + HALO)].into_iter().flatten();
+            let sum = |(c, y, x): (usize, usize, usize)| {
+                let corners = around(y).flat_map(|y| around(x).map(move |x| [c, y, x]));
+                corners.filter_map(|corner| image.planes().get(corner).copied()).sum::<f32>()
+            };
+            ToneMappedImage::from_planes(Array3::from_shape_fn(image.planes().dim(), sum))
+        }
+    }
+
+    fn image(height: usize, width: usize) -> ToneMappedImage {
+        let value = |(c, y, x)| ((c * 7919 + y * 104_729 + x * 1299) % 1000) as f32 / 1000.0;
+        ToneMappedImage::from_planes(Array3::from_shape_fn((3, height, width), value)).unwrap()
+    }
+
+    #[test]
+    fn tiled_restoration_is_that_of_the_whole_image() {
+        let image = image(203, 310);
+        let whole = Corners.restore(&image, 0, 0).unwrap();
+        for tile in [64, 100, 200, 400] {
+            let tiling = Tiling::with_tile(203, 310, tile).unwrap();
+            let tiled = restore_tiled(&image, &tiling, &Corners, &Progress::default()).unwrap();
+            assert_eq!(tiled, whole, "tiles of {tile}");
+        }
+    }
+
+    #[test]
+    fn windows_keep_a_full_halo_except_at_the_border() {
+        for tiling in [Tiling::with_tile(501, 333, 96).unwrap(), Tiling::with_tile(64, 64, 4).unwrap()] {
+            for (spans, side) in [(&tiling.rows, tiling.rows.last()), (&tiling.columns, tiling.columns.last())] {
+                let side = side.unwrap().end;
+                assert_eq!(spans.iter().map(|span| span.end - span.start).sum::<usize>(), side);
+                for span in spans {
+                    assert!(span.window_start == 0 || span.start - span.window_start >= HALO);
+                    assert!(span.window_end == side || span.window_end - span.end >= HALO);
+                    assert!(span.window_start.is_multiple_of(ALIGNMENT));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn chooses_tiles_that_stay_under_the_limit() {
+        let (height, width) = (2448, 3264);
+        for limit in [500_u64 << 20, 1 << 30, 2 << 30] {
+            let tiling = Tiling::within(height, width, limit, &Corners).unwrap();
+            assert!(tiling.bytes(&Corners) <= limit, "{limit}");
+            assert!(tiling.len() > 1);
+        }
+        assert_eq!(Tiling::within(height, width, 16 << 30, &Corners).unwrap().len(), 1);
+    }
+
+    #[test]
+    fn names_the_smallest_limit_and_honours_it() {
+        let message = Tiling::within(2448, 3264, 1 << 20, &Corners).unwrap_err().to_string();
+        let smallest = message.split("at least ").nth(1).expect("a smallest limit").to_owned();
+        assert!(Tiling::within(2448, 3264, parse_bytes(&smallest).unwrap(), &Corners).is_ok(), "{message}");
+    }
+
+    #[test]
+    fn reads_sizes_in_powers_of_ten_and_of_two() {
+        let cases = [("2GiB", 2 << 30), ("500MB", 500_000_000), ("1.5 gib", 3 << 29), ("4096", 4096)];
+        for (text, bytes) in cases {
+            assert_eq!(parse_bytes(text).unwrap(), bytes, "{text}");
+        }
+        for text in ["", "GiB", "two", "-1GB", "1.2.3GB", "3 apples", "0"] {
+            assert!(parse_bytes(text).is_err(), "{text}");
+        }
+        assert_eq!(format_bytes(3 << 29), "1.50 GiB");
+    }
+
+    #[test]
+    fn refuses_tiles_off_the_alignment() {
+        assert!(Tiling::with_tile(100, 100, 90).is_err());
+        assert!(Tiling::with_tile(100, 100, 0).is_err());
+    }
+}
