@@ -17,7 +17,8 @@ use crate::core::error::{Error, Result};
 use crate::core::kernel_code::{CodeBasis, KernelBank};
 use crate::core::psf::{Psf, hex};
 
-const FORMAT: &str = "udc-kernel-bank";
+/// What the metadata of a kernel bank calls it.
+pub(super) const FORMAT: &str = "udc-kernel-bank";
 const VERSION: &str = "1";
 const SIGN_RULE: &str = "the first kernel has non-negative coefficients";
 

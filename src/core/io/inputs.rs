@@ -30,7 +30,10 @@ fn expand(input: &Path) -> Result<Vec<PathBuf>> {
     }
     match input.to_str().filter(|text| text.contains(['*', '?', '['])) {
         Some(pattern) => files_of_pattern(input, pattern),
-        None => Err(Error::io("read", input, std::io::ErrorKind::NotFound.into())),
+        None => {
+            let reason = std::io::Error::new(std::io::ErrorKind::NotFound, "there is no such file or folder");
+            Err(Error::io("read", input, reason))
+        }
     }
 }
 

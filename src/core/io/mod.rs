@@ -8,6 +8,7 @@ mod array;
 mod atomic;
 mod bank;
 mod container;
+mod describe;
 mod exr;
 mod format;
 mod guard;
@@ -30,6 +31,10 @@ pub use array::{read_array, write_array};
 pub use atomic::{check_output, write_atomically};
 pub use bank::{bank_sha256, read_bank, write_bank, write_published_bank};
 pub use container::{TensorData, write_safetensors};
+pub use describe::{
+    ArrayDescription, BankDescription, Description, ImageDescription, ModelDescription, PsfChannel,
+    PsfDescription, Statistics, describe, describe_psf,
+};
 pub use format::{Encoding, Format};
 pub use inputs::expand_inputs;
 pub use plain::{list_folder, read_code, read_text};
@@ -220,14 +225,18 @@ fn write_contents(path: &Path, contents: &Contents<'_>, options: PixelOptions) -
 fn check_domain<D: Domain>(path: &Path, declared: Option<DomainTag>) -> Result<()> {
     match declared {
         Some(tag) if tag.name() != D::NAME => {
-            let reason = format!(
-                "holds {} values where {} ones are needed; pass `--domain {}` where the command has it, or convert \
-                 the file with `udc tonemap`",
-                tag.name(),
-                D::NAME,
-                tag.name()
-            );
-            Err(Error::format(path, reason))
+            let conversion = match tag {
+                DomainTag::Linear => "udc tonemap",
+                DomainTag::ToneMapped => "udc tonemap --inverse",
+            };
+            let (found, needed) = (tag.name(), D::NAME);
+            Err(Error::format(
+                path,
+                format!(
+                    "holds {found} values where {needed} ones are needed; pass `--domain {found}` to a command that \
+                     has it, or convert the file with `{conversion}`"
+                ),
+            ))
         }
         _ => Ok(()),
     }
@@ -247,7 +256,5 @@ fn to_rgb(path: &Path, planes: Array3<f32>) -> Result<Array3<f32>> {
     }
 }
 
-#[cfg(test)]
-mod damage_tests;
 #[cfg(test)]
 mod tests;

@@ -111,8 +111,8 @@ fn check_range(planes: &ArrayView3<'_, f32>, format: Format, clip: bool) -> Resu
         return Ok(());
     }
     Err(format!(
-        "{} holds values up to 1 and the image reaches {max}; tone map it first (`udc tonemap`), or write .exr, \
-         .hdr or .npy",
+        "{} holds values up to 1 and the image reaches {max}; tone map it first (`udc tonemap`), write .exr, \
+         .hdr or .npy, or clip it with `udc convert --clip`",
         format.name()
     ))
 }

@@ -1,0 +1,105 @@
+//! Describes an image: how it is stored and where its values lie.
+
+use ndarray::{Array3, Axis};
+use serde::Serialize;
+
+use crate::core::io::{DomainTag, Encoding, Pixels};
+use crate::core::provenance::Provenance;
+
+/// An image file.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ImageDescription {
+    /// The file format.
+    pub format: &'static str,
+    /// The stored sample type.
+    pub sample_type: String,
+    /// Number of columns.
+    pub width: usize,
+    /// Number of rows.
+    pub height: usize,
+    /// The domain that the file declares.
+    pub domain: Option<&'static str>,
+    /// The exposure time that the file declares.
+    pub exposure_s: Option<f64>,
+    /// Number of values that are NaN or infinite.
+    pub non_finite: usize,
+    /// Number of values below zero.
+    pub negative: usize,
+    /// One entry a channel.
+    pub channels: Vec<Statistics>,
+    /// The provenance that the file carries.
+    pub provenance: Option<Provenance>,
+}
+
+/// Where the finite values of one channel lie.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Statistics {
+    /// The smallest value.
+    pub min: f32,
+    /// The value that 1 % of the pixels stay below.
+    pub percentile_1: f32,
+    /// The value that half of the pixels stay below.
+    pub median: f32,
+    /// The value that 99 % of the pixels stay below.
+    pub percentile_99: f32,
+    /// The value that 99.9 % of the pixels stay below.
+    pub percentile_99_9: f32,
+    /// The largest value.
+    pub max: f32,
+    /// The mean.
+    pub mean: f64,
+}
+
+pub(super) fn describe_image(pixels: Pixels, encoding: Encoding) -> ImageDescription {
+    let (_, height, width) = pixels.planes.dim();
+    ImageDescription {
+        format: encoding.format.name(),
+        sample_type: encoding.sample_type,
+        width,
+        height,
+        domain: pixels.domain.map(DomainTag::name),
+        exposure_s: pixels.exposure_s,
+        non_finite: pixels.planes.iter().filter(|value| !value.is_finite()).count(),
+        negative: pixels.planes.iter().filter(|value| **value < 0.0).count(),
+        channels: channel_statistics(&pixels.planes),
+        provenance: pixels.provenance,
+    }
+}
+
+fn channel_statistics(planes: &Array3<f32>) -> Vec<Statistics> {
+    planes.axis_iter(Axis(0)).map(|plane| statistics(plane.iter().copied())).collect()
+}
+
+/// Statistics of the finite ones among values; all NaN when there is none.
+fn statistics(values: impl Iterator<Item = f32>) -> Statistics {
+    let mut values: Vec<f32> = values.filter(|value| value.is_finite()).collect();
+    let mean = values.iter().map(|&value| f64::from(value)).sum::<f64>() / values.len() as f64;
+    values.sort_unstable_by(f32::total_cmp);
+    let at_permille = |permille: usize| match values.len() {
+        0 => f32::NAN,
+        length => values[(length - 1) * permille / 1000],
+    };
+    Statistics {
+        min: at_permille(0),
+        percentile_1: at_permille(10),
+        median: at_permille(500),
+        percentile_99: at_permille(990),
+        percentile_99_9: at_permille(999),
+        max: at_permille(1000),
+        mean,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn statistics_skip_what_is_not_finite() {
+        let values = (0..=1000).map(|i| i as f32).chain([f32::NAN, f32::INFINITY]);
+        let found = statistics(values);
+        assert_eq!((found.min, found.percentile_1, found.median), (0.0, 10.0, 500.0));
+        assert_eq!((found.percentile_99, found.percentile_99_9, found.max), (990.0, 999.0, 1000.0));
+        assert!((found.mean - 500.0).abs() < 1e-9);
+    }
+}
