@@ -9,7 +9,7 @@ mod rotation;
 
 pub use angles::parse_angles;
 pub use interpolate::interpolate_code;
-pub use pca::{CODE_DIM, make_bank};
+pub use pca::{CODE_DIM, explained_share, make_bank};
 pub use project::{Projection, project};
 pub use rotation::{rotate, rotate_each};
 

@@ -52,6 +52,14 @@ pub fn make_bank(psfs: Vec<Psf>, angles_deg: Option<Vec<f64>>, dim: usize) -> Re
     KernelBank::new(psfs, codes, basis, angles_deg)
 }
 
+/// The share of the set's variance that the codes of a bank hold.
+pub fn explained_share(bank: &KernelBank) -> f64 {
+    let mean: Vec<f64> = bank.basis.mean.iter().map(|&v| f64::from(v)).collect();
+    let total: f64 = centred_gram(&bank.psfs, &mean).diag().sum();
+    let held: f64 = bank.codes.iter().map(|&code| f64::from(code).powi(2)).sum();
+    if total > 0.0 { (held / total).min(1.0) } else { 1.0 }
+}
+
 #[expect(clippy::cast_possible_truncation, reason = "banks are kept in f32")]
 pub(super) fn to_f32(value: f64) -> f32 {
     value as f32
@@ -187,6 +195,13 @@ mod tests {
         for ((i, j), &value) in gram.indexed_iter() {
             assert!((value - f32::from(u8::from(i == j))).abs() < 1e-5, "{i}, {j}: {value}");
         }
+    }
+
+    #[test]
+    fn all_directions_hold_all_of_the_variance() {
+        let share = |dim| explained_share(&make_bank(set(), None, dim).unwrap());
+        assert!((share(5) - 1.0).abs() < 1e-6, "{}", share(5));
+        assert!(share(1) > 0.3 && share(1) < share(2) && share(2) < share(5));
     }
 
     #[test]

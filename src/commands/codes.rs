@@ -1,16 +1,157 @@
 //! `udc codes`.
 
-use anyhow::Result;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result, bail};
 use clap::Args;
+
+use udc::codes::{self, CODE_DIM};
+use udc::core::io;
+use udc::core::kernel_code::{KernelBank, KernelCode};
+use udc::core::psf::Psf;
 
 use super::Session;
 
+/// Rotations of the published kernel set.
+const ANGLES: &str = "-12:12:3";
+
 /// Make kernel codes: rotate a PSF, find its PCA basis, store both as a kernel bank
+///
+/// One PSF is rotated to each of the angles. Several PSFs are the set as they are. With --project, the code of
+/// another PSF in an existing bank is found instead, with what the code leaves out.
 #[derive(Args, Debug)]
-pub(crate) struct CodesArgs {}
+#[command(after_help = "Examples:\n  udc codes psf.exr -o bank.safetensors\n  \
+    udc codes psf.exr --angles=-5,0,5 --dim 2 -o bank.safetensors\n  \
+    udc codes --project bank.safetensors other.exr -o code.npy")]
+pub(crate) struct CodesArgs {
+    /// The PSF to rotate, or the PSFs of a set: files, folders or patterns
+    #[arg(required = true, value_name = "PSF")]
+    psfs: Vec<PathBuf>,
+    /// Kernel bank to write (.safetensors); with --project, the code to write (.npy)
+    #[arg(short, long, value_name = "FILE", required_unless_present = "project")]
+    output: Option<PathBuf>,
+    /// Rotations of a single PSF in degrees, counter-clockwise: start:stop:step or a comma-separated list
+    /// [default: -12:12:3]
+    #[arg(long, value_parser = parse_angles, allow_hyphen_values = true)]
+    angles: Option<Angles>,
+    /// Length of a kernel code
+    #[arg(long, value_name = "B", default_value_t = CODE_DIM)]
+    dim: usize,
+    /// Also write the published layout: <bank>_psf_<i>.npy and <bank>_code_<i>.npy in this folder
+    #[arg(long, value_name = "DIR")]
+    npy: Option<PathBuf>,
+    /// Print the code of a PSF in this bank instead of making one
+    #[arg(long, value_name = "BANK", conflicts_with_all = ["angles", "dim", "npy"])]
+    project: Option<PathBuf>,
+}
+
+#[derive(Clone, Debug)]
+struct Angles(Vec<f64>);
+
+fn parse_angles(text: &str) -> udc::core::error::Result<Angles> {
+    codes::parse_angles(text).map(Angles)
+}
 
 impl CodesArgs {
-    pub(crate) fn run(self, _session: &Session) -> Result<()> {
-        todo!()
+    pub(crate) fn run(self, session: &Session) -> Result<()> {
+        let psfs = io::expand_inputs(&self.psfs)?;
+        match (&self.project, &self.output) {
+            (Some(bank), _) => self.project(session, bank, &psfs),
+            (None, Some(output)) => self.make(session, output, &psfs),
+            (None, None) => bail!("name the kernel bank to write with -o"),
+        }
     }
+
+    fn make(&self, session: &Session, output: &Path, paths: &[PathBuf]) -> Result<()> {
+        check_extension(output, "safetensors")?;
+        io::check_output(output, session.overwrite)?;
+        if self.angles.is_some() && paths.len() > 1 {
+            bail!(
+                "--angles rotates one PSF, and {} were given; leave it out to use them as the set",
+                paths.len()
+            );
+        }
+        let psfs: Vec<Psf> = paths.iter().map(|path| io::read_psf(path)).collect::<Result<_, _>>()?;
+        let bank = match &psfs[..] {
+            [psf] => {
+                let angles = self.angles.clone().map_or_else(|| codes::parse_angles(ANGLES), |a| Ok(a.0))?;
+                codes::make_rotated_bank(psf, &angles, self.dim)
+                    .with_context(|| format!("making codes of {}", paths[0].display()))?
+            }
+            _ => codes::make_bank(psfs, None, self.dim).context("making codes of the set")?,
+        };
+        if let Some(folder) = &self.npy {
+            let name = output.file_stem().unwrap_or_default().to_string_lossy();
+            io::write_published_bank(folder, &name, &bank, session.overwrite)?;
+        }
+        io::write_bank(output, &bank, session.overwrite)?;
+        describe(session, output, &bank)
+    }
+
+    fn project(&self, session: &Session, bank: &Path, paths: &[PathBuf]) -> Result<()> {
+        if let Some(output) = &self.output {
+            check_extension(output, "npy")?;
+            io::check_output(output, session.overwrite)?;
+            if paths.len() > 1 {
+                bail!(
+                    "-o holds the code of one PSF, and {} were given; project them one by one",
+                    paths.len()
+                );
+            }
+        }
+        let kernels = io::read_bank(bank)?;
+        for path in paths {
+            let projection = codes::project(&kernels, &io::read_psf(path)?)
+                .with_context(|| format!("projecting {} onto {}", path.display(), bank.display()))?;
+            session.say(format_args!(
+                "{}\n  code      {}\n  residual  {:.3} % (L2), {:.3} % (L1); the bank's own spread explains {:.3} % (L2)\n  \
+                 nearest   {}, {:.3} % away (L2)",
+                path.display(),
+                digits(&projection.code),
+                100.0 * projection.residual_l2,
+                100.0 * projection.residual_l1,
+                100.0 * projection.limit_l2,
+                kernels.kernel_name(projection.nearest),
+                100.0 * projection.nearest_l2,
+            ))?;
+            if !projection.fits() {
+                session.warn(format_args!(
+                    "the bank cannot describe {}: it is further off than any kernel of the bank is from the \
+                     others; make a bank of this PSF",
+                    path.display()
+                ));
+            }
+            if let Some(output) = &self.output {
+                io::write_array(output, &projection.code.into_dyn(), session.overwrite)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn describe(session: &Session, output: &Path, bank: &KernelBank) -> Result<()> {
+    for index in 0..bank.len() {
+        let code = digits(&bank.code(index).to_owned());
+        session.say(format_args!("{:<8} {code}", bank.kernel_name(index)))?;
+    }
+    session.say(format_args!(
+        "{}: {} kernels of {} × {}, codes of {} numbers that hold {:.2} % of the set's variance",
+        output.display(),
+        bank.len(),
+        bank.psfs[0].height(),
+        bank.psfs[0].width(),
+        bank.code_dim(),
+        100.0 * codes::explained_share(bank),
+    ))
+}
+
+fn digits(code: &KernelCode) -> String {
+    code.iter().map(|value| format!("{value:+.6e}")).collect::<Vec<_>>().join(" ")
+}
+
+fn check_extension(path: &Path, extension: &str) -> Result<()> {
+    if path.extension().is_none_or(|found| !found.eq_ignore_ascii_case(extension)) {
+        bail!("{} is not written as {}; name it *.{extension}", path.display(), extension);
+    }
+    Ok(())
 }

@@ -62,12 +62,19 @@ impl Demo<'_> {
     fn prepare_folder(&self) -> Result<()> {
         if self.root.exists() {
             if !self.session.overwrite {
-                bail!("{} exists already; name another folder with -o, or add --overwrite", self.root.display());
+                bail!(
+                    "{} exists already; name another folder with -o, or add --overwrite",
+                    self.root.display()
+                );
             }
             if !self.path("panel.toml").is_file() {
-                bail!("{} holds something else than a demo; name another folder with -o", self.root.display());
+                bail!(
+                    "{} holds something else than a demo; name another folder with -o",
+                    self.root.display()
+                );
             }
-            std::fs::remove_dir_all(&self.root).with_context(|| format!("emptying {}", self.root.display()))?;
+            std::fs::remove_dir_all(&self.root)
+                .with_context(|| format!("emptying {}", self.root.display()))?;
         }
         for folder in ["psf", "scenes"] {
             let folder = self.path(folder);

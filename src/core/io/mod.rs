@@ -133,7 +133,14 @@ fn decode_image(path: &Path, bytes: &[u8], format: Format) -> Result<(Pixels, En
 /// As [`read_pixels`]; [`Error::Format`] when the file declares the other domain, holds packed Bayer data,
 /// or holds values that are not finite.
 pub fn read_image<D: Domain>(path: &Path) -> Result<Image<D>> {
-    let pixels = read_pixels(path)?;
+    image_of(path, read_pixels(path)?)
+}
+
+/// Takes the pixels that were read from `path` for an image of domain `D`.
+///
+/// # Errors
+/// As [`read_image`], but for those of reading.
+pub fn image_of<D: Domain>(path: &Path, pixels: Pixels) -> Result<Image<D>> {
     check_domain::<D>(path, pixels.domain)?;
     let planes = to_rgb(path, pixels.planes)?;
     Image::from_planes(planes).map_err(|error| Error::format(path, error.to_string()))
