@@ -93,7 +93,10 @@ impl EvalArgs {
         };
         outputs.write(&evaluation, session)?;
         if !evaluation.excluded.is_empty() {
-            session.warn(format_args!("{} images are in no mean; the table names them", evaluation.excluded.len()));
+            session.warn(format_args!(
+                "{} images are in no mean; the table names them",
+                evaluation.excluded.len()
+            ));
         }
         session.say(evaluation.to_markdown())?;
         session.say(self.output.join("metrics.json").display())
@@ -103,7 +106,9 @@ impl EvalArgs {
         let found = eval::pair_folders(restored, gt)?;
         if let (Some((id, fault)), false) = (found.unmatched.first(), self.allow_missing) {
             let count = found.unmatched.len();
-            bail!("{count} images have no partner; {id} {fault}; add them, or leave them out with --allow-missing");
+            bail!(
+                "{count} images have no partner; {id} {fault}; add them, or leave them out with --allow-missing"
+            );
         }
         let domain = self.domain.map(DomainTag::from);
         let bar = session.progress.bar(found.pairs.len() as u64, "images");
@@ -144,12 +149,14 @@ impl EvalArgs {
             bar.inc(1);
             Ok(Sample { ground_truth: curve.tone_map(&dataset.read_ground_truth(triplet)?), images })
         };
-        let label = |triplet: &Triplet| Label { id: triplet.id.clone(), kernel: Some(triplet.kernel.clone()) };
+        let label =
+            |triplet: &Triplet| Label { id: triplet.id.clone(), kernel: Some(triplet.kernel.clone()) };
         let baseline = Method { name: "degraded".to_owned(), baseline: true };
         let named = self.model.iter().map(|path| Method { name: name_of(path), baseline: false });
         let samples = triplets.iter().map(|triplet| (label(triplet), restore(triplet)));
-        let evaluation = eval::measure(&self.config(), std::iter::once(baseline).chain(named).collect(), samples)
-            .with_context(|| format!("measuring on {}", root.display()))?;
+        let evaluation =
+            eval::measure(&self.config(), std::iter::once(baseline).chain(named).collect(), samples)
+                .with_context(|| format!("measuring on {}", root.display()))?;
         bar.finish_and_clear();
         Ok(evaluation)
     }

@@ -1,16 +1,104 @@
 //! `udc report`.
 
-use anyhow::Result;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result, bail};
 use clap::Args;
+
+use udc::core::dataset::Dataset;
+use udc::core::io;
+use udc::report::page::{Block, Figure, Page};
+use udc::report::sections;
 
 use super::Session;
 
 /// Gather results in one self-contained page
+///
+/// Each input is recognised by what it holds: a PSF image, a kernel bank, a dataset, a training run, or the
+/// results of an evaluation. The page needs no other file and loads nothing.
 #[derive(Args, Debug)]
-pub(crate) struct ReportArgs {}
+#[command(after_help = "Example:\n  udc report psf.exr bank.safetensors dataset run results -o report.html")]
+pub(crate) struct ReportArgs {
+    /// PSF images, kernel banks, datasets, runs and results, in the order of the page
+    #[arg(required = true, value_name = "DIR|FILE")]
+    inputs: Vec<PathBuf>,
+    /// The page to write
+    #[arg(short, long, value_name = "REPORT.html")]
+    output: PathBuf,
+    /// Title of the page
+    #[arg(long, default_value = "Under-display camera: results")]
+    title: String,
+}
 
 impl ReportArgs {
-    pub(crate) fn run(self, _session: &Session) -> Result<()> {
-        todo!()
+    pub(crate) fn run(self, session: &Session) -> Result<()> {
+        io::check_output(&self.output, session.overwrite)?;
+        let mut page = Page { title: self.title, blocks: Vec::new() };
+        let mut psfs = Vec::new();
+        for input in &self.inputs {
+            if !input.is_dir() && !is_bank(input) {
+                psfs.push((name_of(input), io::read_psf(input)?));
+                continue;
+            }
+            page.blocks.extend(section(input).with_context(|| format!("reading {}", input.display()))?);
+        }
+        if !psfs.is_empty() {
+            page.blocks.splice(0..0, sections::psfs(&psfs));
+        }
+        let html = page.to_html();
+        io::write_atomically(&self.output, session.overwrite, |file| file.write_all(html.as_bytes()))?;
+        session.say(format_args!("wrote {}", self.output.display()))
     }
+}
+
+fn is_bank(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "safetensors")
+}
+
+fn name_of(path: &Path) -> String {
+    path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+fn section(input: &Path) -> Result<Vec<Block>> {
+    let name = name_of(input);
+    if is_bank(input) {
+        return Ok(sections::bank(&name, &io::read_bank(input)?));
+    }
+    let (log, results) = (input.join("metrics.jsonl"), input.join("metrics.json"));
+    if results.is_file() {
+        let metrics = serde_json::from_str(&io::read_text(&results)?)
+            .with_context(|| format!("{} is damaged; run `udc eval` again", results.display()))?;
+        let mut blocks = sections::evaluation(&name, &metrics);
+        blocks.splice(2..2, pictures(&input.join("pictures"))?);
+        Ok(blocks)
+    } else if log.is_file() {
+        Ok(sections::training(&name, &io::read_text(&log)?)?)
+    } else if input.join("dataset.toml").is_file() || input.join("synthetic_data").is_dir() {
+        Ok(sections::dataset(&name, &Dataset::open(input)?))
+    } else {
+        bail!(
+            "it holds no results: neither metrics.json (`udc eval`) nor metrics.jsonl (`udc train`) nor \
+             dataset.toml (`udc synth`)"
+        )
+    }
+}
+
+/// The pictures that an evaluation kept, a row for each scene: names up to the last `.` of the stem agree.
+fn pictures(folder: &Path) -> Result<Vec<Block>> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let mut rows: Vec<(String, Vec<Figure>)> = Vec::new();
+    for file in io::list_folder(folder)?.iter().filter(|file| file.ends_with(".png")) {
+        let stem = file.trim_end_matches(".png");
+        let (scene, what) = stem.split_once('.').unwrap_or((stem, ""));
+        let png = io::read_bytes(&folder.join(file))?;
+        let what = what.trim_start_matches(|c: char| c.is_ascii_digit() || c == '-');
+        let figure = Figure { png, caption: format!("{scene}: {what}") };
+        match rows.last_mut() {
+            Some((last, figures)) if last == scene => figures.push(figure),
+            _ => rows.push((scene.to_owned(), vec![figure])),
+        }
+    }
+    Ok(rows.into_iter().map(|(_, figures)| Block::Figures(figures)).collect())
 }

@@ -100,9 +100,9 @@ impl Evaluation {
     }
 
     fn of<'a>(&'a self, method: usize, kernel: Option<&'a str>) -> impl Iterator<Item = &'a Score> {
-        self.scores
-            .iter()
-            .filter(move |score| score.method == method && (kernel.is_none() || score.kernel.as_deref() == kernel))
+        self.scores.iter().filter(move |score| {
+            score.method == method && (kernel.is_none() || score.kernel.as_deref() == kernel)
+        })
     }
 
     /// Everything as JSON: `images` and `mean` of the first method that is no baseline (with `method` naming
@@ -155,7 +155,11 @@ impl Evaluation {
     }
 
     fn named(&self, values: &[f64]) -> Map<String, Value> {
-        self.metrics.iter().zip(values).map(|(metric, value)| (metric.name().to_owned(), json!(value))).collect()
+        self.metrics
+            .iter()
+            .zip(values)
+            .map(|(metric, value)| (metric.name().to_owned(), json!(value)))
+            .collect()
     }
 }
 

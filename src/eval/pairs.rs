@@ -71,7 +71,11 @@ fn images_by_stem(folder: &Path) -> Result<BTreeMap<String, PathBuf>> {
 ///
 /// # Errors
 /// Those of [`io::read_image`]; [`Error::Format`] when nothing says what the values are.
-pub fn read_tone_mapped(path: &Path, domain: Option<DomainTag>, curve: &ToneCurve) -> Result<ToneMappedImage> {
+pub fn read_tone_mapped(
+    path: &Path,
+    domain: Option<DomainTag>,
+    curve: &ToneCurve,
+) -> Result<ToneMappedImage> {
     let (pixels, encoding) = io::inspect_image(path)?;
     let usual = match encoding.format {
         Format::Png | Format::Jpeg | Format::Tiff => Some(DomainTag::ToneMapped),

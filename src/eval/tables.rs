@@ -15,7 +15,8 @@ impl Evaluation {
         self.metrics.iter().for_each(|metric| csv.extend([",", metric.name()]));
         for score in &self.scores {
             let name = &self.methods[score.method].name;
-            let names = [name, &score.id, score.kernel.as_ref().unwrap_or(&String::new())].map(|text| quoted(text));
+            let names =
+                [name, &score.id, score.kernel.as_ref().unwrap_or(&String::new())].map(|text| quoted(text));
             write!(csv, "\n{}", names.join(",")).expect("strings take any text");
             score.values.iter().for_each(|value| write!(csv, ",{value}").expect("strings take any text"));
         }
@@ -36,7 +37,8 @@ impl Evaluation {
         if !self.excluded.is_empty() {
             text.push_str(&format!("\nLeft out of every mean: {} images.\n", self.excluded.len()));
             for exclusion in &self.excluded {
-                let kernel = exclusion.kernel.as_ref().map(|kernel| format!(" through {kernel}")).unwrap_or_default();
+                let kernel =
+                    exclusion.kernel.as_ref().map(|kernel| format!(" through {kernel}")).unwrap_or_default();
                 text.push_str(&format!("- {}{kernel}: {}\n", exclusion.id, exclusion.reason));
             }
         }
@@ -107,7 +109,11 @@ fn markdown(rows: &[Vec<String>]) -> String {
 }
 
 fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
+    if text.contains([',', '"', '\n']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
 }
 
 #[cfg(test)]

@@ -128,14 +128,7 @@ pub struct OptimizerConfig {
 
 impl Default for OptimizerConfig {
     fn default() -> Self {
-        Self {
-            learning_rate: 2e-4,
-            beta1: 0.9,
-            beta2: 0.999,
-            epsilon: 1e-8,
-            clip_norm: 0.0,
-            ema_decay: 0.0,
-        }
+        Self { learning_rate: 2e-4, beta1: 0.9, beta2: 0.999, epsilon: 1e-8, clip_norm: 0.0, ema_decay: 0.0 }
     }
 }
 
@@ -243,7 +236,12 @@ impl TrainConfig {
         let is_positive = |value: f64| value > 0.0 && value.is_finite();
         let ranges = [
             ("loss.l1", self.loss.l1, is_positive(self.loss.l1), "positive"),
-            ("optimizer.learning-rate", optimizer.learning_rate, is_positive(optimizer.learning_rate), "positive"),
+            (
+                "optimizer.learning-rate",
+                optimizer.learning_rate,
+                is_positive(optimizer.learning_rate),
+                "positive",
+            ),
             ("optimizer.beta1", optimizer.beta1, is_share(optimizer.beta1), "at least 0 and below 1"),
             ("optimizer.beta2", optimizer.beta2, is_share(optimizer.beta2), "at least 0 and below 1"),
             ("optimizer.epsilon", optimizer.epsilon, is_positive(optimizer.epsilon), "positive"),
@@ -257,7 +255,9 @@ impl TrainConfig {
             ),
         ];
         match ranges.into_iter().find(|(.., holds, _)| !holds) {
-            Some((key, value, _, range)) => Err(Error::config(key, format!("must be {range}, found {value}"))),
+            Some((key, value, _, range)) => {
+                Err(Error::config(key, format!("must be {range}, found {value}")))
+            }
             None => Ok(()),
         }
     }
@@ -271,9 +271,10 @@ impl TrainConfig {
             keys(&toml::Table::try_from(comparable).expect("configurations are plain data"))
         };
         let (ours, theirs) = (comparable(self), comparable(other));
-        ours.into_iter().zip(theirs).find(|(a, b)| a != b).map(|((key, a), (_, b))| {
-            format!("{key} is {a} and was {b}")
-        })
+        ours.into_iter()
+            .zip(theirs)
+            .find(|(a, b)| a != b)
+            .map(|((key, a), (_, b))| format!("{key} is {a} and was {b}"))
     }
 }
 
@@ -285,7 +286,10 @@ fn apply(table: &mut toml::Table, setting: &str) -> Result<()> {
     };
     let known = known_keys();
     if !known.iter().any(|key| key == path) {
-        return Err(wrong(format!("there is no key {path}; near it are {}", nearest(path, &known).join(", "))));
+        return Err(wrong(format!(
+            "there is no key {path}; near it are {}",
+            nearest(path, &known).join(", ")
+        )));
     }
     // What is no TOML value is text: `architecture.condition=none` needs no quotes.
     let parsed = format!("value = {text}").parse::<toml::Table>().ok();
@@ -323,10 +327,8 @@ fn keys(table: &toml::Table) -> Vec<(String, String)> {
 /// The three known keys that take the fewest edits, counting those with the same last part as near.
 fn nearest(path: &str, known: &[String]) -> Vec<String> {
     let leaf = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
-    let mut ranked: Vec<(usize, &String)> = known
-        .iter()
-        .map(|key| (edits(path, key).min(1 + edits(&leaf(path), &leaf(key))), key))
-        .collect();
+    let mut ranked: Vec<(usize, &String)> =
+        known.iter().map(|key| (edits(path, key).min(1 + edits(&leaf(path), &leaf(key))), key)).collect();
     ranked.sort();
     ranked.into_iter().take(3).map(|(_, key)| key.clone()).collect()
 }

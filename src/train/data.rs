@@ -56,7 +56,8 @@ impl Window {
     pub fn draw(side: usize, height: usize, width: usize, rng: &mut Rng) -> Result<Self> {
         use rand::RngExt as _;
         if side > height.min(width) {
-            let reason = format!("is {side}, and an image has only {height} × {width} pixels; make it smaller");
+            let reason =
+                format!("is {side}, and an image has only {height} × {width} pixels; make it smaller");
             return Err(Error::config("data.crop", reason));
         }
         let top = rng.random_range(0..=height - side);

@@ -60,9 +60,8 @@ impl Trainer {
         items: usize,
         backend: Backend,
     ) -> Result<Self> {
-        let parameters = initial.unwrap_or_else(|| {
-            Parameters::random(&config.architecture, config.initialisation, config.seed)
-        });
+        let parameters = initial
+            .unwrap_or_else(|| Parameters::random(&config.architecture, config.initialisation, config.seed));
         let moments = Moments::zeros(&parameters);
         let average = (config.optimizer.ema_decay > 0.0).then(|| parameters.clone());
         Self::from_state(config, State { iteration: 0, parameters, moments, average }, items, backend)
@@ -77,7 +76,9 @@ impl Trainer {
     ) -> Result<Self> {
         config.validate()?;
         if items == 0 {
-            return Err(Error::Unsupported("there is nothing to train on: the data have no items".to_owned()));
+            return Err(Error::Unsupported(
+                "there is nothing to train on: the data have no items".to_owned(),
+            ));
         }
         let sampler = Sampler::new(config.seed, items, config.data.shuffle);
         Ok(Self { config: config.clone(), device: backend.device().autodiff(), sampler, state })
@@ -145,7 +146,8 @@ impl Trainer {
         let restored = network.forward(batch.degraded, batch.codes);
         let loss = loss(restored, batch.ground_truth, &self.config.loss);
         let value = f64::from(loss.clone().into_scalar::<f32>());
-        let mut collect = Collect { gradients: loss.backward(), found: vec![None; self.state.parameters.len()] };
+        let mut collect =
+            Collect { gradients: loss.backward(), found: vec![None; self.state.parameters.len()] };
         network.visit(&mut collect);
         let sizes = self.state.parameters.iter().map(|p| p.values.len());
         let found = collect.found.into_iter().zip(sizes);
@@ -207,7 +209,11 @@ impl Batch {
             let code = patch.code.as_ref().map_or(&[][..], |code| code.as_slice().unwrap_or_default());
             if code.len() != dim {
                 let expected = format!("{dim} numbers, architecture.code-dim");
-                return Err(Error::shape("kernel code of the training data", expected, code.len().to_string()));
+                return Err(Error::shape(
+                    "kernel code of the training data",
+                    expected,
+                    code.len().to_string(),
+                ));
             }
             values.extend_from_slice(code);
         }
@@ -226,8 +232,9 @@ type Gradients2 = Vec<Option<Vec<f32>>>;
 impl ModuleVisitor for Collect {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         let index = usize::try_from(param.id.val()).expect("ids are small indices");
-        self.found[index] = param.val().grad(&self.gradients).map(|gradient| {
-            gradient.try_into_vec_as::<f32>().expect("gradients are 32-bit floats")
-        });
+        self.found[index] = param
+            .val()
+            .grad(&self.gradients)
+            .map(|gradient| gradient.try_into_vec_as::<f32>().expect("gradients are 32-bit floats"));
     }
 }

@@ -37,7 +37,7 @@ pub use describe::{
 };
 pub use format::{Encoding, Format};
 pub use inputs::expand_inputs;
-pub use plain::{list_folder, read_code, read_text};
+pub use plain::{list_folder, read_bytes, read_code, read_text};
 
 /// The largest number of pixels an image may have: 16384 × 16384, four times the largest panorama in use.
 pub const MAX_PIXELS: usize = 1 << 28;

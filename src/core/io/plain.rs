@@ -20,6 +20,14 @@ pub fn read_text(path: &Path) -> Result<String> {
     fs::read_to_string(path).map_err(|error| Error::io("read", path, error))
 }
 
+/// Reads a whole file that is carried along as it is.
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be read.
+pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+    fs::read(path).map_err(|error| Error::io("read", path, error))
+}
+
 /// Lists the names in a folder, sorted.
 ///
 /// # Errors

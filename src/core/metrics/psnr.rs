@@ -28,7 +28,11 @@ pub fn psnr(
 
 fn row_error(a: &Planes, b: &Planes, row: usize) -> f64 {
     let (channel, y) = (row / a.height, row % a.height);
-    a.row(channel, y).iter().zip(b.row(channel, y)).map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum()
+    a.row(channel, y)
+        .iter()
+        .zip(b.row(channel, y))
+        .map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2))
+        .sum()
 }
 
 #[cfg(test)]

@@ -39,8 +39,10 @@ pub fn ssim(
         gathered.windows(window.len()).map(|columns| index(columns, &window)).sum::<f64>()
     };
     // Sums of rows, added in order: the same bits on any number of threads.
-    let rows: Vec<f64> =
-        (0..CHANNELS * height).into_par_iter().map_init(Vec::new, |gathered, row| index_of_row(gathered, row)).collect();
+    let rows: Vec<f64> = (0..CHANNELS * height)
+        .into_par_iter()
+        .map_init(Vec::new, |gathered, row| index_of_row(gathered, row))
+        .collect();
     Ok(rows.iter().sum::<f64>() / (CHANNELS * height * width) as f64)
 }
 
@@ -51,8 +53,7 @@ fn gaussian(definition: &MetricDefinition) -> Result<Vec<f64>> {
         return Err(Error::config("ssim-window", reason));
     }
     let middle = (side / 2) as f64;
-    let weights: Vec<f64> =
-        (0..side).map(|i| (-0.5 * ((i as f64 - middle) / sigma).powi(2)).exp()).collect();
+    let weights: Vec<f64> = (0..side).map(|i| (-0.5 * ((i as f64 - middle) / sigma).powi(2)).exp()).collect();
     let sum: f64 = weights.iter().sum();
     Ok(weights.into_iter().map(|weight| weight / sum).collect())
 }
@@ -97,7 +98,8 @@ mod tests {
     use ndarray::Array3;
 
     fn image(height: usize, width: usize, value: impl Fn(usize, usize) -> f32) -> ToneMappedImage {
-        ToneMappedImage::from_planes(Array3::from_shape_fn((3, height, width), |(_, y, x)| value(y, x))).unwrap()
+        ToneMappedImage::from_planes(Array3::from_shape_fn((3, height, width), |(_, y, x)| value(y, x)))
+            .unwrap()
     }
 
     #[test]

@@ -28,13 +28,7 @@ fn refusal(name: &str) -> String {
 
 #[test]
 fn reads_numpy_images_of_every_order_and_type() {
-    for name in [
-        "hwc_f4.npy",
-        "chw_f8_big.npy",
-        "hwc_f2_fortran.npy",
-        "chw_f4_fortran.npy",
-        "version2.npy",
-    ] {
+    for name in ["hwc_f4.npy", "chw_f8_big.npy", "hwc_f2_fortran.npy", "chw_f4_fortran.npy", "version2.npy"] {
         check(name, (3, 6, 5), ramp);
     }
     check("hwc_u1.npy", (3, 6, 5), |c, y, x| integers(c, y, x) as f32 / 255.0);

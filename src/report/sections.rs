@@ -1,0 +1,210 @@
+//! Turns each kind of result into the blocks of a page's section: PSFs, kernel bank, dataset, training,
+//! evaluation.
+
+use serde_json::Value;
+
+use super::chart::{Axes, Series, line_chart};
+use super::page::{Block, Figure};
+use super::picture;
+use crate::core::dataset::{Dataset, Split};
+use crate::core::error::{Error, Result};
+use crate::core::kernel_code::KernelBank;
+use crate::core::psf::Psf;
+
+/// Decades of the logarithmic stretch of PSFs: a panel's sidelobes lie three to five below the peak.
+const PSF_DECADES: f32 = 5.0;
+
+/// Shows PSFs side by side, each with its size and the share of light in its peak pixel.
+pub fn psfs(named: &[(String, Psf)]) -> Vec<Block> {
+    let figure = |(name, psf): &(String, Psf)| Figure {
+        png: picture::log_psf(psf, PSF_DECADES),
+        caption: format!("{name}: {} × {} pixels, {}", psf.height(), psf.width(), peak_shares(psf)),
+    };
+    vec![
+        Block::Heading("Point spread functions".to_owned()),
+        Block::Text(format!(
+            "Logarithmic stretch: the peak of each channel is white, {PSF_DECADES} decades below it is black."
+        )),
+        Block::Figures(named.iter().map(figure).collect()),
+    ]
+}
+
+fn peak_shares(psf: &Psf) -> String {
+    let peak = |channel| 100.0 * psf.channel(channel).iter().copied().fold(0.0, f32::max);
+    format!(
+        "{:.1} / {:.1} / {:.1} % of red / green / blue light in the peak pixel",
+        peak(0),
+        peak(1),
+        peak(2)
+    )
+}
+
+/// Shows a bank: its first, middle and last kernel, and the code of every kernel.
+pub fn bank(name: &str, bank: &KernelBank) -> Vec<Block> {
+    let mut shown = vec![0, bank.len() / 2, bank.len() - 1];
+    shown.dedup();
+    let figure = |&index: &usize| Figure {
+        png: picture::log_psf(&bank.psfs[index], PSF_DECADES),
+        caption: format!("kernel {}", bank.kernel_name(index)),
+    };
+    let mut head = vec!["kernel".to_owned()];
+    head.extend((1..=bank.code_dim()).map(|i| format!("c{i}")));
+    let row = |index: usize| {
+        let code = bank.code(index);
+        let values = code.iter().map(|value| format!("{value:.4e}"));
+        std::iter::once(bank.kernel_name(index)).chain(values).collect()
+    };
+    vec![
+        Block::Heading(format!("Kernel bank {name}")),
+        Block::Text(format!("{} kernels, described by codes of {} numbers.", bank.len(), bank.code_dim())),
+        Block::Figures(shown.iter().map(figure).collect()),
+        Block::Table(head, (0..bank.len()).map(row).collect()),
+    ]
+}
+
+/// Counts a dataset's scenes and triplets by split, and says how its degraded images were formed.
+pub fn dataset(name: &str, dataset: &Dataset) -> Vec<Block> {
+    let row = |split: Split| {
+        let triplets: Vec<_> = dataset.triplets.iter().filter(|triplet| triplet.split == split).collect();
+        let distinct = |key: fn(&&crate::core::dataset::Triplet) -> String| {
+            let mut keys: Vec<String> = triplets.iter().map(key).collect();
+            keys.sort_unstable();
+            keys.dedup();
+            keys.len().to_string()
+        };
+        let (scenes, sources) = (distinct(|triplet| triplet.id.clone()), distinct(|t| t.source.clone()));
+        vec![split.name().to_owned(), sources, scenes, triplets.len().to_string()]
+    };
+    let head = ["split", "sources", "scenes", "triplets"].map(str::to_owned).to_vec();
+    let rows = [Split::Train, Split::Val, Split::Test].map(row).to_vec();
+    let formation = serde_json::to_string_pretty(&dataset.formation).unwrap_or_default();
+    vec![
+        Block::Heading(format!("Dataset {name}")),
+        Block::Table(head, rows),
+        Block::Text("Formation of the degraded images:".to_owned()),
+        Block::Listing(formation),
+    ]
+}
+
+/// Draws the loss of a training, and its validation where there is one, from the lines of its log.
+///
+/// # Errors
+/// [`Error::Config`] naming the line that is not JSON.
+pub fn training(name: &str, log: &str) -> Result<Vec<Block>> {
+    let mut loss = Series { name: "loss".to_owned(), points: Vec::new() };
+    let mut psnr = Series { name: "validation".to_owned(), points: Vec::new() };
+    for (index, line) in log.lines().enumerate() {
+        let entry: Value = serde_json::from_str(line)
+            .map_err(|error| Error::config(format!("line {} of the log", index + 1), error.to_string()))?;
+        let Some(iteration) = entry["iteration"].as_f64() else { continue };
+        for (series, key) in [(&mut loss, "loss"), (&mut psnr, "psnr")] {
+            series.points.extend(entry[key].as_f64().map(|value| (iteration, value)));
+        }
+    }
+    let axes = |y: &str, log_y| Axes { x: "iteration".to_owned(), y: y.to_owned(), log_y };
+    let mean = Series { name: "running mean".to_owned(), points: running_mean(&loss.points) };
+    let mut blocks = vec![
+        Block::Heading(format!("Training {name}")),
+        Block::Chart(
+            line_chart(&[loss, mean], &axes("training loss", true)),
+            "Loss of each batch.".to_owned(),
+        ),
+    ];
+    if !psnr.points.is_empty() {
+        let chart = line_chart(&[psnr], &axes("PSNR in dB", false));
+        blocks.push(Block::Chart(chart, "Validation on images that are not trained on.".to_owned()));
+    }
+    Ok(blocks)
+}
+
+/// The mean of each point with its neighbours, a twentieth of all points on either side.
+fn running_mean(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let reach = points.len() / 20;
+    let mean = |index: usize| {
+        let window = &points[index.saturating_sub(reach)..points.len().min(index + reach + 1)];
+        #[expect(clippy::cast_precision_loss, reason = "logs have far fewer than 2⁵³ lines")]
+        let count = window.len() as f64;
+        (points[index].0, window.iter().map(|point| point.1).sum::<f64>() / count)
+    };
+    (0..points.len()).map(mean).collect()
+}
+
+/// Shows an evaluation: the means of every method, PSNR by kernel, what was left out, and the definition.
+pub fn evaluation(name: &str, metrics: &Value) -> Vec<Block> {
+    let mut blocks = vec![Block::Heading(format!("Evaluation {name}"))];
+    let methods = metrics["methods"].as_array().cloned().unwrap_or_default();
+    let names: Vec<&String> = metrics["mean"].as_object().map_or(Vec::new(), |mean| mean.keys().collect());
+    let mut head = vec!["method".to_owned(), "images".to_owned()];
+    head.extend(names.iter().map(|name| name.to_uppercase()));
+    let row = |method: &Value| {
+        let label = method["name"].as_str().unwrap_or("?").to_owned();
+        let count = method["count"].to_string();
+        let values = names.iter().map(|name| number(&method["mean"][name.as_str()]));
+        [label, count].into_iter().chain(values).collect()
+    };
+    blocks.push(Block::Table(head, methods.iter().map(row).collect()));
+    if let Some(left_out) = metrics["excluded"].as_array().filter(|list| !list.is_empty()) {
+        blocks.push(Block::Text(format!("{} images are left out of every mean.", left_out.len())));
+    }
+    blocks.extend(psnr_by_kernel(&methods));
+    let definition = serde_json::to_string_pretty(&metrics["definition"]).unwrap_or_default();
+    blocks.push(Block::Text("Definition of the metrics:".to_owned()));
+    blocks.push(Block::Listing(definition));
+    blocks
+}
+
+/// One line a method over the angles of the kernels, where the kernels are rotations.
+fn psnr_by_kernel(methods: &[Value]) -> Option<Block> {
+    let series = |method: &Value| {
+        let kernels = method["kernels"].as_object()?;
+        let point = |(name, mean): (&String, &Value)| {
+            Some((name.strip_prefix('r')?.parse::<f64>().ok()?, mean["psnr"].as_f64()?))
+        };
+        let mut points: Vec<(f64, f64)> = kernels.iter().filter_map(point).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        (points.len() > 1).then(|| Series { name: method["name"].as_str().unwrap_or("?").to_owned(), points })
+    };
+    let series: Vec<Series> = methods.iter().filter_map(series).collect();
+    let axes =
+        Axes { x: "rotation of the panel in degrees".to_owned(), y: "PSNR in dB".to_owned(), log_y: false };
+    (!series.is_empty()).then(|| Block::Chart(line_chart(&series, &axes), "Mean PSNR by kernel.".to_owned()))
+}
+
+fn number(value: &Value) -> String {
+    value.as_f64().map_or_else(|| "∞".to_owned(), |value| format!("{value:.4}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn the_running_mean_keeps_a_constant_and_smooths_noise() {
+        let points: Vec<(f64, f64)> =
+            (0..100).map(|i| (f64::from(i), if i % 2 == 0 { 1.0 } else { 3.0 })).collect();
+        let mean = running_mean(&points);
+        assert_eq!(mean.len(), 100);
+        assert!(mean[20..80].iter().all(|point| (point.1 - 2.0).abs() < 0.1));
+    }
+
+    #[test]
+    fn tables_every_method_and_orders_kernels_by_angle() {
+        let method = |name: &str, psnr: f64| {
+            json!({"name": name, "count": 2, "mean": {"psnr": psnr},
+                   "kernels": {"r+12": {"psnr": psnr}, "r-12": {"psnr": psnr + 1.0}}})
+        };
+        let metrics = json!({"mean": {"psnr": 30.0}, "methods": [method("degraded", 20.0), method("net", 30.0)],
+                             "excluded": [], "definition": {"quantise": true}});
+        let blocks = evaluation("results", &metrics);
+        let Some(Block::Table(_, rows)) = blocks.get(1) else { panic!("a table follows the heading") };
+        assert_eq!(rows[1], ["net", "2", "30.0000"]);
+        assert!(blocks.iter().any(|block| matches!(block, Block::Chart(..))));
+    }
+
+    #[test]
+    fn names_the_line_of_a_damaged_log() {
+        let message = training("run", "{\"iteration\":1,\"loss\":0.5}\n{").unwrap_err().to_string();
+        assert!(message.contains("line 2"), "{message}");
+    }
+}
