@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
-use clap::{Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum};
 
 use udc::core::dataset::{Dataset, Split, Triplet};
 use udc::core::io::{self, DomainTag};
@@ -11,19 +11,24 @@ use udc::core::metrics::{Metric, MetricDefinition};
 use udc::core::tone::ToneCurve;
 use udc::eval::{self, EvalConfig, Evaluation, FilePair, Label, Method, Sample};
 use udc::network::Model;
+use udc::restore::{Conditioning, NetworkRestorer, Tiling, restore_tiled};
 
 use super::Session;
+
+/// Memory that one restoration may take; larger images are restored in tiles, with the same result.
+const MEMORY_BYTES: u64 = 2 << 30;
 
 /// Measure models on a dataset, or restored images against ground truth
 ///
 /// Writes metrics.json (with the definition of every number), metrics.csv and table.md, and prints the table.
 /// Images of two folders are paired by their names without extension.
 #[derive(Args, Debug)]
+#[command(group = ArgGroup::new("images").required(true).args(["dataset", "restored"]))]
 #[command(after_help = "Examples:\n  udc eval dataset --model run/model.safetensors -o results\n  \
     udc eval --restored restored --gt clean -o results")]
 pub(crate) struct EvalArgs {
     /// Dataset to restore and measure
-    #[arg(value_name = "DATASET", required_unless_present = "restored", conflicts_with = "restored")]
+    #[arg(value_name = "DATASET")]
     dataset: Option<PathBuf>,
     /// Models to measure, .safetensors or .pth; several make several rows
     #[arg(long, value_name = "MODEL", num_args = 1.., requires = "dataset")]
@@ -135,7 +140,7 @@ impl EvalArgs {
         let models: Vec<Model> = self.model.iter().map(|path| Model::load(path)).collect::<Result<_, _>>()?;
         let mut triplets = dataset.split(self.split.into())?;
         triplets.truncate(self.limit.unwrap_or(triplets.len()));
-        let curve = dataset.formation.tone_curve();
+        let curve = dataset.formation.curve()?;
         let bar = session.progress.bar(triplets.len() as u64, "triplets");
         let restore = |triplet: &Triplet| {
             session.progress.check()?;
@@ -143,8 +148,11 @@ impl EvalArgs {
             let mut images = vec![degraded.clone()];
             for model in &models {
                 let uses_code = model.architecture().condition.uses_code();
-                let code = uses_code.then(|| dataset.code(triplet)).transpose()?;
-                images.push(model.restore(&degraded, code.as_ref())?);
+                let code =
+                    if uses_code { Conditioning::Code(dataset.code(triplet)?) } else { Conditioning::None };
+                let restorer = NetworkRestorer::new(model, code)?;
+                let tiling = Tiling::within(degraded.height(), degraded.width(), MEMORY_BYTES, &restorer)?;
+                images.push(restore_tiled(&degraded, &tiling, &restorer, &session.progress.silent())?);
             }
             bar.inc(1);
             Ok(Sample { ground_truth: curve.tone_map(&dataset.read_ground_truth(triplet)?), images })
@@ -169,5 +177,71 @@ impl EvalArgs {
         let asked = |metric: &Metric| self.metrics.iter().any(|&asked| Metric::from(asked) == *metric);
         let metrics = Metric::ALL.into_iter().filter(asked).collect();
         EvalConfig { metrics, definition, allow_missing: self.allow_missing }
+    }
+}
+
+/// The three files of the results.
+struct Outputs {
+    json: PathBuf,
+    csv: PathBuf,
+    table: PathBuf,
+}
+
+impl Outputs {
+    /// Makes the folder and checks, before the work starts, that the files may be written.
+    fn prepare(folder: &Path, session: &Session) -> Result<Self> {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("creating the folder {}", folder.display()))?;
+        let [json, csv, table] = ["metrics.json", "metrics.csv", "table.md"].map(|name| folder.join(name));
+        [&json, &csv, &table].into_iter().try_for_each(|path| io::check_output(path, session.overwrite))?;
+        Ok(Self { json, csv, table })
+    }
+
+    fn write(&self, evaluation: &Evaluation, session: &Session) -> Result<()> {
+        let json = format!("{:#}\n", evaluation.to_json());
+        let files =
+            [(&self.json, json), (&self.csv, evaluation.to_csv()), (&self.table, evaluation.to_markdown())];
+        for (path, text) in files {
+            io::write_atomically(path, session.overwrite, |file| file.write_all(text.as_bytes()))?;
+        }
+        Ok(())
+    }
+}
+
+/// What a model or a folder is called in tables: its name, with its folder's where the name says little.
+fn name_of(path: &Path) -> String {
+    let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
+    let own = name(path).unwrap_or_else(|| path.display().to_string());
+    match path.parent().and_then(name) {
+        Some(folder) if own == "model.safetensors" => format!("{folder}/{own}"),
+        _ => own,
+    }
+}
+
+impl From<MetricArg> for Metric {
+    fn from(metric: MetricArg) -> Self {
+        match metric {
+            MetricArg::Psnr => Self::Psnr,
+            MetricArg::Ssim => Self::Ssim,
+        }
+    }
+}
+
+impl From<DomainArg> for DomainTag {
+    fn from(domain: DomainArg) -> Self {
+        match domain {
+            DomainArg::Linear => Self::Linear,
+            DomainArg::ToneMapped => Self::ToneMapped,
+        }
+    }
+}
+
+impl From<SplitArg> for Split {
+    fn from(split: SplitArg) -> Self {
+        match split {
+            SplitArg::Train => Self::Train,
+            SplitArg::Test => Self::Test,
+            SplitArg::Val => Self::Val,
+        }
     }
 }

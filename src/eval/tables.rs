@@ -118,8 +118,7 @@ fn quoted(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{EvalConfig, Label, Method, evaluation::Evaluation};
-    use super::*;
+    use super::super::{EvalConfig, Evaluation, Label, Method};
 
     fn evaluation() -> Evaluation {
         let methods = [("degraded", true), ("a,b|c", false)];
