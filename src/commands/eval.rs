@@ -11,12 +11,8 @@ use udc::core::metrics::{Metric, MetricDefinition};
 use udc::core::tone::ToneCurve;
 use udc::eval::{self, EvalConfig, Evaluation, FilePair, Label, Method, Sample};
 use udc::network::Model;
-use udc::restore::{Conditioning, NetworkRestorer, Tiling, restore_tiled};
 
 use super::Session;
-
-/// Memory that one restoration may take; larger images are restored in tiles, with the same result.
-const MEMORY_BYTES: u64 = 2 << 30;
 
 /// Measure models on a dataset, or restored images against ground truth
 ///
@@ -148,11 +144,8 @@ impl EvalArgs {
             let mut images = vec![degraded.clone()];
             for model in &models {
                 let uses_code = model.architecture().condition.uses_code();
-                let code =
-                    if uses_code { Conditioning::Code(dataset.code(triplet)?) } else { Conditioning::None };
-                let restorer = NetworkRestorer::new(model, code)?;
-                let tiling = Tiling::within(degraded.height(), degraded.width(), MEMORY_BYTES, &restorer)?;
-                images.push(restore_tiled(&degraded, &tiling, &restorer, &session.progress.silent())?);
+                let code = uses_code.then(|| dataset.code(triplet)).transpose()?;
+                images.push(model.restore(&degraded, code.as_ref())?);
             }
             bar.inc(1);
             Ok(Sample { ground_truth: curve.tone_map(&dataset.read_ground_truth(triplet)?), images })

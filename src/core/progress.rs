@@ -22,12 +22,6 @@ impl Progress {
         Self { visible, interrupted }
     }
 
-    /// The same without bars, for work inside of an item that has a bar of its own.
-    #[must_use]
-    pub fn silent(&self) -> Self {
-        Self { visible: false, interrupted: Arc::clone(&self.interrupted) }
-    }
-
     /// Starts a bar of `length` steps, with rate and time left.
     ///
     /// # Panics
