@@ -1,16 +1,133 @@
 //! `udc train`.
 
-use anyhow::Result;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result, bail};
 use clap::Args;
+
+use udc::core::dataset::{Dataset, Split};
+use udc::core::error::Error;
+use udc::core::io;
+use udc::network::{Backend, Parameters, weights};
+use udc::train::{self, Job, Outcome, Start, StoredData, TrainConfig, TrainingData};
 
 use super::Session;
 
 /// Train a restoration network
 #[derive(Args, Debug)]
-pub(crate) struct TrainArgs {}
+#[command(after_help = "Examples:
+  udc train configs/discnet.toml --data dataset -o run
+  udc train configs/discnet.toml --data dataset -o small --set architecture.features=8 --set data.crop=64
+  udc train --data dataset -o run --resume")]
+pub(crate) struct TrainArgs {
+    /// Configuration (with --resume: the run's own if left out)
+    #[arg(required_unless_present = "resume")]
+    config: Option<PathBuf>,
+    /// Dataset of `udc synth`, or the published one
+    #[arg(long, value_name = "DATASET")]
+    data: PathBuf,
+    /// Folder for log, checkpoints and model
+    #[arg(short, long, value_name = "RUN")]
+    output: PathBuf,
+    /// Change a key of the configuration; may be repeated
+    #[arg(long, value_name = "KEY.PATH=VALUE")]
+    set: Vec<String>,
+    /// Begin with the weights of a model (.safetensors or .pth)
+    #[arg(long, value_name = "MODEL", conflicts_with = "resume")]
+    init: Option<PathBuf>,
+    /// Go on from the run's latest checkpoint
+    #[arg(long)]
+    resume: bool,
+    /// Burn backend to compute with: flex or ndarray
+    #[arg(long, default_value = "flex", value_name = "NAME")]
+    backend: Backend,
+}
 
 impl TrainArgs {
-    pub(crate) fn run(self, _session: &Session) -> Result<()> {
-        todo!()
+    pub(crate) fn run(self, session: &Session) -> Result<()> {
+        let config = self.read_config()?;
+        let start = self.start(&config, session)?;
+        let dataset = Dataset::open(&self.data).context("opening the dataset")?;
+        check_codes(&config, &dataset)?;
+        let data = StoredData::new(&dataset, Split::Train, config.data.cache_mib)?;
+        let validation = validation_data(&dataset, session);
+        session.detail(format!("{} parameters", config.architecture.parameters()));
+        let job = Job {
+            config: &config,
+            data: &data,
+            validation: validation.as_ref().map(|data| data as &dyn TrainingData),
+            kernel_bank_sha256: dataset.bank.as_ref().map(|bank| bank.sha256()),
+            backend: self.backend,
+            progress: &session.progress,
+        };
+        let outcome = job.run(&self.output, start)?;
+        report(&outcome, &self.output, session)
     }
+
+    fn read_config(&self) -> Result<TrainConfig> {
+        let (text, path) = match &self.config {
+            Some(path) => (io::read_text(path)?, path.clone()),
+            None => (train::read_config(&self.output)?, self.output.join("config.toml")),
+        };
+        TrainConfig::from_toml(&text, &self.set).with_context(|| format!("reading {}", path.display()))
+    }
+
+    fn start(&self, config: &TrainConfig, session: &Session) -> Result<Start> {
+        if self.resume {
+            return Ok(Start::Resume);
+        }
+        let initial = self.init.as_deref().map(|path| read_initial(path, config)).transpose()?;
+        Ok(if session.overwrite { Start::Replace(initial) } else { Start::New(initial) })
+    }
+}
+
+fn read_initial(path: &Path, config: &TrainConfig) -> Result<Parameters> {
+    let initial = weights::read(path).context("reading the initial weights")?;
+    if initial.architecture != config.architecture {
+        let json = |architecture: &udc::network::Architecture| architecture.to_json().to_string();
+        bail!(
+            "{} is a network of another architecture than the configuration's; set [architecture] to its {}, found {}",
+            path.display(),
+            json(&initial.architecture),
+            json(&config.architecture)
+        );
+    }
+    Ok(initial.parameters)
+}
+
+fn check_codes(config: &TrainConfig, dataset: &Dataset) -> Result<(), Error> {
+    let (needed, found) = (config.architecture.code_dim, dataset.code_dim());
+    if config.architecture.condition.uses_code() && needed != found {
+        let reason = format!(
+            "is {needed}, and the dataset's kernels have codes of {found} numbers; set it to {found}, or \
+             architecture.condition to image"
+        );
+        return Err(Error::config("architecture.code-dim", reason));
+    }
+    Ok(())
+}
+
+/// The first split there is that training does not learn from.
+fn validation_data<'a>(dataset: &'a Dataset, session: &Session) -> Option<StoredData<'a>> {
+    let open = |split| StoredData::new(dataset, split, 0).ok();
+    let data = open(Split::Val).or_else(|| open(Split::Test));
+    if data.is_none() {
+        session.warn("the dataset has no val or test split; the training is not validated");
+    }
+    data
+}
+
+fn report(outcome: &Outcome, folder: &Path, session: &Session) -> Result<()> {
+    let model = folder.join("model.safetensors");
+    if outcome.interrupted {
+        bail!(
+            "interrupted after iteration {}; a checkpoint was written, pass --resume to go on from it",
+            outcome.iteration
+        );
+    }
+    if let Some(validation) = &outcome.last_validation {
+        let (before, after) = (validation.degraded_psnr, validation.psnr);
+        session.say(format!("validation: {before:.2} dB degraded, {after:.2} dB restored"))?;
+    }
+    session.say(format!("{}: trained for {} iterations", model.display(), outcome.iteration))
 }

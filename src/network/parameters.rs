@@ -1,6 +1,7 @@
 //! Turns an architecture into weights: drawn at random, or taken from a file's tensors after checking that
 //! they fit.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use rand_distr::{Distribution, StandardNormal, Uniform};
@@ -8,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::architecture::{Architecture, LayerWeights, TensorSpec};
 use crate::core::error::{Error, Result};
+use crate::core::io::TensorData;
 use crate::core::rng::{self, Rng};
 
 /// The slope that every PReLU starts with.
@@ -47,6 +49,13 @@ pub struct Parameter {
     pub values: Vec<f32>,
 }
 
+impl Parameter {
+    /// The tensor as files take it.
+    pub fn as_tensor(&self) -> TensorData<'_> {
+        (self.shape.clone(), Cow::Borrowed(&self.values))
+    }
+}
+
 /// All weights of an architecture, in its order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameters(Vec<Parameter>);
@@ -77,6 +86,11 @@ impl Parameters {
             if tensor.shape != spec.shape {
                 let what = format!("weights {}", spec.name);
                 return Err(Error::shape(what, format!("{:?}", spec.shape), format!("{:?}", tensor.shape)));
+            }
+            if tensor.values.iter().any(|value| !value.is_finite()) {
+                let reason =
+                    format!("weights {} hold a NaN or an infinity; use an earlier checkpoint", spec.name);
+                return Err(Error::Unsupported(reason));
             }
             found.push(Parameter { name: spec.name, shape: spec.shape, values: tensor.values });
         }
@@ -114,6 +128,15 @@ impl Parameters {
     /// Whether there are none; an architecture always has some.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
+    }
+}
+
+impl IntoIterator for Parameters {
+    type Item = Parameter;
+    type IntoIter = std::vec::IntoIter<Parameter>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.0.into_iter()
     }
 }
 

@@ -364,6 +364,23 @@ mod tests {
     }
 
     #[test]
+    fn every_shipped_configuration_is_understood_and_the_first_spells_out_the_defaults() {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
+        let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+        let mut count = 0;
+        for path in files.filter(|path| path.extension().is_some_and(|extension| extension == "toml")) {
+            let text = std::fs::read_to_string(&path).unwrap();
+            let config = TrainConfig::from_toml(&text, &[]).unwrap();
+            if path.ends_with("discnet.toml") {
+                assert_eq!(config, TrainConfig::default());
+                assert!(known_keys().iter().all(|key| text.contains(key.rsplit('.').next().unwrap())));
+            }
+            count += 1;
+        }
+        assert_eq!(count, 13);
+    }
+
+    #[test]
     fn settings_go_over_the_file() {
         let settings = ["data.crop=64", "architecture.condition=image+psf", "optimizer.beta2=0.99"];
         let text = "[data]\ncrop = 128\nbatch = 4\n";

@@ -1,21 +1,27 @@
 //! From a dataset to a trained network.
 //!
-//! A [`Trainer`] holds weights, optimiser and position, and advances them step by step; all that it draws
-//! depends on the seed and the position alone, so that a training repeats, and resumes, bit for bit.
+//! A [`Trainer`] holds weights, optimiser and position, and advances them step by step; a [`Job`] runs one in a
+//! folder, with log and checkpoints. All that is drawn depends on the seed and the position alone, so that a
+//! training repeats, and resumes, bit for bit.
 
+mod checkpoint;
 mod config;
 mod data;
 mod loss;
 mod optimizer;
+mod run;
 mod sampler;
 mod schedule;
 mod trainer;
+mod validation;
 
 pub use config::{
     CheckpointConfig, DataConfig, Degradation, LossConfig, OptimizerConfig, ScheduleConfig, TrainConfig,
     ValidationConfig,
 };
-pub use data::{InMemory, Patch, TrainingData, Window};
+pub use data::{Degrade, InMemory, OnTheFlyData, Patch, StoredData, TrainingData, Window};
+pub use run::{Job, Outcome, Start, read_config};
 pub use sampler::Sampler;
 pub use schedule::learning_rate;
 pub use trainer::{Step, Trainer};
+pub use validation::Validation;

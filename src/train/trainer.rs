@@ -3,6 +3,7 @@
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Gradients as BurnGradients, Tensor, TensorData};
 use rayon::prelude::*;
+use serde::Serialize;
 
 use super::config::TrainConfig;
 use super::data::{Patch, TrainingData};
@@ -15,7 +16,7 @@ use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::network::{Backend, DiscNet, Parameters};
 
 /// What one step did.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Step {
     /// Number of steps done, this one included.
     pub iteration: u64,
@@ -224,10 +225,8 @@ impl Batch {
 /// Copies every weight's gradient to its place in the architecture's order.
 struct Collect {
     gradients: BurnGradients,
-    found: Gradients2,
+    found: Vec<Option<Vec<f32>>>,
 }
-
-type Gradients2 = Vec<Option<Vec<f32>>>;
 
 impl ModuleVisitor for Collect {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {

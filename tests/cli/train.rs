@@ -1,1 +1,250 @@
-//! The command line: train.
+//! `udc train`: a whole run, its death and resurrection, and what it says of mistakes.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use ndarray::{Array1, Array2, Array3};
+use udc::core::dataset::{DatasetConfig, FORMAT, FormationConfig, Split, Triplet, VERSION};
+use udc::core::image::LinearImage;
+use udc::core::io;
+use udc::core::kernel_code::{CodeBasis, KernelBank};
+use udc::core::psf::Psf;
+use udc::network::Model;
+
+use super::common::{fail, succeed};
+
+/// A network small enough that a step takes some milliseconds.
+const CONFIG: &str = r#"
+iterations = 24
+log-every = 1
+[architecture]
+features = 2
+filter-size = 3
+code-dim = 2
+[data]
+crop = 16
+batch = 2
+accumulate = 2
+[optimizer]
+ema-decay = 0.9
+clip-norm = 1.0
+[schedule]
+period = 10
+[validation]
+every = 8
+images = 2
+crop = 24
+[checkpoint]
+every = 5
+keep = 2
+"#;
+
+/// Makes a dataset of four scenes and two kernels, one of which halves and one of which keeps the light, and
+/// a configuration beside it.
+fn prepare(folder: &Path) {
+    let root = folder.join("dataset");
+    for part in ["gt", "degraded/k01", "degraded/k02"] {
+        fs::create_dir_all(root.join(part)).expect("the folder is writable");
+    }
+    let bank = bank();
+    io::write_bank(&root.join("kernels.safetensors"), &bank, false).expect("the bank is written");
+    let config = DatasetConfig {
+        format: FORMAT.to_owned(),
+        version: VERSION,
+        program: "udc".to_owned(),
+        bank: "kernels.safetensors".to_owned(),
+        bank_sha256: bank.sha256(),
+        seed: 0,
+        test_fraction: 0.25,
+        image_format: "npy".to_owned(),
+        half: false,
+        formation: FormationConfig::default(),
+    };
+    fs::write(root.join("dataset.toml"), config.to_toml()).expect("the folder is writable");
+    let lines: Vec<String> = (0..8).map(|index| write_triplet(&root, index / 2, index % 2)).collect();
+    fs::write(root.join("triplets.jsonl"), lines.join("\n")).expect("the folder is writable");
+    fs::write(folder.join("config.toml"), CONFIG).expect("the folder is writable");
+}
+
+fn bank() -> KernelBank {
+    let energy = |weight: f32| Array3::from_shape_fn((3, 3, 3), |(_, y, x)| weight + (y * 3 + x) as f32);
+    let psfs = [1.0, 9.0].map(|weight| Psf::from_energy(energy(weight)).expect("the energy is positive"));
+    let basis = CodeBasis {
+        mean: Array1::zeros(27),
+        components: Array2::zeros((2, 27)),
+        explained_variance: Array1::zeros(2),
+    };
+    let codes = Array2::from_shape_vec((2, 2), vec![0.5, -1.0, 1.5, 0.25]).expect("two codes of two");
+    KernelBank::new(psfs.to_vec(), codes, basis, None).expect("the parts fit")
+}
+
+fn write_triplet(root: &Path, scene: usize, kernel: usize) -> String {
+    let id = format!("scene{scene}");
+    let clean = Array3::from_shape_fn((3, 26, 30), |(c, y, x)| {
+        ((y + scene) as f32 * 0.7).sin().abs() * (1.0 + c as f32) + (x as f32 * 0.4).cos().abs()
+    });
+    let share = [0.5, 1.0][kernel];
+    let triplet = Triplet {
+        gt: format!("gt/{id}.npy"),
+        degraded: format!("degraded/k{:02}/{id}.npy", kernel + 1),
+        split: if scene == 3 { Split::Test } else { Split::Train },
+        kernel: format!("k{:02}", kernel + 1),
+        angle_deg: None,
+        source: id.clone(),
+        sha256: None,
+        id,
+    };
+    for (name, planes) in [(&triplet.gt, clean.clone()), (&triplet.degraded, clean * share)] {
+        let image = LinearImage::from_planes(planes).expect("the values are finite");
+        let options = io::WriteOptions { overwrite: true, ..Default::default() };
+        io::write_image(&root.join(name), &image, &options).expect("the folder is writable");
+    }
+    serde_json::to_string(&triplet).expect("triplets are plain data")
+}
+
+fn train(folder: &Path, run: &str, rest: &[&str]) -> String {
+    let mut args = vec!["train", "config.toml", "--data", "dataset", "-o", run];
+    args.extend(rest);
+    succeed(folder, &args)
+}
+
+/// What a run must repeat: its model and its log.
+fn result(folder: &Path, run: &str) -> (Vec<u8>, String) {
+    let read = |name: &str| fs::read(folder.join(run).join(name)).expect("the run has written it");
+    (read("model.safetensors"), String::from_utf8(read("metrics.jsonl")).expect("the log is text"))
+}
+
+fn losses(log: &str) -> Vec<f64> {
+    let line = |line| -> serde_json::Value { serde_json::from_str(line).expect("log lines are JSON") };
+    log.lines().map(line).filter_map(|line| line["loss"].as_f64()).collect()
+}
+
+#[test]
+fn trains_a_network_that_learns_and_can_be_loaded() {
+    let folder = tempfile::tempdir().unwrap();
+    prepare(folder.path());
+    let settings = ["--set", "optimizer.learning-rate=0.003", "--set", "iterations=60"];
+    let said = train(folder.path(), "run", &settings);
+    assert!(said.contains("dB restored") && said.contains("trained for 60 iterations"), "{said}");
+    let run = folder.path().join("run");
+    let (_, log) = result(folder.path(), "run");
+    let losses = losses(&log);
+    assert_eq!(losses.len(), 60);
+    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+    assert!(mean(&losses[50..]) < 0.7 * mean(&losses[..5]), "{losses:?}");
+    assert!(log.contains("\"degraded_psnr\""), "{log}");
+    let model = Model::load(&run.join("model.safetensors")).unwrap();
+    assert_eq!(model.architecture().features, 2);
+    assert_eq!(model.origin().kernel_bank_sha256, Some(bank().sha256()));
+    assert!(Model::load(&run.join("best.safetensors")).is_ok());
+    let resolved = fs::read_to_string(run.join("config.toml")).unwrap();
+    assert!(resolved.contains("learning-rate = 0.003") && resolved.contains("beta1 = 0.9"), "{resolved}");
+}
+
+#[test]
+fn a_killed_run_ends_with_the_bytes_of_one_that_was_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    train(folder, "whole", &[]);
+    // Before the first checkpoint, after one, and after the validation that is between two.
+    for (round, lines) in [2, 8, 19].into_iter().enumerate() {
+        let mut args = vec!["train", "config.toml", "--data", "dataset", "-o", "killed"];
+        args.extend((round > 0).then_some("--resume"));
+        kill_after_lines(folder, &args, lines);
+    }
+    train(folder, "killed", &["--resume"]);
+    assert!(result(folder, "whole") == result(folder, "killed"), "the bytes differ");
+    let names = |run: &str| io::list_folder(&folder.join(run).join("checkpoints")).unwrap();
+    assert_eq!(names("killed"), ["20", "24"]);
+    assert_eq!(names("whole"), ["20", "24"]);
+}
+
+/// Starts `udc`, and kills it without a warning when the log has `lines` lines.
+fn kill_after_lines(folder: &Path, args: &[&str], lines: usize) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_udc"));
+    let mut child = command.args(args).current_dir(folder).stdout(Stdio::null()).spawn().expect("udc starts");
+    let deadline = Instant::now() + Duration::from_secs(120);
+    let log = folder.join("killed/metrics.jsonl");
+    while fs::read_to_string(&log).unwrap_or_default().lines().count() < lines {
+        assert!(Instant::now() < deadline, "the run does not get to {lines} lines");
+        if child.try_wait().expect("the child can be asked").is_some() {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    // It may have ended meanwhile: then resuming has nothing to do, which must work as well.
+    let _ = child.kill();
+    child.wait().expect("the child ends");
+}
+
+#[test]
+fn the_number_of_threads_does_not_change_a_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    // Larger than elsewhere, so that there is work to share out.
+    let larger = ["--set", "architecture.features=8", "--set", "data.crop=24", "--set", "iterations=4"];
+    for threads in ["1", "2", "3"] {
+        train(folder, threads, &[&larger[..], &["--threads", threads]].concat());
+    }
+    assert!(result(folder, "1") == result(folder, "2"), "one thread against two");
+    assert!(result(folder, "1") == result(folder, "3"), "one thread against three");
+}
+
+#[test]
+fn begins_with_the_weights_of_a_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    train(folder, "first", &["--set", "iterations=2"]);
+    let tiny =
+        ["--set", "iterations=1", "--set", "optimizer.learning-rate=1e-9", "--set", "schedule.minimum=0"];
+    train(folder, "second", &[&tiny[..], &["--init", "first/model.safetensors"]].concat());
+    let weights =
+        |run: &str| udc::network::weights::read(&folder.join(run).join("model.safetensors")).unwrap();
+    for (a, b) in weights("first").parameters.iter().zip(weights("second").parameters.iter()) {
+        assert!(a.values.iter().zip(&b.values).all(|(a, b)| (a - b).abs() < 1e-7), "{}", a.name);
+    }
+    let args =
+        ["train", "config.toml", "--data", "dataset", "-o", "third", "--init", "first/model.safetensors"];
+    let message = fail(folder, &[&args[..], &["--set", "architecture.features=4"]].concat(), 1);
+    assert!(message.contains("another architecture"), "{message}");
+}
+
+#[test]
+fn refuses_to_mix_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let run = ["train", "config.toml", "--data", "dataset", "-o", "run", "--set", "iterations=1"];
+    let message = fail(folder, &[&run[..], &["--resume"]].concat(), 1);
+    assert!(message.contains("no run to resume"), "{message}");
+    succeed(folder, &run);
+    let message = fail(folder, &run, 1);
+    assert!(message.contains("--resume") && message.contains("--overwrite"), "{message}");
+    let message = fail(folder, &[&run[..], &["--resume", "--set", "optimizer.beta2=0.5"]].concat(), 1);
+    assert!(message.contains("optimizer.beta2 is 0.5 and was 0.999"), "{message}");
+    succeed(folder, &[&run[..], &["--overwrite"]].concat());
+    succeed(folder, &["train", "--data", "dataset", "-o", "run", "--resume", "--set", "iterations=3"]);
+    assert_eq!(losses(&result(folder, "run").1).len(), 3);
+}
+
+#[test]
+fn names_what_is_wrong_with_a_configuration() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let run = ["train", "config.toml", "--data", "dataset", "-o", "run"];
+    let refused = |rest: &[&str]| fail(folder, &[&run[..], rest].concat(), 1);
+    assert!(refused(&["--set", "data.corp=8"]).contains("near it are data.crop"));
+    assert!(refused(&["--set", "data.crop=64"]).contains("64 pixels do not fit an image of 26 × 30"));
+    assert!(refused(&["--set", "architecture.code-dim=5"]).contains("codes of 2 numbers"));
+    assert!(!folder.join("run/model.safetensors").exists());
+    fs::write(folder.join("config.toml"), "[optimiser]\nbeta1 = 0.5\n").unwrap();
+    assert!(refused(&[]).contains("line 1, column 2"));
+    let message = fail(folder, &["train", "--data", "dataset", "-o", "run"], 2);
+    assert!(message.contains("CONFIG"), "{message}");
+}

@@ -7,13 +7,12 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 
-use serde_json::Value;
-
-use self::tensors::{NamedValues, TensorFile};
+use self::tensors::TensorFile;
 use super::architecture::Architecture;
 use super::model::{Model, Origin};
 use super::parameters::Parameters;
 use crate::core::error::{Error, Result};
+use crate::core::io;
 
 /// What the metadata of a model file calls its format.
 const FORMAT: &str = "udc-model";
@@ -94,20 +93,17 @@ fn check_format(metadata: &BTreeMap<String, String>) -> Result<()> {
 /// # Errors
 /// [`Error::Io`] when the file cannot be written, or exists and may not be replaced.
 pub fn write(path: &Path, weights: &Weights, overwrite: bool) -> Result<()> {
-    let json = |value: &Value| value.to_string();
     let mut metadata = BTreeMap::from([
         ("format", FORMAT.to_owned()),
         ("version", VERSION.to_string()),
-        ("architecture", json(&weights.architecture.to_json())),
+        ("architecture", weights.architecture.to_json().to_string()),
     ]);
-    metadata.extend(weights.origin.training.as_ref().map(|training| ("training", json(training))));
-    metadata.extend(weights.origin.kernel_bank_sha256.clone().map(|hash| ("kernel_bank_sha256", hash)));
-    let tensors: Vec<NamedValues<'_>> = weights
-        .parameters
-        .iter()
-        .map(|p| NamedValues { name: &p.name, shape: &p.shape, values: &p.values })
-        .collect();
-    tensors::write(path, &metadata, &tensors, overwrite)
+    let origin = &weights.origin;
+    metadata.extend(origin.training.as_ref().map(|training| ("training", training.to_string())));
+    metadata.extend(origin.kernel_bank_sha256.clone().map(|hash| ("kernel_bank_sha256", hash)));
+    let metadata = metadata.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
+    let tensors = weights.parameters.iter().map(|p| (p.name.clone(), p.as_tensor())).collect();
+    io::write_safetensors(path, &tensors, &metadata, overwrite)
 }
 
 /// Rewrites a weight file of any readable kind as a model file.

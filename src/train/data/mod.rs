@@ -1,9 +1,16 @@
 //! Where a training's samples come from: anything that can cut a crop out of an item.
 
+mod cache;
+mod on_the_fly;
+mod stored;
+
 use crate::core::error::{Error, Result};
-use crate::core::image::ToneMappedImage;
+use crate::core::image::{Domain, Image, ToneMappedImage};
 use crate::core::kernel_code::KernelCode;
 use crate::core::rng::Rng;
+
+pub use on_the_fly::{Degrade, OnTheFlyData};
+pub use stored::StoredData;
 
 /// One sample: a crop as the display shows it, as it should be, and the code of the kernel between them.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,9 +63,8 @@ impl Window {
     pub fn draw(side: usize, height: usize, width: usize, rng: &mut Rng) -> Result<Self> {
         use rand::RngExt as _;
         if side > height.min(width) {
-            let reason =
-                format!("is {side}, and an image has only {height} × {width} pixels; make it smaller");
-            return Err(Error::config("data.crop", reason));
+            let reason = format!("{side} pixels do not fit an image of {height} × {width}; make it smaller");
+            return Err(Error::config("data.crop or validation.crop", reason));
         }
         let top = rng.random_range(0..=height - side);
         let left = rng.random_range(0..=width - side);
@@ -69,7 +75,7 @@ impl Window {
     ///
     /// # Panics
     /// When the square reaches outside of the image.
-    pub fn of(&self, image: &ToneMappedImage) -> ToneMappedImage {
+    pub fn of<D: Domain>(&self, image: &Image<D>) -> Image<D> {
         image.crop(self.top, self.left, self.side, self.side)
     }
 }

@@ -1,0 +1,101 @@
+//! Makes, publishes and removes folders, and appends lines to logs: what a long run needs beside whole files.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+use crate::core::error::{Error, Result};
+
+/// Makes a folder, with its parents, unless it is there.
+///
+/// # Errors
+/// [`Error::Io`] when it cannot be made, as when a file of its name is there.
+pub fn create_folder(folder: &Path) -> Result<()> {
+    fs::create_dir_all(folder).map_err(|source| Error::io("create", folder, source))
+}
+
+/// Removes a folder with all that is in it, or a file; nothing happens when there is none.
+///
+/// # Errors
+/// [`Error::Io`] when it cannot be removed.
+pub fn remove(path: &Path) -> Result<()> {
+    let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+    match removed {
+        Err(source) if source.kind() != ErrorKind::NotFound => Err(Error::io("remove", path, source)),
+        _ => Ok(()),
+    }
+}
+
+/// Gives a finished folder its name: readers see it whole or not at all.
+///
+/// # Errors
+/// [`Error::Io`] when `to` exists and is not empty, or the folder cannot be renamed.
+pub fn publish_folder(from: &Path, to: &Path) -> Result<()> {
+    fs::rename(from, to).map_err(|source| Error::io("create", to, source))
+}
+
+/// A text file that grows line by line.
+#[derive(Debug)]
+pub struct LineLog {
+    path: PathBuf,
+    file: File,
+}
+
+impl LineLog {
+    /// Opens a log at its end, or a new one.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the file cannot be written.
+    pub fn open(path: &Path) -> Result<Self> {
+        let file = OpenOptions::new().create(true).append(true).open(path);
+        let file = file.map_err(|source| Error::io("write", path, source))?;
+        Ok(Self { path: path.to_owned(), file })
+    }
+
+    /// Appends one line in one piece.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the disk is full or gone.
+    pub fn append(&mut self, line: &str) -> Result<()> {
+        let written = self.file.write_all(format!("{line}\n").as_bytes());
+        written.map_err(|source| Error::io("write", &self.path, source))
+    }
+
+    /// Waits until all lines are on the disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when they do not get there.
+    pub fn sync(&self) -> Result<()> {
+        self.file.sync_data().map_err(|source| Error::io("write", &self.path, source))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_log_goes_on_where_it_ended() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log");
+        LineLog::open(&path).unwrap().append("one").unwrap();
+        let mut log = LineLog::open(&path).unwrap();
+        log.append("two").unwrap();
+        log.sync().unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "one\ntwo\n");
+    }
+
+    #[test]
+    fn a_folder_is_published_once_and_removed_at_will() {
+        let root = tempfile::tempdir().unwrap();
+        let (draft, name) = (root.path().join("draft"), root.path().join("a/b"));
+        create_folder(&draft.join("inner")).unwrap();
+        assert!(publish_folder(&draft, &name).is_err(), "the folder above is missing");
+        create_folder(name.parent().unwrap()).unwrap();
+        publish_folder(&draft, &name).unwrap();
+        assert!(name.join("inner").is_dir() && !draft.exists());
+        remove(&name).unwrap();
+        remove(&name).unwrap();
+        assert!(!name.exists());
+    }
+}

@@ -1,0 +1,217 @@
+//! Turns a training's state into checkpoint folders and back, exactly.
+//!
+//! A checkpoint is a folder named after its iteration: `model.safetensors` to use, `state.safetensors` to go
+//! on from. It gets its name when both files are complete.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::optimizer::Moments;
+use super::trainer::State;
+use crate::core::error::{Error, Result};
+use crate::core::io::{self, TensorData};
+use crate::network::weights::{self, Weights, tensors};
+use crate::network::{Architecture, Parameters, Values};
+
+const FORMAT: &str = "udc-training-state";
+const VERSION: &str = "1";
+
+const STATE_FILE: &str = "state.safetensors";
+const MODEL_FILE: &str = "model.safetensors";
+
+/// What is put before the weights' names for each kind of tensor in a state.
+const PARAMETERS: &str = "parameters/";
+const FIRST: &str = "first-moment/";
+const SECOND: &str = "second-moment/";
+const AVERAGE: &str = "average/";
+
+/// The best validation so far.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Best {
+    pub(super) iteration: u64,
+    pub(super) psnr: f64,
+}
+
+/// Everything that a training goes on from.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Checkpoint {
+    pub(super) state: State,
+    pub(super) best: Option<Best>,
+}
+
+/// The folder of a run's checkpoints.
+#[derive(Clone, Debug)]
+pub(super) struct Checkpoints {
+    folder: PathBuf,
+}
+
+impl Checkpoints {
+    pub(super) fn new(folder: PathBuf) -> Self {
+        Self { folder }
+    }
+
+    /// The iterations that there are checkpoints of, in order.
+    pub(super) fn iterations(&self) -> Result<Vec<u64>> {
+        if !self.folder.is_dir() {
+            return Ok(Vec::new());
+        }
+        let names = io::list_folder(&self.folder)?;
+        let mut iterations: Vec<u64> = names.iter().filter_map(|name| name.parse().ok()).collect();
+        iterations.sort_unstable();
+        Ok(iterations)
+    }
+
+    /// Saves a checkpoint, unless there is one of this iteration, and removes all but the latest `keep`.
+    pub(super) fn save(&self, checkpoint: &Checkpoint, model: &Weights, keep: usize) -> Result<()> {
+        let iteration = checkpoint.state.iteration;
+        let path = self.folder.join(iteration.to_string());
+        if !path.is_dir() {
+            let draft = self.folder.join(format!("{iteration}.partial"));
+            io::remove(&draft)?;
+            io::create_folder(&draft)?;
+            weights::write(&draft.join(MODEL_FILE), model, false)?;
+            checkpoint.write(&draft.join(STATE_FILE))?;
+            io::publish_folder(&draft, &path)?;
+        }
+        let iterations = self.iterations()?;
+        let surplus = iterations.len().saturating_sub(keep);
+        iterations[..surplus].iter().try_for_each(|old| io::remove(&self.folder.join(old.to_string())))
+    }
+
+    /// Reads the latest checkpoint, and clears away what an interrupted save left.
+    pub(super) fn latest(&self, architecture: &Architecture) -> Result<Option<Checkpoint>> {
+        if self.folder.is_dir() {
+            for name in io::list_folder(&self.folder)?.iter().filter(|name| name.ends_with(".partial")) {
+                io::remove(&self.folder.join(name))?;
+            }
+        }
+        let Some(iteration) = self.iterations()?.pop() else { return Ok(None) };
+        let path = self.folder.join(iteration.to_string()).join(STATE_FILE);
+        Checkpoint::read(&path, architecture).map(Some)
+    }
+}
+
+impl Checkpoint {
+    fn write(&self, path: &Path) -> Result<()> {
+        let State { iteration, parameters, moments, average } = &self.state;
+        let mut tensors = named(PARAMETERS, parameters, parameters.iter().map(|p| &p.values));
+        tensors.extend(named(FIRST, parameters, &moments.first));
+        tensors.extend(named(SECOND, parameters, &moments.second));
+        if let Some(average) = average {
+            tensors.extend(named(AVERAGE, parameters, average.iter().map(|p| &p.values)));
+        }
+        let mut metadata = BTreeMap::from([
+            ("format".to_owned(), FORMAT.to_owned()),
+            ("version".to_owned(), VERSION.to_owned()),
+            ("iteration".to_owned(), iteration.to_string()),
+        ]);
+        if let Some(best) = &self.best {
+            let text = serde_json::to_string(best).expect("plain data");
+            metadata.insert("best".to_owned(), text);
+        }
+        io::write_safetensors(path, &tensors, &metadata, false)
+    }
+
+    fn read(path: &Path, architecture: &Architecture) -> Result<Self> {
+        let tensors::TensorFile { mut tensors, metadata } = tensors::read(path)?;
+        let damaged = || Error::format(path, "is no training state of this version of udc; start a new run");
+        let entry = |key: &str| metadata.get(key).map(String::as_str);
+        if (entry("format"), entry("version")) != (Some(FORMAT), Some(VERSION)) {
+            return Err(damaged());
+        }
+        let iteration = entry("iteration").and_then(|text| text.parse().ok()).ok_or_else(damaged)?;
+        let mut take = |prefix: &str| {
+            let set = split_off(&mut tensors, prefix);
+            Parameters::from_tensors(architecture, set)
+                .map_err(|error| Error::format(path, error.to_string()))
+        };
+        let parameters = take(PARAMETERS)?;
+        let moments = Moments { first: values(take(FIRST)?), second: values(take(SECOND)?) };
+        let has_average = tensors.keys().any(|name| name.starts_with(AVERAGE));
+        let average = if has_average {
+            Some(Parameters::from_tensors(architecture, split_off(&mut tensors, AVERAGE))?)
+        } else {
+            None
+        };
+        let best = entry("best").map(serde_json::from_str).transpose().map_err(|_| damaged())?;
+        Ok(Self { state: State { iteration, parameters, moments, average }, best })
+    }
+}
+
+/// Tensors shaped and named like the weights, each name with a prefix.
+fn named<'a>(
+    prefix: &str,
+    parameters: &Parameters,
+    values: impl IntoIterator<Item = &'a Vec<f32>>,
+) -> BTreeMap<String, TensorData<'a>> {
+    let name = |name: &str| format!("{prefix}{name}");
+    let pairs = parameters.iter().zip(values);
+    pairs.map(|(p, values)| (name(&p.name), (p.shape.clone(), Cow::Borrowed(&values[..])))).collect()
+}
+
+/// Takes the tensors of a prefix out, under the rest of their names.
+fn split_off(tensors: &mut BTreeMap<String, Values>, prefix: &str) -> BTreeMap<String, Values> {
+    let names: Vec<String> = tensors.keys().filter(|name| name.starts_with(prefix)).cloned().collect();
+    let take = |name: String| tensors.remove(&name).map(|values| (name[prefix.len()..].to_owned(), values));
+    names.into_iter().filter_map(take).collect()
+}
+
+fn values(parameters: Parameters) -> Vec<Vec<f32>> {
+    parameters.into_iter().map(|p| p.values).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::{Initialisation, Model, Origin};
+
+    fn checkpoint(iteration: u64, average: bool) -> (Checkpoint, Weights) {
+        let architecture = Architecture { features: 1, filter_size: 3, ..Architecture::default() };
+        let random = |seed| Parameters::random(&architecture, Initialisation::Paper, seed);
+        let moments = Moments { first: values(random(2)), second: values(random(3)) };
+        let average = average.then(|| random(4));
+        let state = State { iteration, parameters: random(1), moments, average };
+        let best = Some(Best { iteration: 3, psnr: 31.25 });
+        let weights = Weights { parameters: random(1), architecture, origin: Origin::default() };
+        (Checkpoint { state, best }, weights)
+    }
+
+    #[test]
+    fn a_state_is_read_back_exactly() {
+        let folder = tempfile::tempdir().unwrap();
+        for average in [false, true] {
+            let checkpoints = Checkpoints::new(folder.path().join(average.to_string()));
+            let (saved, model) = checkpoint(7, average);
+            checkpoints.save(&saved, &model, 1).unwrap();
+            assert_eq!(checkpoints.latest(&model.architecture).unwrap().unwrap(), saved);
+        }
+    }
+
+    #[test]
+    fn only_the_latest_are_kept_and_drafts_are_cleared() {
+        let folder = tempfile::tempdir().unwrap();
+        let checkpoints = Checkpoints::new(folder.path().to_owned());
+        for iteration in [9, 10, 100] {
+            let (saved, model) = checkpoint(iteration, false);
+            checkpoints.save(&saved, &model, 2).unwrap();
+        }
+        io::create_folder(&folder.path().join("200.partial")).unwrap();
+        let (_, model) = checkpoint(0, false);
+        assert_eq!(checkpoints.latest(&model.architecture).unwrap().unwrap().state.iteration, 100);
+        assert_eq!(io::list_folder(folder.path()).unwrap(), ["10", "100"]);
+        assert!(Model::load(&folder.path().join("100").join(MODEL_FILE)).is_ok());
+    }
+
+    #[test]
+    fn a_model_is_no_state() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let (_, model) = checkpoint(0, false);
+        weights::write(&path, &model, false).unwrap();
+        let message = Checkpoint::read(&path, &model.architecture).unwrap_err().to_string();
+        assert!(message.contains("is no training state"), "{message}");
+    }
+}

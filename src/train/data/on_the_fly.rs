@@ -1,0 +1,99 @@
+//! Samples degraded when they are drawn: a clean image and any kernel of a bank.
+
+use std::path::PathBuf;
+
+use rand::RngExt as _;
+
+use super::cache::ImageCache;
+use super::{Patch, TrainingData, Window};
+use crate::core::error::Result;
+use crate::core::image::{Linear, LinearImage};
+use crate::core::io;
+use crate::core::kernel_code::KernelBank;
+use crate::core::rng::Rng;
+use crate::core::tone::ToneCurve;
+
+/// Degrades a clean image by the kernel of an index: the image formation model, handed in because stages do
+/// not know each other.
+pub type Degrade<'a> = dyn Fn(&LinearImage, usize, &mut Rng) -> Result<LinearImage> + Sync + 'a;
+
+/// Clean images, a bank, and the model that degrades the ones by the other.
+pub struct OnTheFlyData<'a> {
+    scenes: Vec<PathBuf>,
+    bank: &'a KernelBank,
+    curve: ToneCurve,
+    degrade: &'a Degrade<'a>,
+    cache: ImageCache<Linear>,
+}
+
+impl<'a> OnTheFlyData<'a> {
+    /// Takes clean images by their paths; at most `cache_mib` of them stay in memory.
+    pub fn new(
+        scenes: Vec<PathBuf>,
+        bank: &'a KernelBank,
+        curve: ToneCurve,
+        degrade: &'a Degrade<'a>,
+        cache_mib: usize,
+    ) -> Self {
+        Self { scenes, bank, curve, degrade, cache: ImageCache::new(cache_mib) }
+    }
+}
+
+impl TrainingData for OnTheFlyData<'_> {
+    fn len(&self) -> usize {
+        self.scenes.len()
+    }
+
+    fn patch(&self, item: usize, side: usize, rng: &mut Rng) -> Result<Patch> {
+        let path = &self.scenes[item];
+        let clean = self.cache.get(&path.to_string_lossy(), || io::read_image(path))?;
+        let kernel = rng.random_range(0..self.bank.len());
+        let window = Window::draw(side, clean.height(), clean.width(), rng)?;
+        // The whole image: a PSF's support reaches as far as the image's own sides.
+        let degraded = (self.degrade)(&clean, kernel, rng)?;
+        Ok(Patch {
+            degraded: self.curve.tone_map(&window.of(&degraded)),
+            ground_truth: self.curve.tone_map(&window.of(&clean)),
+            code: Some(self.bank.code(kernel).to_owned()),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::kernel_code::CodeBasis;
+    use crate::core::psf::Psf;
+    use crate::core::rng;
+    use ndarray::{Array1, Array2, Array3};
+
+    /// Two kernels with codes 0 and 1; "degrading" adds the kernel's index.
+    #[test]
+    fn a_sample_carries_the_code_of_the_kernel_that_degraded_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.npy");
+        let planes = Array3::from_shape_fn((3, 9, 8), |(_, y, x)| (y * 8 + x) as f32);
+        let scene = LinearImage::from_planes(planes).unwrap();
+        io::write_image(&path, &scene, &io::WriteOptions::default()).unwrap();
+        let psf = Psf::from_energy(Array3::ones((3, 2, 2))).unwrap();
+        let basis = CodeBasis {
+            mean: Array1::zeros(12),
+            components: Array2::zeros((1, 12)),
+            explained_variance: Array1::zeros(1),
+        };
+        let codes = Array2::from_shape_vec((2, 1), vec![0.0, 1.0]).unwrap();
+        let bank = KernelBank::new(vec![psf.clone(), psf], codes, basis, None).unwrap();
+        let degrade =
+            |image: &LinearImage, kernel: usize, _: &mut Rng| Ok(image.map_values(|x| x + kernel as f32));
+        let curve = ToneCurve::default();
+        let data = OnTheFlyData::new(vec![path], &bank, curve, &degrade, 16);
+        for position in 0..8 {
+            let patch = data.patch(0, 4, &mut rng::stream(1, &position.to_string())).unwrap();
+            let kernel = patch.code.unwrap()[0];
+            let pairs = patch.degraded.as_slice().iter().zip(patch.ground_truth.as_slice());
+            for (degraded, clean) in pairs {
+                assert!((degraded - curve.compress(curve.expand(*clean) + kernel)).abs() < 1e-4);
+            }
+        }
+    }
+}

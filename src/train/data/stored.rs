@@ -1,0 +1,54 @@
+//! Samples from a dataset's files: clean and degraded image of a triplet, cut at one place.
+
+use super::cache::ImageCache;
+use super::{Patch, TrainingData, Window};
+use crate::core::dataset::{Dataset, Split, Triplet};
+use crate::core::error::Result;
+use crate::core::image::ToneMapped;
+use crate::core::kernel_code::KernelCode;
+use crate::core::rng::Rng;
+use crate::core::tone::ToneCurve;
+
+/// The triplets of one split.
+#[derive(Debug)]
+pub struct StoredData<'a> {
+    dataset: &'a Dataset,
+    items: Vec<(&'a Triplet, Option<KernelCode>)>,
+    curve: ToneCurve,
+    cache: ImageCache<ToneMapped>,
+}
+
+impl<'a> StoredData<'a> {
+    /// Opens a split; at most `cache_mib` of images stay in memory.
+    ///
+    /// # Errors
+    /// [`Error::Format`](crate::core::error::Error::Format) when the split is empty, or a kernel is unknown.
+    pub fn new(dataset: &'a Dataset, split: Split, cache_mib: usize) -> Result<Self> {
+        let has_codes = dataset.code_dim() > 0;
+        let with_code = |triplet| {
+            let code = if has_codes { Some(dataset.code(triplet)?) } else { None };
+            Ok((triplet, code))
+        };
+        let items = dataset.split(split)?.into_iter().map(with_code).collect::<Result<_>>()?;
+        let curve = dataset.formation.curve()?;
+        Ok(Self { dataset, items, curve, cache: ImageCache::new(cache_mib) })
+    }
+}
+
+impl TrainingData for StoredData<'_> {
+    fn len(&self) -> usize {
+        self.items.len()
+    }
+
+    fn patch(&self, item: usize, side: usize, rng: &mut Rng) -> Result<Patch> {
+        let (triplet, code) = &self.items[item];
+        let clean = self.cache.get(&triplet.gt, || {
+            self.dataset.read_ground_truth(triplet).map(|image| self.curve.tone_map(&image))
+        })?;
+        let degraded = self.cache.get(&triplet.degraded, || {
+            self.dataset.read_degraded(triplet).map(|image| self.curve.tone_map(&image))
+        })?;
+        let window = Window::draw(side, degraded.height(), degraded.width(), rng)?;
+        Ok(Patch { degraded: window.of(&degraded), ground_truth: window.of(&clean), code: code.clone() })
+    }
+}

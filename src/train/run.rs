@@ -1,0 +1,281 @@
+//! A training with its folder: configuration, log, checkpoints and models, so that it can be killed at any
+//! moment and resumed to the same bytes.
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use super::checkpoint::{Best, Checkpoint, Checkpoints};
+use super::config::TrainConfig;
+use super::data::TrainingData;
+use super::trainer::{Step, Trainer};
+use super::validation::{Validation, Validator};
+use crate::core::error::{Error, Result};
+use crate::core::io::{self, LineLog};
+use crate::core::progress::Progress;
+use crate::network::weights::{self, Weights};
+use crate::network::{Backend, Origin, Parameters};
+
+/// The names in a run's folder.
+const CONFIG_FILE: &str = "config.toml";
+const LOG_FILE: &str = "metrics.jsonl";
+const CHECKPOINTS: &str = "checkpoints";
+const MODEL_FILE: &str = "model.safetensors";
+const BEST_FILE: &str = "best.safetensors";
+
+/// What a run needs to know.
+pub struct Job<'a> {
+    /// How to train.
+    pub config: &'a TrainConfig,
+    /// What to learn from.
+    pub data: &'a dyn TrainingData,
+    /// What to measure on.
+    pub validation: Option<&'a dyn TrainingData>,
+    /// Identity of the kernel bank behind the codes.
+    pub kernel_bank_sha256: Option<String>,
+    /// Where to compute.
+    pub backend: Backend,
+    /// Where to report, and whom to ask whether to stop.
+    pub progress: &'a Progress,
+}
+
+/// How a run begins.
+#[derive(Clone, Debug)]
+pub enum Start {
+    /// From these weights, or random ones, in a folder without a run.
+    New(Option<Parameters>),
+    /// The same, after removing a run that is there.
+    Replace(Option<Parameters>),
+    /// From the latest checkpoint.
+    Resume,
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// Number of steps done in all.
+    pub iteration: u64,
+    /// Whether the user stopped it before its end; it can be resumed.
+    pub interrupted: bool,
+    /// The last step of this process, if it made one.
+    pub last_step: Option<Step>,
+    /// The last validation of this process, if it made one.
+    pub last_validation: Option<Validation>,
+}
+
+/// The configuration that a run began with.
+///
+/// # Errors
+/// [`Error::Format`] when the folder holds no run; [`Error::Config`] when its configuration was damaged.
+pub fn read_config(folder: &Path) -> Result<String> {
+    let path = folder.join(CONFIG_FILE);
+    if !path.is_file() {
+        let reason =
+            format!("there is no run to resume, it has no {CONFIG_FILE}; leave out --resume to begin one");
+        return Err(Error::format(folder, reason));
+    }
+    io::read_text(&path)
+}
+
+impl Job<'_> {
+    /// Trains until the configured number of iterations, or until the user asks to stop.
+    ///
+    /// # Errors
+    /// [`Error::Format`] when the folder holds a run that is not to be replaced, or none to resume;
+    /// [`Error::Config`] when a resumed run was configured otherwise; those of the data and of
+    /// [`Trainer::step`]. Checkpoints are kept whatever happens.
+    pub fn run(&self, folder: &Path, start: Start) -> Result<Outcome> {
+        self.config.validate()?;
+        let validator = match self.validation {
+            Some(data) if self.config.validation.every > 0 => Some(Validator::new(data, self.config)?),
+            _ => None,
+        };
+        let mut run = self.open(folder, start, validator)?;
+        let interrupted = run.advance(self)?;
+        run.save_checkpoint(self)?;
+        Ok(Outcome {
+            iteration: run.trainer.iteration(),
+            interrupted,
+            last_step: run.last_step,
+            last_validation: run.last_validation,
+        })
+    }
+
+    fn open(&self, folder: &Path, start: Start, validator: Option<Validator>) -> Result<Run> {
+        let checkpoints = Checkpoints::new(folder.join(CHECKPOINTS));
+        let (initial, checkpoint) = match start {
+            Start::New(initial) => {
+                refuse_run(folder)?;
+                (initial, None)
+            }
+            Start::Replace(initial) => {
+                remove_run(folder)?;
+                (initial, None)
+            }
+            Start::Resume => {
+                self.check_same(folder)?;
+                (None, checkpoints.latest(&self.config.architecture)?)
+            }
+        };
+        io::create_folder(folder)?;
+        let text = self.config.to_toml();
+        io::write_atomically(&folder.join(CONFIG_FILE), true, |out| out.write_all(text.as_bytes()))?;
+        let begins_with_weights = initial.is_some();
+        let (trainer, best) = match checkpoint {
+            Some(Checkpoint { state, best }) => {
+                (Trainer::from_state(self.config, state, self.data.len(), self.backend)?, best)
+            }
+            None => (Trainer::new(self.config, initial, self.data.len(), self.backend)?, None),
+        };
+        let log = open_log(&folder.join(LOG_FILE), trainer.iteration())?;
+        let folder = folder.to_owned();
+        let run = Run {
+            folder,
+            checkpoints,
+            log,
+            trainer,
+            best,
+            validator,
+            last_step: None,
+            last_validation: None,
+        };
+        if begins_with_weights {
+            // A run that is killed before its first checkpoint must not be resumed from random weights.
+            run.save_checkpoint(self)?;
+        }
+        Ok(run)
+    }
+
+    /// Refuses to resume a run under another configuration than its own.
+    fn check_same(&self, folder: &Path) -> Result<()> {
+        let before = TrainConfig::from_toml(&read_config(folder)?, &[])?;
+        match self.config.first_difference(&before) {
+            None => Ok(()),
+            Some(difference) => Err(Error::config(
+                "configuration",
+                format!(
+                    "{difference} when the run began; resume with its own {CONFIG_FILE}, or begin a new run"
+                ),
+            )),
+        }
+    }
+
+    /// What a model file says of its training; nothing that another process on another day would say
+    /// differently.
+    fn describe(&self, iteration: u64) -> Value {
+        let config = serde_json::to_value(self.config).expect("configurations are plain data");
+        json!({"program": concat!("udc ", env!("CARGO_PKG_VERSION")), "iteration": iteration, "config": config})
+    }
+}
+
+/// Refuses a folder in which a run has got somewhere; one that failed at its first step may be begun again.
+fn refuse_run(folder: &Path) -> Result<()> {
+    let log = folder.join(LOG_FILE);
+    let has_log = log.is_file() && !io::read_text(&log)?.is_empty();
+    if has_log || [CHECKPOINTS, MODEL_FILE].iter().any(|name| folder.join(name).exists()) {
+        let reason = "there is a run already; pass --resume to go on with it, --overwrite to begin anew, or name \
+                      another folder";
+        return Err(Error::format(folder, reason));
+    }
+    Ok(())
+}
+
+fn remove_run(folder: &Path) -> Result<()> {
+    let names = [CONFIG_FILE, LOG_FILE, CHECKPOINTS, MODEL_FILE, BEST_FILE];
+    names.iter().try_for_each(|name| io::remove(&folder.join(name)))
+}
+
+/// Opens the log at the line after `iteration`: what a killed process wrote past its checkpoint will be
+/// written again.
+fn open_log(path: &Path, iteration: u64) -> Result<LineLog> {
+    let text = if path.is_file() { io::read_text(path)? } else { String::new() };
+    let is_done = |line: &&str| {
+        let value: Option<Value> = serde_json::from_str(line).ok();
+        value.and_then(|value| value["iteration"].as_u64()).is_some_and(|found| found <= iteration)
+    };
+    let kept: String = text.lines().take_while(is_done).map(|line| format!("{line}\n")).collect();
+    io::write_atomically(path, true, |out| out.write_all(kept.as_bytes()))?;
+    LineLog::open(path)
+}
+
+/// A run between two steps.
+struct Run {
+    folder: PathBuf,
+    checkpoints: Checkpoints,
+    log: LineLog,
+    trainer: Trainer,
+    best: Option<Best>,
+    validator: Option<Validator>,
+    last_step: Option<Step>,
+    last_validation: Option<Validation>,
+}
+
+impl Run {
+    /// Makes steps until the end; true when the user stopped it before.
+    fn advance(&mut self, job: &Job<'_>) -> Result<bool> {
+        let config = job.config;
+        let bar = job.progress.bar(config.iterations, "training");
+        bar.set_position(self.trainer.iteration());
+        bar.reset_eta();
+        while self.trainer.iteration() < config.iterations {
+            if job.progress.check().is_err() {
+                return Ok(true);
+            }
+            let step = self.trainer.step(job.data)?;
+            let is_due = |every: u64| every > 0 && step.iteration.is_multiple_of(every);
+            if is_due(config.log_every) {
+                self.write_line(&step)?;
+            }
+            self.last_step = Some(step);
+            if is_due(config.validation.every) {
+                self.validate(job)?;
+            }
+            if is_due(config.checkpoint.every) {
+                self.save_checkpoint(job)?;
+            }
+            bar.set_message(format!("loss {:.5}", step.loss));
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        Ok(false)
+    }
+
+    fn write_line(&mut self, line: &impl Serialize) -> Result<()> {
+        self.log.append(&serde_json::to_string(line).expect("log lines are plain data"))
+    }
+
+    fn validate(&mut self, job: &Job<'_>) -> Result<()> {
+        let Some(validator) = &self.validator else { return Ok(()) };
+        let weights = self.weights(job);
+        let iteration = self.trainer.iteration();
+        let validation = validator.run(&weights, job.backend, iteration)?;
+        if self.best.is_none_or(|best| validation.psnr > best.psnr) {
+            self.best = Some(Best { iteration, psnr: validation.psnr });
+            weights::write(&self.folder.join(BEST_FILE), &weights, true)?;
+        }
+        self.last_validation = Some(validation);
+        self.write_line(&validation)
+    }
+
+    /// Writes a checkpoint and, once it is complete, the run's model.
+    fn save_checkpoint(&self, job: &Job<'_>) -> Result<()> {
+        self.log.sync()?;
+        let weights = self.weights(job);
+        let checkpoint = Checkpoint { state: self.trainer.state.clone(), best: self.best };
+        self.checkpoints.save(&checkpoint, &weights, job.config.checkpoint.keep)?;
+        weights::write(&self.folder.join(MODEL_FILE), &weights, true)
+    }
+
+    fn weights(&self, job: &Job<'_>) -> Weights {
+        Weights {
+            architecture: job.config.architecture.clone(),
+            parameters: self.trainer.weights().clone(),
+            origin: Origin {
+                training: Some(job.describe(self.trainer.iteration())),
+                kernel_bank_sha256: job.kernel_bank_sha256.clone(),
+                state_dict: None,
+            },
+        }
+    }
+}
