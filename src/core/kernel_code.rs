@@ -2,10 +2,9 @@
 //! keeps them together.
 
 use ndarray::{Array1, Array2, ArrayView1};
-use sha2::{Digest, Sha256};
 
 use super::error::{Error, Result};
-use super::psf::{Psf, hex};
+use super::psf::Psf;
 
 /// The coefficients of one PSF in a [`CodeBasis`], `[b]`.
 pub type KernelCode = Array1<f32>;
@@ -99,21 +98,6 @@ impl KernelBank {
     /// When `index` is not below [`len`](Self::len).
     pub fn code(&self, index: usize) -> ArrayView1<'_, f32> {
         self.codes.row(index)
-    }
-
-    /// SHA-256 of the PSFs, their codes and angles, in hexadecimal: the identity of a bank across files.
-    pub fn sha256(&self) -> String {
-        let mut hash = Sha256::new();
-        for psf in &self.psfs {
-            hash.update(psf.sha256());
-        }
-        for value in &self.codes {
-            hash.update(value.to_le_bytes());
-        }
-        for angle in self.angles_deg.iter().flatten() {
-            hash.update(angle.to_le_bytes());
-        }
-        hex(&hash.finalize())
     }
 
     /// The folder name of kernel `index` in a dataset: `r-12`, `r+03` for rotations, `k01` otherwise.

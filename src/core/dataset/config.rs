@@ -24,7 +24,7 @@ pub struct DatasetConfig {
     pub program: String,
     /// Kernel bank, relative to the folder.
     pub bank: String,
-    /// [`KernelBank::sha256`](crate::core::kernel_code::KernelBank::sha256) of the bank.
+    /// SHA-256 of the bank's file.
     pub bank_sha256: String,
     /// Seed of the noise and of the split.
     pub seed: u64,

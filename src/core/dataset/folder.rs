@@ -18,16 +18,16 @@ pub const BANK_FILE: &str = "kernels.safetensors";
 pub(super) fn open(root: &Path) -> Result<Dataset> {
     let config = DatasetConfig::read(root)?;
     let bank_path = root.join(&config.bank);
-    let bank = io::read_bank(&bank_path)?;
-    if bank.sha256() != config.bank_sha256 {
+    let sha256 = io::bank_sha256(&bank_path)?;
+    if sha256 != config.bank_sha256 {
         let reason = format!(
-            "is not the kernel bank of this dataset (its hash is {}, {CONFIG_FILE} records {}); put the \
-             original back or synthesise again",
-            bank.sha256(),
+            "is not the kernel bank of this dataset (its SHA-256 is {sha256}, {CONFIG_FILE} records {}); put \
+             the original back or synthesise again",
             config.bank_sha256
         );
         return Err(Error::format(bank_path, reason));
     }
+    let bank = io::read_bank(&bank_path)?;
     let kernels = (0..bank.len()).map(|index| bank.kernel_name(index)).collect();
     let codes = (0..bank.len()).map(|index| bank.code(index).to_owned()).collect();
     Ok(Dataset {

@@ -120,20 +120,21 @@ impl Convolver {
     /// [`Error::Shape`] when the planes are not of this convolver's size.
     pub fn spectrum_of_planes(&self, planes: ArrayView3<'_, f32>) -> Result<Spectrum> {
         self.require_planes(planes.dim())?;
+        let sources: Vec<usize> = (0..self.columns.extended).map(|x| self.columns.source(x)).collect();
         Ok(Spectrum {
             planes: self.each_channel(|channel| {
                 let plane = planes.index_axis(ndarray::Axis(0), channel);
                 self.transform.forward(&[0..self.rows.extended], |row, samples| {
                     let source = plane.row(self.rows.source(row));
-                    for (x, sample) in samples[..self.columns.extended].iter_mut().enumerate() {
-                        *sample = source[self.columns.source(x)];
+                    for (sample, &x) in samples.iter_mut().zip(&sources) {
+                        *sample = source[x];
                     }
                 })
             }),
         })
     }
 
-    /// Convolves: the product of both transforms, back.
+    /// Convolves: the product of both transforms, back to planes `[3, height, width]`.
     pub fn convolve(&self, image: &Spectrum, otf: &Otf) -> Array3<f32> {
         self.filter(image, otf, |x, h| x * h)
     }
@@ -143,7 +144,14 @@ impl Convolver {
     /// # Panics
     /// When `out` has another length.
     pub fn convolve_into(&self, image: &Spectrum, otf: &Otf, out: &mut [f32]) {
-        self.filter_into(image, otf, |x, h| x * h, out);
+        self.filter_into(image, otf, &|x, h| x * h, out);
+    }
+
+    /// Takes a spectrum that is no longer needed, so that the next one is written in its place.
+    pub fn reuse(&self, spectrum: Spectrum) {
+        for channel in spectrum.planes.channels {
+            self.transform.reuse(channel);
+        }
     }
 
     /// Applies `response(image, otf)` at every frequency and returns the planes `[3, height, width]`.
@@ -157,7 +165,7 @@ impl Convolver {
     ) -> Array3<f32> {
         let mut out = Array3::zeros((CHANNELS, self.rows.scene, self.columns.scene));
         let slice = out.as_slice_mut().expect("new arrays are contiguous");
-        self.filter_into(image, otf, response, slice);
+        self.filter_into(image, otf, &response, slice);
         out
     }
 
@@ -181,8 +189,9 @@ impl Convolver {
                 }
             });
             let response = |x: Complex32, h: Complex32| x * h.conj();
-            let otf = &otf.planes.channels[channel];
-            self.multiply_back(&spectrum, otf, response, whole, &mut extended);
+            let product = self.product(&spectrum, otf.channel(channel), &response);
+            self.transform.inverse(product, whole, &mut extended);
+            self.transform.reuse(spectrum);
             // The border was copied from the scene; its share returns to the pixels it came from.
             for (y, row) in extended.chunks_exact(whole.width).enumerate() {
                 let mut target = out.row_mut(self.rows.source(y));
@@ -198,37 +207,34 @@ impl Convolver {
         &self,
         image: &Spectrum,
         otf: &Otf,
-        response: impl Fn(Complex32, Complex32) -> Complex32 + Sync,
+        response: &(impl Fn(Complex32, Complex32) -> Complex32 + Sync),
         out: &mut [f32],
     ) {
         let (height, width) = (self.rows.scene, self.columns.scene);
         assert_eq!(out.len(), CHANNELS * height * width, "the output has the image's size");
         let window = Window { top: self.rows.lead, left: self.columns.lead, height, width };
-        let planes = image.planes.channels.iter().zip(&otf.planes.channels);
-        for ((spectrum, otf), out) in planes.zip(out.chunks_exact_mut(height * width)) {
-            self.multiply_back(spectrum, otf, &response, window, out);
+        for (channel, out) in out.chunks_exact_mut(height * width).enumerate() {
+            let product = self.product(image.channel(channel), otf.channel(channel), response);
+            self.transform.inverse(product, window, out);
         }
     }
 
-    fn multiply_back(
+    /// The columns of the product of two spectra, for [`Transform::inverse`].
+    fn product<'a>(
         &self,
-        spectrum: &[Complex32],
-        otf: &[Complex32],
-        response: impl Fn(Complex32, Complex32) -> Complex32 + Sync,
-        window: Window,
-        out: &mut [f32],
-    ) {
-        let len = self.transform.spectrum_len();
+        spectrum: &'a [Complex32],
+        otf: &'a [Complex32],
+        response: &'a (impl Fn(Complex32, Complex32) -> Complex32 + Sync),
+    ) -> impl Fn(usize, &mut [Complex32]) + Sync {
+        let (len, height) = (self.transform.spectrum_len(), self.transform.height());
         assert_eq!((spectrum.len(), otf.len()), (len, len), "spectra belong to this convolver");
-        let height = self.transform.height();
-        let product = |kx: usize, column: &mut [Complex32]| {
+        move |kx, column| {
             let x = &spectrum[kx * height..][..height];
             let h = &otf[kx * height..][..height];
             for ((out, x), h) in column.iter_mut().zip(x).zip(h) {
                 *out = response(*x, *h);
             }
-        };
-        self.transform.inverse(product, window, out);
+        }
     }
 
     fn transform_kernel(&self, kernel: ArrayView2<'_, f32>) -> Vec<Complex32> {

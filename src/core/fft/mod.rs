@@ -6,6 +6,7 @@
 
 mod convolver;
 mod geometry;
+mod pool;
 mod transform;
 
 use serde::{Deserialize, Serialize};

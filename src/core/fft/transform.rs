@@ -18,6 +18,8 @@ use rayon::prelude::*;
 use rustfft::num_complex::Complex32;
 use rustfft::{Fft, FftPlanner};
 
+use super::pool::{Loan, Pool};
+
 /// Width of the blocks between the row and the column pass.
 const BLOCK: usize = 16;
 
@@ -30,7 +32,11 @@ pub(super) struct Transform {
     width: usize,
     along_rows: Plans,
     along_columns: Plans,
-    buffers: Mutex<Vec<Vec<Complex32>>>,
+    /// What stands between the row and the column pass, one at a time for each plane in work.
+    blocks: Pool<Vec<Complex32>>,
+    /// What a thread works in.
+    scratches: Pool<Scratch>,
+    spectra: Pool<Vec<Complex32>>,
 }
 
 struct Plans {
@@ -66,7 +72,9 @@ impl Transform {
             width,
             along_rows: Plans::new(width),
             along_columns: Plans::new(height),
-            buffers: Mutex::default(),
+            blocks: Pool::new(),
+            scratches: Pool::new(),
+            spectra: Pool::new(),
         }
     }
 
@@ -90,25 +98,33 @@ impl Transform {
     ) -> Vec<Complex32> {
         let groups: Vec<Range<usize>> = rows.iter().flat_map(split_in_blocks).collect();
         let columns = self.width / 2 + 1;
-        let mut blocks = self.take_buffer(groups.len() * columns * BLOCK);
+        let mut blocks = self.lend_blocks(groups.len() * columns * BLOCK);
         blocks.par_chunks_mut(columns * BLOCK).zip(&groups).for_each_init(
-            || RowScratch::new(&self.along_rows, self.width),
+            || self.lend_scratch(),
             |scratch, (block, group)| self.transform_rows(group.clone(), &fill, scratch, block),
         );
-        let mut spectrum = vec![Complex32::default(); self.spectrum_len()];
-        let scratch_len = self.along_columns.scratch_len();
+        let mut spectrum = self.spectra.take().unwrap_or_default();
+        spectrum.resize(self.spectrum_len(), Complex32::default());
         spectrum.par_chunks_mut(self.height).enumerate().for_each_init(
-            || vec![Complex32::default(); scratch_len],
+            || self.lend_scratch(),
             |scratch, (kx, column)| {
+                let mut next = 0;
                 for (block, group) in blocks.chunks(columns * BLOCK).zip(&groups) {
+                    column[next..group.start].fill(Complex32::default());
                     let samples = &block[kx * BLOCK..][..group.len()];
                     column[group.clone()].copy_from_slice(samples);
+                    next = group.end;
                 }
-                self.along_columns.forward.process_with_scratch(column, scratch);
+                column[next..].fill(Complex32::default());
+                self.along_columns.forward.process_with_scratch(column, &mut scratch.fft);
             },
         );
-        self.return_buffer(blocks);
         spectrum
+    }
+
+    /// Takes a spectrum that is no longer needed, to be overwritten by the next one.
+    pub(super) fn reuse(&self, spectrum: Vec<Complex32>) {
+        self.spectra.put(spectrum);
     }
 
     /// Transforms up to 16 rows to a block `[kx][row]`.
@@ -116,7 +132,7 @@ impl Transform {
         &self,
         group: Range<usize>,
         fill: &impl Fn(usize, &mut [f32]),
-        scratch: &mut RowScratch,
+        scratch: &mut Scratch,
         block: &mut [Complex32],
     ) {
         let count = group.len();
@@ -129,17 +145,18 @@ impl Transform {
                 }
             }
             let [a, b] = &scratch.real;
-            for ((z, &a), &b) in scratch.complex.iter_mut().zip(a).zip(b) {
+            let samples = &mut scratch.complex[..self.width];
+            for ((z, &a), &b) in samples.iter_mut().zip(a).zip(b) {
                 *z = Complex32::new(a, b);
             }
-            self.along_rows.forward.process_with_scratch(&mut scratch.complex, &mut scratch.fft);
-            separate_pair(&scratch.complex, block, first, second);
+            self.along_rows.forward.process_with_scratch(samples, &mut scratch.fft);
+            separate_pair(samples, block, first, second);
         }
     }
 
     /// Transforms a half spectrum back and keeps one window of the plane.
     ///
-    /// `product(kx, column)` writes the column of the spectrum, `[ky]`.
+    /// `product(kx, column)` writes a column of the spectrum, `[ky]`.
     pub(super) fn inverse(
         &self,
         product: impl Fn(usize, &mut [Complex32]) + Sync,
@@ -149,13 +166,13 @@ impl Transform {
         assert_eq!(out.len(), window.height * window.width, "the output has the window's size");
         let columns = self.width / 2 + 1;
         let block_len = window.height * BLOCK;
-        let mut blocks = self.take_buffer(columns.div_ceil(BLOCK) * block_len);
+        let mut blocks = self.lend_blocks(columns.div_ceil(BLOCK) * block_len);
         blocks.par_chunks_mut(block_len).enumerate().for_each_init(
-            || ColumnScratch::new(&self.along_columns, self.height),
+            || self.lend_scratch(),
             |scratch, (index, block)| {
-                let first = index * BLOCK;
-                let group = first..columns.min(first + BLOCK);
-                for (column, kx) in scratch.columns.chunks_mut(self.height).zip(group) {
+                let scratch = &mut **scratch;
+                let kxs = index * BLOCK..columns.min((index + 1) * BLOCK);
+                for (column, kx) in scratch.columns.chunks_mut(self.height).zip(kxs) {
                     product(kx, column);
                     self.along_columns.inverse.process_with_scratch(column, &mut scratch.fft);
                 }
@@ -163,16 +180,17 @@ impl Transform {
             },
         );
         out.par_chunks_mut(BLOCK * window.width).enumerate().for_each_init(
-            || RowScratch::new(&self.along_rows, self.width),
+            || self.lend_scratch(),
             |scratch, (index, rows)| {
+                let scratch = &mut **scratch;
                 for (pair, rows) in rows.chunks_mut(2 * window.width).enumerate() {
                     join_pair(&blocks, block_len, index * BLOCK + 2 * pair, &mut scratch.complex);
-                    self.along_rows.inverse.process_with_scratch(&mut scratch.complex, &mut scratch.fft);
-                    self.keep_pair(&scratch.complex[window.left..], window.width, rows);
+                    let samples = &mut scratch.complex[..self.width];
+                    self.along_rows.inverse.process_with_scratch(samples, &mut scratch.fft);
+                    self.keep_pair(&samples[window.left..], window.width, rows);
                 }
             },
         );
-        self.return_buffer(blocks);
     }
 
     /// Writes the real parts to the first row, the imaginary ones to the second where there is one.
@@ -188,46 +206,37 @@ impl Transform {
         }
     }
 
-    fn take_buffer(&self, len: usize) -> Vec<Complex32> {
-        let mut buffers = self.buffers.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut buffer = buffers.pop().unwrap_or_default();
-        drop(buffers);
-        // Stale contents are overwritten: the row pass fills what the column pass reads.
-        buffer.resize(len, Complex32::default());
-        buffer
+    /// Lends the blocks between the passes; stale contents are overwritten before they are read.
+    fn lend_blocks(&self, len: usize) -> Loan<'_, Vec<Complex32>> {
+        let mut blocks = self.blocks.lend(Vec::new);
+        blocks.resize(len, Complex32::default());
+        blocks
     }
 
-    fn return_buffer(&self, buffer: Vec<Complex32>) {
-        self.buffers.lock().unwrap_or_else(PoisonError::into_inner).push(buffer);
+    fn lend_scratch(&self) -> Loan<'_, Scratch> {
+        self.scratches.lend(|| Scratch::new(self))
     }
 }
 
-struct RowScratch {
+/// What one thread works in.
+struct Scratch {
+    /// Two rows.
     real: [Vec<f32>; 2],
+    /// Both as one, with one place more for [`join_pair`].
     complex: Vec<Complex32>,
-    fft: Vec<Complex32>,
-}
-
-impl RowScratch {
-    fn new(plans: &Plans, width: usize) -> Self {
-        Self {
-            real: [vec![0.0; width], vec![0.0; width]],
-            complex: vec![Complex32::default(); width],
-            fft: vec![Complex32::default(); plans.scratch_len()],
-        }
-    }
-}
-
-struct ColumnScratch {
+    /// The columns of a block.
     columns: Vec<Complex32>,
     fft: Vec<Complex32>,
 }
 
-impl ColumnScratch {
-    fn new(plans: &Plans, height: usize) -> Self {
+impl Scratch {
+    fn new(transform: &Transform) -> Self {
+        let fft_len = transform.along_rows.scratch_len().max(transform.along_columns.scratch_len());
         Self {
-            columns: vec![Complex32::default(); BLOCK * height],
-            fft: vec![Complex32::default(); plans.scratch_len()],
+            real: [vec![0.0; transform.width], vec![0.0; transform.width]],
+            complex: vec![Complex32::default(); transform.width + 1],
+            columns: vec![Complex32::default(); BLOCK * transform.height],
+            fft: vec![Complex32::default(); fft_len],
         }
     }
 }
@@ -261,20 +270,24 @@ fn transpose(columns: &[Complex32], stride: usize, block: &mut [Complex32]) {
     }
 }
 
-/// Joins the half spectra A and B of two rows to that of the complex row a + ib: `Z[k] = A + iB` and
-/// `Z[−k] = conj(A − iB)`. Beyond the last row of a block of odd height, B repeats what is there.
+/// Joins the half spectra A and B of rows `row` and `row + 1` to that of the complex row a + ib:
+/// `Z[k] = A + iB` and `Z[−k] = conj(A − iB)`. Beyond the last row, B repeats A.
+///
+/// `z` has one place more than samples, so that Z[−0] has somewhere to go.
 fn join_pair(blocks: &[Complex32], block_len: usize, row: usize, z: &mut [Complex32]) {
-    let n = z.len();
+    let n = z.len() - 1;
     let columns = n / 2 + 1;
-    for (index, block) in blocks.chunks_exact(block_len).enumerate() {
-        let first = &block[row * BLOCK..][..BLOCK];
-        let second = block.get((row + 1) * BLOCK..(row + 2) * BLOCK).unwrap_or(first);
-        let start = index * BLOCK;
-        for (k, (a, b)) in (start..columns.min(start + BLOCK)).zip(first.iter().zip(second)) {
-            z[k] = Complex32::new(a.re - b.im, a.im + b.re);
-            if k > 0 {
-                z[n - k] = Complex32::new(a.re + b.im, b.re - a.im);
-            }
+    let second = if (row + 2) * BLOCK <= block_len { row + 1 } else { row };
+    for (block, start) in blocks.chunks_exact(block_len).zip((0..columns).step_by(BLOCK)) {
+        let count = BLOCK.min(columns - start);
+        let a = &block[row * BLOCK..][..count];
+        let b = &block[second * BLOCK..][..count];
+        for ((z, a), b) in z[start..].iter_mut().zip(a).zip(b) {
+            *z = Complex32::new(a.re - b.im, a.im + b.re);
+        }
+        let mirrored = z[..=n - start].iter_mut().rev();
+        for ((z, a), b) in mirrored.zip(a).zip(b) {
+            *z = Complex32::new(a.re + b.im, b.re - a.im);
         }
     }
 }

@@ -1,0 +1,172 @@
+//! Adds the noise n of the image formation model: none, Gaussian, or that of a sensor.
+//!
+//! Every row of every channel draws from its own stream, named by seed, label, channel and row: results do
+//! not depend on the order of work or the number of threads.
+
+use ndarray::{Array3, ArrayViewMut1, Axis};
+use rand_distr::{Distribution, Poisson, StandardNormal};
+use rayon::prelude::*;
+
+use crate::core::dataset::{NoiseConfig, SensorConfig};
+use crate::core::rng::{Rng, stream};
+
+/// Share of the white level from which on a pixel counts as saturated, as in the fusion of brackets.
+const SATURATION: f64 = 0.99;
+
+/// Photon counts of this many standard deviations above the full well saturate without being drawn.
+const CERTAIN_SIGMAS: f64 = 9.0;
+
+/// Adds noise to irradiance, `[3, height, width]`.
+///
+/// Noise may make values negative; the clipping C comes after it.
+pub fn add_noise(irradiance: &mut Array3<f32>, noise: &NoiseConfig, seed: u64, label: &str) {
+    match noise {
+        NoiseConfig::None => {}
+        NoiseConfig::Gaussian { sigma } => each_row(irradiance, seed, label, |_, row, rng| {
+            for value in row {
+                let normal: f32 = StandardNormal.sample(rng);
+                *value += sigma * normal;
+            }
+        }),
+        NoiseConfig::Sensor(sensor) => each_row(irradiance, seed, label, |channel, row, rng| {
+            for value in row {
+                *value = capture(sensor, channel, *value, rng);
+            }
+        }),
+    }
+}
+
+fn each_row(
+    planes: &mut Array3<f32>,
+    seed: u64,
+    label: &str,
+    change: impl Fn(usize, ArrayViewMut1<'_, f32>, &mut Rng) + Sync,
+) {
+    for (channel, mut plane) in planes.outer_iter_mut().enumerate() {
+        plane.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(y, row)| {
+            change(channel, row, &mut stream(seed, &format!("noise/{label}/{channel}/{y}")));
+        });
+    }
+}
+
+/// Captures one pixel with every exposure that is needed and returns the irradiance that is read off.
+///
+/// # Equation
+/// For an exposure t, the longest whose reading is below saturation, of a pixel of irradiance x:
+/// 1. electrons `e = min(Poisson(x·q·g·t), w)`, q electrons per unit, g the channel's gain, w the full well;
+/// 2. reading `d = round((e + σ·N) / G + b)` within `0..=2^bits − 1`, with σ the read noise, N standard
+///    normal, G electrons per digital number, b the black level;
+/// 3. irradiance `(d − b) · G / (q·g·t)`.
+///
+/// Below saturation its variance is `(x·q·g·t + σ² + G²/12) / (q·g·t)²`.
+fn capture(sensor: &SensorConfig, channel: usize, irradiance: f32, rng: &mut Rng) -> f32 {
+    let white = sensor.white_level_dn();
+    let saturated = sensor.black_level_dn + SATURATION * (white - sensor.black_level_dn);
+    let gain = sensor.gain_e_per_dn();
+    let mut result = 0.0;
+    for exposure in &sensor.exposures {
+        let electrons_per_unit = sensor.electrons_per_unit * sensor.channel_gains[channel] * exposure;
+        let mean = f64::from(irradiance.max(0.0)) * electrons_per_unit;
+        let electrons = photo_electrons(mean, sensor.full_well_e, rng);
+        let noise: f64 = StandardNormal.sample(rng);
+        let reading = (electrons + sensor.read_noise_e * noise) / gain + sensor.black_level_dn;
+        let reading = reading.round().clamp(0.0, white);
+        result = (reading - sensor.black_level_dn) * gain / electrons_per_unit;
+        if reading < saturated {
+            break;
+        }
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
+    let result = result as f32;
+    result
+}
+
+fn photo_electrons(mean: f64, full_well: f64, rng: &mut Rng) -> f64 {
+    if mean > full_well + CERTAIN_SIGMAS * mean.sqrt() {
+        return full_well;
+    }
+    match Poisson::new(mean) {
+        Ok(poisson) => poisson.sample(rng).min(full_well),
+        // No light: the distribution wants a positive mean.
+        Err(_) => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIDE: usize = 128;
+
+    fn samples(noise: &NoiseConfig, irradiance: f32) -> Vec<f64> {
+        let mut planes = Array3::from_elem((3, SIDE, SIDE), irradiance);
+        add_noise(&mut planes, noise, 1, "test");
+        planes.iter().map(|&v| f64::from(v)).collect()
+    }
+
+    fn mean_and_variance(samples: &[f64]) -> (f64, f64) {
+        let n = samples.len() as f64;
+        let mean = samples.iter().sum::<f64>() / n;
+        (mean, samples.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0))
+    }
+
+    /// A sample variance of n normal values scatters by √(2/n) of itself, a mean by √(variance/n); five of
+    /// these are allowed.
+    fn agrees(noise: &NoiseConfig, irradiance: f32, expected_variance: f64) {
+        let samples = samples(noise, irradiance);
+        let n = samples.len() as f64;
+        let (mean, variance) = mean_and_variance(&samples);
+        let bias = (mean - f64::from(irradiance)).abs();
+        assert!(bias < 5.0 * (expected_variance / n).sqrt(), "mean {mean} of irradiance {irradiance}");
+        let relative = (variance / expected_variance - 1.0).abs();
+        assert!(relative < 5.0 * (2.0 / n).sqrt(), "variance {variance}, expected {expected_variance}");
+    }
+
+    #[test]
+    fn gaussian_noise_has_its_variance() {
+        agrees(&NoiseConfig::Gaussian { sigma: 0.3 }, 2.0, 0.09);
+    }
+
+    #[test]
+    fn sensor_noise_is_shot_noise_read_noise_and_quantisation() {
+        let sensor = SensorConfig::default();
+        let gain = sensor.gain_e_per_dn();
+        // 16 units are read from the longest exposure, 100 from the second, 300 from the shortest.
+        for (irradiance, exposure) in [(16.0f32, 1.0), (100.0, 0.25), (300.0, 0.0625)] {
+            let q = sensor.electrons_per_unit * exposure;
+            let electrons = f64::from(irradiance) * q;
+            let variance = (electrons + sensor.read_noise_e.powi(2) + gain * gain / 12.0) / (q * q);
+            agrees(&NoiseConfig::Sensor(sensor.clone()), irradiance, variance);
+        }
+    }
+
+    #[test]
+    fn a_less_sensitive_channel_is_noisier() {
+        let sensor = SensorConfig { channel_gains: [0.25, 1.0, 1.0], ..SensorConfig::default() };
+        let samples = samples(&NoiseConfig::Sensor(sensor), 4.0);
+        let (_, red) = mean_and_variance(&samples[..SIDE * SIDE]);
+        let (_, green) = mean_and_variance(&samples[SIDE * SIDE..2 * SIDE * SIDE]);
+        assert!(red > 3.5 * green, "red {red}, green {green}");
+    }
+
+    #[test]
+    fn a_sensor_saturates_at_the_full_well_of_its_shortest_exposure() {
+        let sensor = SensorConfig { read_noise_e: 0.0, ..SensorConfig::default() };
+        let saturation = sensor.full_well_e / (sensor.electrons_per_unit * sensor.exposures[2]);
+        for value in samples(&NoiseConfig::Sensor(sensor), 1e6) {
+            assert!((value / saturation - 1.0).abs() < 1e-6, "{value}, expected {saturation}");
+        }
+    }
+
+    #[test]
+    fn darkness_reads_read_noise_around_zero() {
+        let samples = samples(&NoiseConfig::Sensor(SensorConfig::default()), 0.0);
+        let (mean, variance) = mean_and_variance(&samples);
+        assert!(mean.abs() < 1e-3 && variance > 0.0);
+    }
+
+    #[test]
+    fn no_noise_changes_nothing() {
+        assert!(samples(&NoiseConfig::None, 1.25).iter().all(|&v| v == 1.25));
+    }
+}
