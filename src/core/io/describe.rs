@@ -58,7 +58,10 @@ pub fn describe(path: &Path) -> Result<Description> {
         Some("npy") => match inspect_image(path) {
             Ok((pixels, encoding)) => Ok(Description::Image(image::describe_image(pixels, encoding))),
             // What is no image may still be an array; if it is neither, the first reason says more.
-            Err(no_image) => read_array(path).map(|array| describe_array(&array)).map_err(|_| no_image),
+            Err(no_image) => match read_array(path) {
+                Ok(array) if !array.is_empty() => Ok(describe_array(&array)),
+                _ => Err(no_image),
+            },
         },
         _ => inspect_image(path)
             .map(|(pixels, encoding)| Description::Image(image::describe_image(pixels, encoding))),

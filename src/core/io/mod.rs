@@ -257,6 +257,4 @@ fn to_rgb(path: &Path, planes: Array3<f32>) -> Result<Array3<f32>> {
 }
 
 #[cfg(test)]
-mod damage_tests;
-#[cfg(test)]
 mod tests;

@@ -1,8 +1,15 @@
-use ndarray::{Array1, Array2, Array3};
+//! Files of every format, from this program and from others, whole and damaged.
+
+mod bank;
+mod damage;
+mod exr;
+mod fixtures;
+mod outputs;
+
+use ndarray::Array3;
 
 use super::*;
 use crate::core::image::{LinearImage, ToneMappedImage};
-use crate::core::kernel_code::{CodeBasis, KernelBank};
 
 /// Values of many magnitudes, none of them special.
 fn scene(height: usize, width: usize) -> LinearImage {
@@ -13,26 +20,10 @@ fn scene(height: usize, width: usize) -> LinearImage {
     LinearImage::from_planes(planes).unwrap()
 }
 
-fn bank() -> KernelBank {
-    let psfs: Vec<Psf> = (1..4)
-        .map(|k| {
-            let energy = Array3::from_shape_fn((3, 4, 5), |(c, y, x)| ((c + y * k + x) % 5 + 1) as f32);
-            Psf::from_energy(energy).unwrap()
-        })
-        .collect();
-    let basis = CodeBasis {
-        mean: Array1::from_shape_fn(60, |i| i as f32 * 0.1),
-        components: Array2::from_shape_fn((2, 60), |(b, i)| (b * 60 + i) as f32),
-        explained_variance: Array1::from_vec(vec![2.0, 1.0]),
-    };
-    let codes = Array2::from_shape_fn((3, 2), |(k, b)| (k * 2 + b) as f32 - 2.5);
-    KernelBank::new(psfs, codes, basis, Some(vec![-3.0, 0.0, 3.5])).unwrap()
-}
-
 #[test]
 fn float_formats_return_an_image_to_the_bit() {
     let folder = tempfile::tempdir().unwrap();
-    for (height, width) in [(1, 1), (7, 5), (37, 130)] {
+    for (height, width) in [(1, 1), (7, 5), (37, 130), (1100, 3)] {
         let image = scene(height, width);
         for name in ["a.exr", "a.npy"] {
             let path = folder.path().join(name);
@@ -42,12 +33,34 @@ fn float_formats_return_an_image_to_the_bit() {
     }
 }
 
+/// Half floats have 11 significant bits and, below 2⁻¹⁴, steps of 2⁻²⁴.
 #[test]
-fn a_bank_returns_to_the_bit() {
+fn half_formats_round_to_eleven_bits() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("bank.safetensors");
-    write_bank(&path, &bank(), false).unwrap();
-    assert_eq!(read_bank(&path).unwrap(), bank());
+    let image = scene(37, 130).map_values::<Linear>(|v| v / 64.0);
+    for name in ["a.exr", "a.npy"] {
+        let path = folder.path().join(name);
+        write_image(&path, &image, &WriteOptions { half: true, ..Default::default() }).unwrap();
+        let read = read_image::<Linear>(&path).unwrap();
+        for (a, b) in image.as_slice().iter().zip(read.as_slice()) {
+            assert!((a - b).abs() <= (a * 2f32.powi(-11)).max(2f32.powi(-25)), "{name}: {a} became {b}");
+        }
+    }
+}
+
+/// The shared exponent gives 8 bits to the largest channel of a pixel.
+#[test]
+fn radiance_rounds_to_eight_bits_of_the_brightest_channel() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.hdr");
+    let image = scene(20, 30);
+    write_image(&path, &image, &WriteOptions::default()).unwrap();
+    let read = read_image::<Linear>(&path).unwrap();
+    for ((c, y, x), value) in image.planes().indexed_iter() {
+        let brightest = (0..3).map(|c| image.planes()[[c, y, x]]).fold(0.0, f32::max);
+        let found = read.planes()[[c, y, x]];
+        assert!((found - value).abs() <= brightest / 128.0, "{value} became {found}");
+    }
 }
 
 #[test]
@@ -60,16 +73,37 @@ fn refuses_an_image_of_the_other_domain() {
 }
 
 #[test]
+fn refuses_values_that_are_not_finite() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.npy");
+    write_pixels(&path, &Pixels::of_planes(Array3::from_elem((3, 4, 4), f32::NAN)), PixelOptions::default())
+        .unwrap();
+    assert!(read_image::<Linear>(&path).unwrap_err().to_string().contains("NaN"));
+    assert!(read_psf(&path).is_err());
+}
+
+#[test]
 fn integer_formats_round_to_their_step() {
     let folder = tempfile::tempdir().unwrap();
     let planes = Array3::from_shape_fn((3, 9, 11), |(c, y, x)| (c * 99 + y * 11 + x) as f32 / 296.0);
     let image = ToneMappedImage::from_planes(planes).unwrap();
-    for (name, step) in [("a.png", 1.0 / 65535.0), ("a.tif", 1.0 / 65535.0)] {
+    for name in ["a.png", "a.tif"] {
         let path = folder.path().join(name);
         write_image(&path, &image, &WriteOptions::default()).unwrap();
         let read = read_image::<ToneMapped>(&path).unwrap();
         for (a, b) in image.as_slice().iter().zip(read.as_slice()) {
-            assert!((a - b).abs() <= 0.5 * step + f32::EPSILON, "{name}: {a} {b}");
+            assert!((a - b).abs() <= 0.5 / 65535.0 + f32::EPSILON, "{name}: {a} {b}");
         }
     }
+}
+
+#[test]
+fn a_file_is_read_by_its_contents_not_by_its_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    let image = scene(5, 6);
+    write_image(&path, &image, &WriteOptions::default()).unwrap();
+    let renamed = folder.path().join("a.png");
+    std::fs::rename(&path, &renamed).unwrap();
+    assert_eq!(read_image::<Linear>(&renamed).unwrap(), image);
 }

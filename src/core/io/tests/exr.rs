@@ -1,0 +1,165 @@
+//! OpenEXR files of unusual layouts, made with the same crate's own writer.
+
+use std::io::Cursor;
+
+use ::exr::math::RoundingMode;
+use ::exr::prelude::{
+    AnyChannel, AnyChannels, Encoding as ExrEncoding, FlatSamples, Image as ExrImage, ImageAttributes,
+    IntegerBounds, Layer, LayerAttributes, Levels, WritableImage,
+};
+
+use super::*;
+use crate::core::image::LinearImage;
+
+const SIDE: usize = 20;
+
+/// The value of a channel at full resolution; lower resolutions hold −1.
+fn value(channel: usize, i: usize) -> f32 {
+    (channel * 1000 + i) as f32
+}
+
+fn channels(prefix: &str, mip_maps: bool) -> AnyChannels<Levels<FlatSamples>> {
+    let channel = |(index, name): (usize, &str)| {
+        let full = FlatSamples::F32((0..SIDE * SIDE).map(|i| value(index, i)).collect());
+        let samples = if mip_maps {
+            let small = [10, 5, 2, 1].map(|side| FlatSamples::F32(vec![-1.0; side * side]));
+            let level_data = std::iter::once(full).chain(small).collect();
+            Levels::Mip { rounding_mode: RoundingMode::Down, level_data }
+        } else {
+            Levels::Singular(full)
+        };
+        AnyChannel::new(format!("{prefix}{name}").as_str(), samples)
+    };
+    AnyChannels::sort(["R", "G", "B"].into_iter().enumerate().map(channel).collect())
+}
+
+fn file(layers: Vec<(&str, AnyChannels<Levels<FlatSamples>>)>) -> Vec<u8> {
+    let window = ImageAttributes::new(IntegerBounds::from_dimensions((SIDE, SIDE)));
+    let layers = layers.into_iter().map(|(name, channels)| {
+        let encoding = ExrEncoding::FAST_LOSSLESS;
+        Layer::new((SIDE, SIDE), LayerAttributes::named(name), encoding, channels)
+    });
+    let mut file = Cursor::new(Vec::new());
+    let image = ExrImage { attributes: window, layer_data: layers.collect::<Vec<_>>().into_iter().collect() };
+    let image: ExrImage<::exr::image::Layers<_>> = image;
+    image.write().to_buffered(&mut file).unwrap();
+    file.into_inner()
+}
+
+fn decode(bytes: &[u8]) -> Result<Array3<f32>> {
+    decode_image(Path::new("a.exr"), bytes, Format::Exr).map(|(pixels, _)| pixels.planes)
+}
+
+fn full_resolution() -> Array3<f32> {
+    Array3::from_shape_fn((3, SIDE, SIDE), |(c, y, x)| value(c, y * SIDE + x))
+}
+
+#[test]
+fn mip_maps_give_their_full_resolution() {
+    assert_eq!(decode(&file(vec![("a", channels("", true))])).unwrap(), full_resolution());
+}
+
+#[test]
+fn the_unprefixed_layer_of_several_is_the_image() {
+    let mut both = channels("", false);
+    both.list.extend(channels("diffuse.", false).list);
+    let both = AnyChannels::sort(both.list);
+    assert_eq!(decode(&file(vec![("a", both)])).unwrap(), full_resolution());
+}
+
+#[test]
+fn several_coloured_parts_are_refused_by_name() {
+    let message = decode(&file(vec![("day", channels("", false)), ("night", channels("", false))]))
+        .unwrap_err()
+        .to_string();
+    assert!(message.contains("day, night"), "{message}");
+}
+
+/// A file of ours with its one `Y` channel declared at half resolution.
+#[test]
+fn sub_sampled_channels_are_refused_with_a_reason() {
+    let grey = Array3::zeros((1, 8, 8));
+    let contents = Contents { planes: grey.view(), domain: None, exposure_s: None, provenance: None };
+    let mut bytes = crate::core::io::exr::encode(&contents, false).unwrap();
+    let list = bytes.windows(7).position(|window| window == b"chlist\0").unwrap();
+    // The kind is followed by the size (4), the name `Y` and its zero (2), type (4), flags (4), then the steps.
+    let steps = list + 7 + 4 + 2 + 4 + 4;
+    bytes[steps] = 2;
+    bytes[steps + 4] = 2;
+    let message = decode(&bytes).unwrap_err().to_string();
+    assert!(message.contains("luminance/chroma"), "{message}");
+}
+
+#[test]
+fn deep_images_are_refused_with_a_reason() {
+    let mut bytes = file(vec![("a", channels("", false))]);
+    // Of the flags after magic and version, the deep bit instead of the tiled one.
+    bytes[5] = 0x08;
+    let message = decode(&bytes).unwrap_err().to_string();
+    assert!(message.contains("deep"), "{message}");
+}
+
+#[test]
+fn a_header_that_asks_for_terabytes_is_refused() {
+    let mut bytes = file(vec![("a", channels("", false))]);
+    let window = bytes.windows(11).position(|window| window == b"dataWindow\0").unwrap();
+    // Name, kind `box2i`, size, then the four corners.
+    let corners = window + 11 + 6 + 4;
+    bytes[corners + 8..corners + 12].copy_from_slice(&900_000_000_i32.to_le_bytes());
+    bytes[corners + 12..corners + 16].copy_from_slice(&900_000_000_i32.to_le_bytes());
+    let message = decode(&bytes).unwrap_err().to_string();
+    assert!(message.contains("limit"), "{message}");
+}
+
+#[test]
+fn half_floats_refuse_what_would_become_infinite() {
+    let folder = tempfile::tempdir().unwrap();
+    let image = LinearImage::from_planes(Array3::from_elem((3, 2, 2), 70_000.0)).unwrap();
+    for name in ["a.exr", "a.npy"] {
+        let path = folder.path().join(name);
+        let options = WriteOptions { half: true, ..WriteOptions::default() };
+        let message = write_image(&path, &image, &options).unwrap_err().to_string();
+        assert!(message.contains("65504") && message.contains("70000"), "{message}");
+        assert!(!path.exists());
+    }
+}
+
+#[test]
+fn domain_exposure_and_provenance_travel_with_the_image() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    let provenance = Provenance::new("fuse", &serde_json::json!({"input": "Außenaufnahme №1.exr"}));
+    let pixels = Pixels {
+        planes: Array3::zeros((3, 4, 5)),
+        domain: Some(DomainTag::ToneMapped),
+        exposure_s: Some(0.03125),
+        provenance: Some(provenance),
+    };
+    write_pixels(&path, &pixels, PixelOptions::default()).unwrap();
+    let read = read_pixels(&path).unwrap();
+    assert_eq!(
+        (read.domain, read.exposure_s, read.provenance),
+        (pixels.domain, pixels.exposure_s, pixels.provenance)
+    );
+}
+
+/// Attributes are kept in hash maps whose order differs from one to the next, blocks are encoded in parallel.
+#[test]
+fn the_same_image_gives_the_same_bytes_on_any_number_of_threads() {
+    let planes = Array3::from_shape_fn((3, 500, 40), |(c, y, x)| ((c + y * x) % 17) as f32);
+    let provenance = Provenance::new("synth", &serde_json::json!({"seed": 1}));
+    let contents = Contents {
+        planes: planes.view(),
+        domain: Some(DomainTag::Linear),
+        exposure_s: Some(1.0),
+        provenance: Some(&provenance),
+    };
+    let encode = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| crate::core::io::exr::encode(&contents, false).unwrap())
+    };
+    let first = encode(1);
+    for threads in [1, 2, 3, 4] {
+        assert!(encode(threads) == first, "{threads} threads");
+    }
+}
