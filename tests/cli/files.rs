@@ -1,1 +1,219 @@
-//! The command line: files.
+//! The command line: info, convert, tonemap, completions, man, and what is said of files that cannot be used.
+
+use std::path::{Path, PathBuf};
+
+use super::common::{fail, succeed, udc};
+
+fn fixture(name: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/files").join(name);
+    path.to_str().expect("the checkout's path is text").to_owned()
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> =
+        folder.read_dir().unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// One line that names the file, and nothing written.
+fn refused(folder: &Path, args: &[&str]) -> String {
+    let before = names(folder);
+    let message = fail(folder, args, 1);
+    assert_eq!(message.trim_end().lines().count(), 1, "more than a line: {message}");
+    assert_eq!(names(folder), before, "{args:?} left something behind");
+    message
+}
+
+#[test]
+fn info_describes_an_image() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = succeed(folder.path(), &["info", &fixture("half_tiled.exr")]);
+    assert!(text.contains("OpenEXR image, 5 × 6 (width × height), 3 channels of half"), "{text}");
+    assert!(text.contains("not declared"), "{text}");
+}
+
+#[test]
+fn info_prints_json_that_a_script_can_use() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = succeed(folder.path(), &["info", "--json", &fixture("half_piz.exr"), &fixture("code.npy")]);
+    let objects: Vec<serde_json::Value> =
+        text.lines().map(|line| serde_json::from_str(line).expect("each line is JSON")).collect();
+    assert_eq!(objects[0]["kind"], "image");
+    assert_eq!(objects[0]["exposure_s"], 0.125);
+    assert_eq!(objects[0]["channels"][2]["max"], 31.75);
+    assert_eq!(objects[1]["values"][1], -2.0);
+}
+
+#[test]
+fn info_goes_on_after_a_file_that_it_cannot_describe() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = udc(folder.path(), &["info", &fixture("strings.npy"), &fixture("rgb8.png")]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("PNG image"));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("1 of 2 files"));
+}
+
+#[test]
+fn convert_keeps_float_values_and_says_where_they_came_from() {
+    let folder = tempfile::tempdir().unwrap();
+    succeed(folder.path(), &["convert", &fixture("hwc_f4.npy"), "a.exr", "--domain", "linear"]);
+    succeed(folder.path(), &["convert", "a.exr", "b.npy"]);
+    assert_eq!(
+        std::fs::read(folder.path().join("b.npy")).unwrap(),
+        std::fs::read(fixture("hwc_f4.npy")).unwrap(),
+        "NumPy's own file and ours are the same bytes"
+    );
+    let text = succeed(folder.path(), &["info", "a.exr"]);
+    assert!(text.contains("linear") && text.contains("udc") && text.contains("hwc_f4.npy"), "{text}");
+}
+
+#[test]
+fn convert_refuses_to_clip_unless_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let message = refused(folder.path(), &["convert", &fixture("hwc_f4.npy"), "a.png"]);
+    assert!(message.contains("tonemap") && message.contains("31.75"), "{message}");
+    succeed(folder.path(), &["convert", &fixture("hwc_f4.npy"), "a.png", "--clip"]);
+}
+
+#[test]
+fn convert_refuses_to_rename_a_domain() {
+    let folder = tempfile::tempdir().unwrap();
+    succeed(folder.path(), &["convert", &fixture("hwc_f4.npy"), "a.exr", "--domain", "linear"]);
+    let message = refused(folder.path(), &["convert", "a.exr", "b.exr", "--domain", "tone-mapped"]);
+    assert!(message.contains("udc tonemap"), "{message}");
+}
+
+#[test]
+fn convert_refuses_half_floats_that_would_overflow() {
+    let folder = tempfile::tempdir().unwrap();
+    let header = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n";
+    // Mantissa 200 and exponent 155: 200 · 2^(155 − 136), above the largest half.
+    std::fs::write(folder.path().join("sun.hdr"), [&header[..], &[200, 200, 200, 155]].concat()).unwrap();
+    let message = refused(folder.path(), &["convert", "sun.hdr", "a.exr", "--half"]);
+    assert!(message.contains("65504"), "{message}");
+}
+
+#[test]
+fn existing_files_stay_unless_overwrite_is_given() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("a.exr"), "mine").unwrap();
+    let message = refused(folder.path(), &["convert", &fixture("hwc_f4.npy"), "a.exr"]);
+    assert!(message.contains("--overwrite"), "{message}");
+    assert_eq!(std::fs::read(folder.path().join("a.exr")).unwrap(), b"mine");
+    succeed(folder.path(), &["convert", &fixture("hwc_f4.npy"), "a.exr", "--overwrite"]);
+}
+
+#[test]
+fn tonemap_goes_there_and_back() {
+    let folder = tempfile::tempdir().unwrap();
+    succeed(folder.path(), &["tonemap", &fixture("hwc_f4.npy"), "-o", "mapped.exr"]);
+    succeed(folder.path(), &["tonemap", "--inverse", "mapped.exr", "-o", "back.exr"]);
+    let max = |file: &str| -> f64 {
+        let text = succeed(folder.path(), &["info", "--json", file]);
+        let object: serde_json::Value = serde_json::from_str(&text).unwrap();
+        object["channels"][2]["max"].as_f64().unwrap()
+    };
+    assert!((max("mapped.exr") - 31.75 / 32.0).abs() < 1e-6);
+    assert!((max("back.exr") - 31.75).abs() < 1e-3);
+}
+
+#[test]
+fn tonemap_refuses_an_image_that_is_mapped_already() {
+    let folder = tempfile::tempdir().unwrap();
+    succeed(folder.path(), &["tonemap", &fixture("hwc_f4.npy"), "-o", "mapped.exr"]);
+    let message = refused(folder.path(), &["tonemap", "mapped.exr", "-o", "twice.exr"]);
+    assert!(message.contains("--domain tone-mapped") && message.contains("--inverse"), "{message}");
+}
+
+#[test]
+fn tonemap_writes_several_images_to_a_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let inputs = [fixture("hwc_f4.npy"), fixture("float_zip.exr")];
+    succeed(folder.path(), &["tonemap", &inputs[0], &inputs[1], "-o", "out", "--format", "png"]);
+    assert_eq!(names(&folder.path().join("out")), ["float_zip.png", "hwc_f4.png"]);
+    let clash = [fixture("rgb16.png"), fixture("rgb16.tif")];
+    let message = fail(folder.path(), &["tonemap", &clash[0], &clash[1], "-o", "clash"], 1);
+    assert!(message.contains("both be written"), "{message}");
+}
+
+#[test]
+fn tonemap_refuses_an_impossible_curve() {
+    let folder = tempfile::tempdir().unwrap();
+    let message = refused(folder.path(), &["tonemap", &fixture("hwc_f4.npy"), "-o", "a.exr", "--alpha", "0"]);
+    assert!(message.contains("alpha"), "{message}");
+}
+
+#[test]
+fn files_that_cannot_be_used_are_refused_in_a_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let exr = std::fs::read(fixture("float_zip.exr")).unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    write("truncated.exr", &exr[..exr.len() / 2]);
+    write("text.exr", b"these are only words");
+    write("nothing.png", b"");
+    for (file, expected) in [
+        ("truncated.exr", "truncated"),
+        ("text.exr", "not an image"),
+        ("nothing.png", "empty"),
+        ("missing.exr", "no such file"),
+        (&fixture("empty.npy"), "empty"),
+        (&fixture("two_parts.exr"), "left, right"),
+    ] {
+        for args in [&["convert", file, "out.exr"][..], &["tonemap", file, "-o", "out.exr"]] {
+            let message = refused(folder.path(), args);
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+}
+
+#[test]
+fn an_output_without_a_folder_or_a_format_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let message = refused(folder.path(), &["convert", &fixture("rgb8.png"), "no/a.exr"]);
+    assert!(message.contains("create it"), "{message}");
+    let message = refused(folder.path(), &["convert", &fixture("rgb8.png"), "a.xyz"]);
+    assert!(message.contains(".exr"), "{message}");
+    fail(folder.path(), &["convert", &fixture("rgb8.png")], 2);
+}
+
+/// Damaged headers ask for up to terabytes; this much address space is what a small image needs with ease.
+#[cfg(target_os = "linux")]
+#[test]
+fn damaged_files_take_little_memory() {
+    const LIMIT_KIB: usize = 1_500_000;
+    let folder = tempfile::tempdir().unwrap();
+    let mut files: Vec<PathBuf> = Vec::new();
+    for name in ["half_tiled.exr", "float_zip.exr", "dwaa.exr", "multi_part.exr", "rgb16.png", "rgb16.tif", "hwc_f4.npy", "flat.hdr", "flat.jpg"] {
+        let bytes = std::fs::read(fixture(name)).unwrap();
+        // High bits make sizes huge: every position of the small files is hit.
+        for position in 0..bytes.len() {
+            let mut damaged = bytes.clone();
+            damaged[position] ^= 0x70;
+            let file = folder.path().join(format!("{position}-{name}"));
+            std::fs::write(&file, damaged).unwrap();
+            files.push(file);
+        }
+    }
+    let output = std::process::Command::new("sh")
+        .args(["-c", &format!("ulimit -v {LIMIT_KIB}; exec \"$0\" --threads 2 info \"$@\"")])
+        .arg(env!("CARGO_BIN_EXE_udc"))
+        .args(&files)
+        .output()
+        .unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{}", stderr.lines().last().unwrap_or_default());
+    assert!(stderr.contains(&format!("of {} files could not be described", files.len())), "{stderr}");
+}
+
+#[test]
+fn completions_and_manual_pages_are_printed() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(succeed(folder.path(), &["completions", "bash"]).contains("_udc"));
+    fail(folder.path(), &["completions", "cmd.com"], 2);
+    assert!(succeed(folder.path(), &["man"]).contains(".TH"));
+    assert!(succeed(folder.path(), &["man", "convert"]).contains("half"));
+    assert!(fail(folder.path(), &["man", "nothing"], 1).contains("udc --help"));
+    succeed(folder.path(), &["man", "-o", "man"]);
+    assert!(names(&folder.path().join("man")).contains(&"udc-tonemap.1".to_owned()));
+}
