@@ -56,7 +56,7 @@ impl TrainArgs {
             config: &config,
             data: &data,
             validation: validation.as_ref().map(|data| data as &dyn TrainingData),
-            kernel_bank_sha256: dataset.bank.as_ref().map(|bank| bank.sha256()),
+            kernel_bank_sha256: dataset.config.as_ref().map(|config| config.bank_sha256.clone()),
             backend: self.backend,
             progress: &session.progress,
         };

@@ -55,7 +55,7 @@ fn prepare(folder: &Path) {
         version: VERSION,
         program: "udc".to_owned(),
         bank: "kernels.safetensors".to_owned(),
-        bank_sha256: bank.sha256(),
+        bank_sha256: io::bank_sha256(&root.join("kernels.safetensors")).expect("the bank is there"),
         seed: 0,
         test_fraction: 0.25,
         image_format: "npy".to_owned(),
@@ -137,7 +137,8 @@ fn trains_a_network_that_learns_and_can_be_loaded() {
     assert!(log.contains("\"degraded_psnr\""), "{log}");
     let model = Model::load(&run.join("model.safetensors")).unwrap();
     assert_eq!(model.architecture().features, 2);
-    assert_eq!(model.origin().kernel_bank_sha256, Some(bank().sha256()));
+    let bank_sha256 = io::bank_sha256(&folder.path().join("dataset/kernels.safetensors")).unwrap();
+    assert_eq!(model.origin().kernel_bank_sha256, Some(bank_sha256));
     assert!(Model::load(&run.join("best.safetensors")).is_ok());
     let resolved = fs::read_to_string(run.join("config.toml")).unwrap();
     assert!(resolved.contains("learning-rate = 0.003") && resolved.contains("beta1 = 0.9"), "{resolved}");

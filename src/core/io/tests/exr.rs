@@ -5,11 +5,7 @@ use std::io::Cursor;
 use ::exr::math::RoundingMode;
 use ::exr::prelude::{
     AnyChannel, AnyChannels, Encoding as ExrEncoding, FlatSamples, Image as ExrImage, ImageAttributes,
-<<<<<<< HEAD
-    IntegerBounds, Layer, LayerAttributes, Levels, Vec2, WritableImage,
-=======
     IntegerBounds, Layer, LayerAttributes, Levels, WritableImage,
->>>>>>> io
 };
 
 use super::*;
@@ -84,11 +80,7 @@ fn several_coloured_parts_are_refused_by_name() {
 fn sub_sampled_channels_are_refused_with_a_reason() {
     let grey = Array3::zeros((1, 8, 8));
     let contents = Contents { planes: grey.view(), domain: None, exposure_s: None, provenance: None };
-<<<<<<< HEAD
-    let mut bytes = exr::encode(&contents, false).unwrap();
-=======
     let mut bytes = crate::core::io::exr::encode(&contents, false).unwrap();
->>>>>>> io
     let list = bytes.windows(7).position(|window| window == b"chlist\0").unwrap();
     // The kind is followed by the size (4), the name `Y` and its zero (2), type (4), flags (4), then the steps.
     let steps = list + 7 + 4 + 2 + 4 + 4;
@@ -164,11 +156,7 @@ fn the_same_image_gives_the_same_bytes_on_any_number_of_threads() {
     };
     let encode = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-<<<<<<< HEAD
-        pool.install(|| exr::encode(&contents, false).unwrap())
-=======
         pool.install(|| crate::core::io::exr::encode(&contents, false).unwrap())
->>>>>>> io
     };
     let first = encode(1);
     for threads in [1, 2, 3, 4] {
