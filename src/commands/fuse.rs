@@ -142,7 +142,7 @@ impl FuseArgs {
             measured: measured.as_ref(),
         };
         summary.warnings().into_iter().for_each(|warning| session.warn(warning));
-        session.say(if self.json { summary.json() } else { summary.text() })
+        session.say(if self.json { summary.json().to_string() } else { summary.text() })
     }
 
     fn fuse_config(&self) -> FuseConfig {

@@ -475,8 +475,13 @@ mod tests {
             let expected = value.min(768.0);
             assert!((found / expected - 1.0).abs() < 1e-3, "{found} instead of {expected}");
         }
-        let too_high = FuseConfig { white: 1023.0, black: 1000.0, ..FuseConfig::default() };
-        assert!(fuse(&bracket, &too_high).unwrap_err().to_string().starts_with("black"));
+    }
+
+    #[test]
+    fn refuses_a_black_level_above_the_signal() {
+        let config = FuseConfig { black: 0.3, ..FuseConfig::default() };
+        let dim = Array3::from_elem((3, 9, 9), 0.2);
+        assert!(fuse(&bracket(&dim), &config).unwrap_err().to_string().starts_with("black: 0.3"));
     }
 
     #[test]

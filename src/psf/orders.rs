@@ -286,6 +286,20 @@ mod tests {
         assert!(difference.iter().all(|d| *d < 1e-12));
     }
 
+    /// Talbot: every order has turned by whole periods at 2p²/λ, 2·(period of 24 µm and 30 µm)² being
+    /// multiples of each other at 16 and 25 times 2·(6 µm)².
+    #[test]
+    fn a_grating_images_itself_at_the_talbot_distance() {
+        let orders = Orders::of(&cell(), 0.7e6);
+        let wavelength = 500e-9;
+        let talbot = 2.0 * (16.0 * 25.0) * (6e-6f64).powi(2) / wavelength;
+        let field = |gap| orders.clone().propagate(wavelength, gap).field();
+        let (near, there, half) = (field(0.0), field(talbot), field(talbot / 3.0));
+        let place = (3.3e-6, -8.1e-6);
+        assert!((near.at(place.0, place.1) - there.at(place.0, place.1)).norm() < 1e-5);
+        assert!((near.at(place.0, place.1) - half.at(place.0, place.1)).norm() > 1e-2);
+    }
+
     /// The sum of the series, term by term, is the reference.
     #[test]
     fn the_field_is_the_sum_of_its_orders_anywhere() {
