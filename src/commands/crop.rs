@@ -72,10 +72,11 @@ impl CropArgs {
         let views = self.list_views();
         views.iter().try_for_each(View::check)?;
         let panoramas = name_by_stem(io::expand_inputs(&self.panoramas)?)?;
-        std::fs::create_dir_all(&self.output)
-            .with_context(|| format!("creating the folder {}", self.output.display()))?;
-        for stem in panoramas.keys() {
-            (1..=views.len()).try_for_each(|n| io::check_output(&self.path(stem, n), session.overwrite))?;
+        if self.output.exists() {
+            for stem in panoramas.keys() {
+                (1..=views.len())
+                    .try_for_each(|n| io::check_output(&self.path(stem, n), session.overwrite))?;
+            }
         }
         let bar = session.progress.bar((panoramas.len() * views.len()) as u64, "views");
         for (stem, path) in &panoramas {
@@ -83,6 +84,8 @@ impl CropArgs {
             let panorama = io::read_image::<Linear>(path).and_then(Panorama::new);
             let panorama = panorama.with_context(|| format!("reading the panorama {}", path.display()))?;
             session.detail(format_args!("{stem}: read in {:.2?}", started.elapsed()));
+            std::fs::create_dir_all(&self.output)
+                .with_context(|| format!("creating the folder {}", self.output.display()))?;
             for (i, view) in views.iter().enumerate() {
                 session.progress.check()?;
                 let started = Instant::now();

@@ -1,18 +1,19 @@
 //! `udc eval`.
 
+mod subject;
+
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use clap::{ArgGroup, Args, ValueEnum};
 
-use udc::core::dataset::{Dataset, Split, Triplet};
+use udc::core::dataset::Split;
 use udc::core::io::{self, DomainTag};
 use udc::core::metrics::{Metric, MetricDefinition};
-use udc::core::tone::ToneCurve;
-use udc::eval::{self, EvalConfig, Evaluation, FilePair, Label, Method, Sample};
-use udc::network::Model;
+use udc::eval::{EvalConfig, Evaluation};
 
 use super::Session;
+use subject::Subject;
 
 /// Measure models on a dataset, or restored images against ground truth
 ///
@@ -86,12 +87,10 @@ enum SplitArg {
 
 impl EvalArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        let subject = self.open()?;
+        subject.warnings().into_iter().for_each(|warning| session.warn(warning));
         let outputs = Outputs::prepare(&self.output, session)?;
-        let evaluation = match (&self.dataset, &self.restored, &self.gt) {
-            (Some(dataset), ..) => self.measure_models(session, dataset)?,
-            (None, Some(restored), Some(gt)) => self.measure_folders(session, restored, gt)?,
-            _ => bail!("name a dataset, or two folders with --restored and --gt"),
-        };
+        let evaluation = subject.measure(&self.config(), session)?;
         outputs.write(&evaluation, session)?;
         if !evaluation.excluded.is_empty() {
             session.warn(format_args!(
@@ -103,63 +102,14 @@ impl EvalArgs {
         session.say(self.output.join("metrics.json").display())
     }
 
-    fn measure_folders(&self, session: &Session, restored: &Path, gt: &Path) -> Result<Evaluation> {
-        let found = eval::pair_folders(restored, gt)?;
-        if let (Some((id, fault)), false) = (found.unmatched.first(), self.allow_missing) {
-            let count = found.unmatched.len();
-            bail!(
-                "{count} images have no partner; {id} {fault}; add them, or leave them out with --allow-missing"
-            );
-        }
-        let domain = self.domain.map(DomainTag::from);
-        let bar = session.progress.bar(found.pairs.len() as u64, "images");
-        let read = |pair: &FilePair| {
-            session.progress.check()?;
-            bar.inc(1);
-            let read = |path| eval::read_tone_mapped(path, domain, &ToneCurve::default());
-            Ok(Sample { ground_truth: read(&pair.ground_truth)?, images: vec![read(&pair.restored)?] })
-        };
-        let label = |id: &str| Label { id: id.to_owned(), kernel: None };
-        let method = Method { name: name_of(restored), baseline: false };
-        let samples = found.pairs.iter().map(|pair| (label(&pair.id), read(pair)));
-        let mut evaluation = eval::measure(&self.config(), vec![method], samples)
-            .with_context(|| format!("measuring {} against {}", restored.display(), gt.display()))?;
-        for (id, fault) in &found.unmatched {
-            evaluation.exclude(&label(id), *fault);
-        }
-        bar.finish_and_clear();
-        Ok(evaluation)
-    }
-
-    fn measure_models(&self, session: &Session, root: &Path) -> Result<Evaluation> {
-        let dataset = Dataset::open(root)?;
-        let models: Vec<Model> = self.model.iter().map(|path| Model::load(path)).collect::<Result<_, _>>()?;
-        let mut triplets = dataset.split(self.split.into())?;
-        triplets.truncate(self.limit.unwrap_or(triplets.len()));
-        let curve = dataset.formation.curve()?;
-        let bar = session.progress.bar(triplets.len() as u64, "triplets");
-        let restore = |triplet: &Triplet| {
-            session.progress.check()?;
-            let degraded = curve.tone_map(&dataset.read_degraded(triplet)?);
-            let mut images = vec![degraded.clone()];
-            for model in &models {
-                let uses_code = model.architecture().condition.uses_code();
-                let code = uses_code.then(|| dataset.code(triplet)).transpose()?;
-                images.push(model.restore(&degraded, code.as_ref())?);
+    fn open(&self) -> Result<Subject> {
+        match (&self.dataset, &self.restored, &self.gt) {
+            (Some(dataset), ..) => Subject::dataset(dataset, &self.model, self.split.into(), self.limit),
+            (None, Some(restored), Some(gt)) => {
+                Subject::folders(restored, gt, self.domain.map(DomainTag::from), self.allow_missing)
             }
-            bar.inc(1);
-            Ok(Sample { ground_truth: curve.tone_map(&dataset.read_ground_truth(triplet)?), images })
-        };
-        let label =
-            |triplet: &Triplet| Label { id: triplet.id.clone(), kernel: Some(triplet.kernel.clone()) };
-        let baseline = Method { name: "degraded".to_owned(), baseline: true };
-        let named = self.model.iter().map(|path| Method { name: name_of(path), baseline: false });
-        let samples = triplets.iter().map(|triplet| (label(triplet), restore(triplet)));
-        let evaluation =
-            eval::measure(&self.config(), std::iter::once(baseline).chain(named).collect(), samples)
-                .with_context(|| format!("measuring on {}", root.display()))?;
-        bar.finish_and_clear();
-        Ok(evaluation)
+            _ => bail!("name a dataset, or two folders with --restored and --gt"),
+        }
     }
 
     fn config(&self) -> EvalConfig {
@@ -198,16 +148,6 @@ impl Outputs {
             io::write_atomically(path, session.overwrite, |file| file.write_all(text.as_bytes()))?;
         }
         Ok(())
-    }
-}
-
-/// What a model or a folder is called in tables: its name, with its folder's where the name says little.
-fn name_of(path: &Path) -> String {
-    let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
-    let own = name(path).unwrap_or_else(|| path.display().to_string());
-    match path.parent().and_then(name) {
-        Some(folder) if own == "model.safetensors" => format!("{folder}/{own}"),
-        _ => own,
     }
 }
 

@@ -69,6 +69,7 @@ fn refuses_a_picture_that_is_no_panorama() {
     write_panorama(&scratch.path().join("square.exr"), 32, 32);
     let said = fail(scratch.path(), &["crop", "square.exr", "-o", "views"], 1);
     assert!(said.contains("square.exr") && said.contains("twice as wide as high"), "{said}");
+    assert!(!scratch.path().join("views").exists());
     let said = fail(scratch.path(), &["crop", "square.exr", "-o", "views", "--fov", "200"], 1);
     assert!(said.contains("fov") && said.contains("170"), "{said}");
 }

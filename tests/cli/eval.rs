@@ -94,4 +94,5 @@ fn says_what_to_measure_when_nothing_is_named() {
     assert!(fail(scratch.path(), &["eval", "-o", "results"], 2).contains("--restored"));
     let said = fail(scratch.path(), &["eval", "missing", "-o", "results"], 1);
     assert!(said.contains("missing"), "{said}");
+    assert!(!scratch.path().join("results").exists());
 }

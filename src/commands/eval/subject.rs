@@ -1,0 +1,159 @@
+//! What `udc eval` measures: models on a dataset, or one folder of images against another.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result, bail};
+
+use udc::core::dataset::{Dataset, Split, Triplet};
+use udc::core::error;
+use udc::core::io::DomainTag;
+use udc::core::tone::ToneCurve;
+use udc::eval::{self, EvalConfig, Evaluation, FolderPairs, Label, Method, Sample};
+use udc::network::Model;
+
+use super::super::Session;
+
+/// Inputs that have been opened and found to fit together.
+pub(super) enum Subject {
+    /// Models, by name, on triplets of a dataset.
+    Models { dataset: Dataset, models: Vec<(String, Model)>, triplets: Vec<Triplet> },
+    /// Pairs of files, and what the undeclared ones hold.
+    Folders { name: String, pairs: FolderPairs, domain: Option<DomainTag> },
+}
+
+impl Subject {
+    pub(super) fn dataset(
+        root: &Path,
+        models: &[PathBuf],
+        split: Split,
+        limit: Option<usize>,
+    ) -> Result<Self> {
+        let dataset = Dataset::open(root)?;
+        let load = |path: &PathBuf| Ok((name_of(path), Model::load(path)?));
+        let models: Vec<(String, Model)> = models.iter().map(load).collect::<error::Result<_>>()?;
+        for (name, model) in &models {
+            let (needed, found) = (model.architecture().code_dim, dataset.code_dim());
+            if model.architecture().condition.uses_code() && needed != found {
+                bail!(
+                    "{name} needs kernel codes of {needed} numbers, and those of {} have {found}",
+                    root.display()
+                );
+            }
+        }
+        let limit = limit.unwrap_or(usize::MAX);
+        let triplets = dataset.split(split)?.into_iter().take(limit).cloned().collect();
+        Ok(Self::Models { dataset, models, triplets })
+    }
+
+    pub(super) fn folders(
+        restored: &Path,
+        gt: &Path,
+        domain: Option<DomainTag>,
+        allow_missing: bool,
+    ) -> Result<Self> {
+        let pairs = eval::pair_folders(restored, gt)?;
+        if let (Some((id, fault)), false) = (pairs.unmatched.first(), allow_missing) {
+            let count = pairs.unmatched.len();
+            bail!(
+                "{count} images have no partner; {id} {fault}; add them, or leave them out with --allow-missing"
+            );
+        }
+        Ok(Self::Folders { name: name_of(restored), pairs, domain })
+    }
+
+    /// What may be wrong and need not be.
+    pub(super) fn warnings(&self) -> Vec<String> {
+        let Self::Models { dataset, models, .. } = self else {
+            return Vec::new();
+        };
+        let own = dataset.config.as_ref().map(|config| config.bank_sha256.as_str());
+        let foreign = |model: &Model| {
+            let trained = model.origin().kernel_bank_sha256.as_deref();
+            model.architecture().condition.uses_code() && own.is_some() && trained.is_some() && own != trained
+        };
+        let warn = |(name, _): &(String, Model)| {
+            format!(
+                "{name} was trained with another kernel bank than the dataset's: its codes mean other PSFs"
+            )
+        };
+        models.iter().filter(|(_, model)| foreign(model)).map(warn).collect()
+    }
+
+    pub(super) fn measure(&self, config: &EvalConfig, session: &Session) -> Result<Evaluation> {
+        match self {
+            Self::Models { dataset, models, triplets } => {
+                measure_models(config, session, dataset, models, triplets)
+            }
+            Self::Folders { name, pairs, domain } => measure_folders(config, session, name, pairs, *domain),
+        }
+    }
+}
+
+fn measure_models(
+    config: &EvalConfig,
+    session: &Session,
+    dataset: &Dataset,
+    models: &[(String, Model)],
+    triplets: &[Triplet],
+) -> Result<Evaluation> {
+    let curve = dataset.formation.curve()?;
+    let bar = session.progress.bar(triplets.len() as u64, "triplets");
+    let restore = |triplet: &Triplet| {
+        session.progress.check()?;
+        let degraded = curve.tone_map(&dataset.read_degraded(triplet)?);
+        let mut images = vec![degraded.clone()];
+        for (_, model) in models {
+            let uses_code = model.architecture().condition.uses_code();
+            let code = uses_code.then(|| dataset.code(triplet)).transpose()?;
+            images.push(model.restore(&degraded, code.as_ref())?);
+        }
+        bar.inc(1);
+        Ok(Sample { ground_truth: curve.tone_map(&dataset.read_ground_truth(triplet)?), images })
+    };
+    let label = |triplet: &Triplet| Label { id: triplet.id.clone(), kernel: Some(triplet.kernel.clone()) };
+    let mut methods = vec![Method { name: "degraded".to_owned(), baseline: true }];
+    methods.extend(models.iter().map(|(name, _)| Method { name: name.clone(), baseline: false }));
+    let samples = triplets.iter().map(|triplet| (label(triplet), restore(triplet)));
+    let evaluation = eval::measure(config, methods, samples)
+        .with_context(|| format!("measuring on {}", dataset.root.display()))?;
+    bar.finish_and_clear();
+    Ok(evaluation)
+}
+
+fn measure_folders(
+    config: &EvalConfig,
+    session: &Session,
+    name: &str,
+    found: &FolderPairs,
+    domain: Option<DomainTag>,
+) -> Result<Evaluation> {
+    let bar = session.progress.bar(found.pairs.len() as u64, "images");
+    let label = |id: &str| Label { id: id.to_owned(), kernel: None };
+    let samples = found.pairs.iter().map(|pair| {
+        let read = |path| eval::read_tone_mapped(path, domain, &ToneCurve::default());
+        let sample = || {
+            session.progress.check()?;
+            bar.inc(1);
+            Ok(Sample { ground_truth: read(&pair.ground_truth)?, images: vec![read(&pair.restored)?] })
+        };
+        (label(&pair.id), sample())
+    });
+    let method = Method { name: name.to_owned(), baseline: false };
+    let mut evaluation = eval::measure(config, vec![method], samples)
+        .with_context(|| format!("measuring the images of {name}"))?;
+    for (id, fault) in &found.unmatched {
+        evaluation.exclude(&label(id), *fault);
+    }
+    bar.finish_and_clear();
+    Ok(evaluation)
+}
+
+/// What a model or a folder is called in tables: its name, with its folder's where the name says little.
+fn name_of(path: &Path) -> String {
+    let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
+    let own = name(path).unwrap_or_else(|| path.display().to_string());
+    match path.parent().and_then(name) {
+        Some(folder) if own == "model.safetensors" => format!("{folder}/{own}"),
+        _ => own,
+    }
+}
