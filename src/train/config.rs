@@ -190,8 +190,9 @@ impl TrainConfig {
     /// is unknown, with the nearest ones, or of a value that is out of range.
     pub fn from_toml(text: &str, settings: &[String]) -> Result<Self> {
         // Once without the settings, so that mistakes of the file are reported at their line.
-        toml::from_str::<Self>(text).map_err(|error| Error::config("configuration", error.to_string()))?;
-        let mut table: toml::Table = toml::from_str(text).expect("the text was understood before");
+        let broken = |error: toml::de::Error| Error::config("configuration", error.to_string());
+        toml::from_str::<Self>(text).map_err(broken)?;
+        let mut table: toml::Table = toml::from_str(text).map_err(broken)?;
         for setting in settings {
             apply(&mut table, setting)?;
         }
@@ -264,6 +265,9 @@ impl TrainConfig {
 
     /// The first key whose change would make a resumed training another one: how long it runs, and what it
     /// reports and keeps, may change.
+    ///
+    /// # Panics
+    /// Never: the fields are plain data.
     pub fn first_difference(&self, other: &Self) -> Option<String> {
         let comparable = |config: &Self| {
             let (iterations, checkpoint) = (self.iterations, self.checkpoint.clone());

@@ -27,8 +27,10 @@ impl Sampler {
 
     /// The item of the sample at `position`, counted from the training's start.
     pub fn item(&mut self, position: u64) -> usize {
-        let (pass, index) = (position / self.items as u64, position % self.items as u64);
-        let index = usize::try_from(index).expect("an index is below the number of items");
+        let items = self.items as u64;
+        let pass = position / items;
+        #[expect(clippy::cast_possible_truncation, reason = "a remainder is below the number of items")]
+        let index = (position % items) as usize;
         if !self.shuffle {
             return index;
         }

@@ -171,3 +171,120 @@ impl Model {
         write(path, &self.to_weights(), overwrite)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::{Backend, Initialisation};
+    use serde_json::json;
+
+    fn weights() -> Weights {
+        let architecture =
+            Architecture { features: 1, filter_size: 3, code_dim: 2, ..Architecture::default() };
+        let parameters = Parameters::random(&architecture, Initialisation::Released, 5);
+        let origin = Origin {
+            training: Some(json!({"iteration": 12})),
+            kernel_bank_sha256: Some("ab".to_owned()),
+            state_dict: None,
+        };
+        Weights { architecture, parameters, origin }
+    }
+
+    /// Writes tensors with metadata of one's own.
+    fn write_raw(path: &Path, weights: &Weights, metadata: &[(&str, &str)]) {
+        let own = |(key, value): &(&str, &str)| ((*key).to_owned(), (*value).to_owned());
+        let tensors = weights.parameters.iter().map(|p| (p.name.clone(), p.as_tensor())).collect();
+        io::write_safetensors(path, &tensors, &metadata.iter().map(own).collect(), true).unwrap();
+    }
+
+    fn refusal(path: &Path) -> String {
+        read(path).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_model_file_returns_everything_and_describes_itself() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let saved = weights();
+        Model::new(&saved, Backend::default()).save(&path, false).unwrap();
+        let found = read(&path).unwrap();
+        assert_eq!((found.architecture, found.parameters), (saved.architecture, saved.parameters));
+        assert_eq!(found.origin, saved.origin);
+        let text = describe(&path).unwrap().to_string();
+        for part in ["condition     image+psf", "filter-size   3", "12 iterations", "kernel bank   ab"] {
+            assert!(text.contains(part), "{text}");
+        }
+    }
+
+    #[test]
+    fn tensors_that_pytorch_saved_are_recognised_without_metadata() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("state.safetensors");
+        let architecture = Architecture { code_dim: 5, ..weights().architecture };
+        let parameters = Parameters::random(&architecture, Initialisation::Released, 5);
+        let saved = Weights { architecture, parameters, origin: Origin::default() };
+        write_raw(&path, &saved, &[("format", "pt")]);
+        assert_eq!(read(&path).unwrap().architecture, saved.architecture);
+    }
+
+    #[test]
+    fn files_of_another_kind_or_version_are_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file.safetensors");
+        write_raw(&path, &weights(), &[("format", "udc-kernel-bank")]);
+        assert!(refusal(&path).contains("this is a udc-kernel-bank, not a model"));
+        write_raw(&path, &weights(), &[("format", "udc-model"), ("version", "2")]);
+        assert!(refusal(&path).contains("use a newer udc"));
+        std::fs::write(&path, "not tensors").unwrap();
+        assert!(refusal(&path).contains("is no safetensors file"));
+        let path = folder.path().join("file.pth");
+        std::fs::write(&path, "not a pickle").unwrap();
+        assert!(refusal(&path).contains("not a PyTorch checkpoint"));
+        assert!(matches!(read(&folder.path().join("absent.pth")), Err(Error::Io { .. })));
+        assert!(matches!(read(&folder.path().join("absent.safetensors")), Err(Error::Io { .. })));
+    }
+
+    #[test]
+    fn weights_that_do_not_fit_the_declared_network_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let declare = |change: fn(&mut Architecture)| {
+            let mut architecture = weights().architecture;
+            change(&mut architecture);
+            let text = architecture.to_json().to_string();
+            write_raw(
+                &path,
+                &weights(),
+                &[("format", "udc-model"), ("version", "1"), ("architecture", &text)],
+            );
+            refusal(&path)
+        };
+        let message = declare(|a| a.filter_size = 5);
+        assert!(message.contains("dynamic_kernel1.3.0.weight: expected [25, 1, 1, 1], found [9, 1, 1, 1]"));
+        let message = declare(|a| a.condition = super::super::Condition::None);
+        assert!(message.contains("no place for the weights dynamic_kernel") && message.contains("more"));
+        let mut nan = weights();
+        nan.parameters.iter_mut().next().unwrap().values[3] = f32::NAN;
+        write(&path, &nan, true).unwrap();
+        assert!(refusal(&path).contains("conv_11.0.weight hold a NaN"));
+    }
+
+    #[test]
+    fn a_network_of_fewer_weights_than_declared_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let mut plain = weights();
+        plain.architecture.condition = super::super::Condition::None;
+        plain.parameters = Parameters::random(&plain.architecture, Initialisation::Released, 5);
+        let text = weights().architecture.to_json().to_string();
+        write_raw(&path, &plain, &[("format", "udc-model"), ("version", "1"), ("architecture", &text)]);
+        let message = refusal(&path);
+        assert!(message.contains("lack kconv_11.0.weight, kconv_11.0.bias") && message.contains("more"));
+    }
+
+    #[test]
+    fn conversion_wants_a_safetensors_name() {
+        let message = convert(Path::new("a.pth"), Path::new("b.pth"), false).unwrap_err().to_string();
+        assert!(message.contains(".safetensors"), "{message}");
+    }
+}
