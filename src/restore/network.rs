@@ -8,6 +8,15 @@ use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
 use crate::network::Model;
 
+/// Bytes a pixel and feature that the operations keep at once at most.
+const BYTES_PER_FEATURE: u64 = 128;
+
+/// Copies of the weights: the model's own and those laid out for the operations.
+const WEIGHT_COPIES: u64 = 2;
+
+/// What the program takes before it computes.
+const BASE_BYTES: u64 = 64 << 20;
+
 /// What a network is told about the PSF.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Conditioning {

@@ -26,9 +26,9 @@ use super::transform::{Transform, Window};
 /// # Accuracy
 /// f32 transforms: the error of a pixel is about 2⁻²⁴ · √log₂(samples) of the root mean square of the image.
 pub struct Convolver {
-    rows: AxisGeometry,
-    columns: AxisGeometry,
-    transform: Transform,
+    pub(super) rows: AxisGeometry,
+    pub(super) columns: AxisGeometry,
+    pub(super) transform: Transform,
     boundary: Boundary,
 }
 
@@ -220,7 +220,7 @@ impl Convolver {
     }
 
     /// The columns of the product of two spectra, for [`Transform::inverse`].
-    fn product<'a>(
+    pub(super) fn product<'a>(
         &self,
         spectrum: &'a [Complex32],
         otf: &'a [Complex32],
@@ -237,7 +237,7 @@ impl Convolver {
         }
     }
 
-    fn transform_kernel(&self, kernel: ArrayView2<'_, f32>) -> Vec<Complex32> {
+    pub(super) fn transform_kernel(&self, kernel: ArrayView2<'_, f32>) -> Vec<Complex32> {
         let columns = self.columns.kernel_places();
         // A periodic kernel larger than the image wraps onto itself: several samples share a place.
         let mut sources = vec![Vec::new(); self.rows.transform];
@@ -300,7 +300,7 @@ fn occupied_ranges(sources: &[Vec<usize>]) -> Vec<Range<usize>> {
     ranges
 }
 
-fn require_size(what: &str, expected: [usize; 2], found: [usize; 2]) -> Result<()> {
+pub(super) fn require_size(what: &str, expected: [usize; 2], found: [usize; 2]) -> Result<()> {
     if expected == found { Ok(()) } else { Err(Error::shape(what, describe(expected), describe(found))) }
 }
 

@@ -6,6 +6,7 @@
 
 mod convolver;
 mod geometry;
+mod plane;
 mod pool;
 mod transform;
 
@@ -13,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 pub use convolver::{Convolver, Otf, Spectrum};
 pub use geometry::fast_length;
+pub use plane::PlaneSpectrum;
 
 /// What lies beyond the border of an image while it is convolved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,0 +1,82 @@
+//! Continues a frame beyond its border so that it can be repeated without a step.
+
+use std::f32::consts::PI;
+
+use ndarray::{Array2, ArrayView1, ArrayView2, ArrayViewMut1, Axis, s};
+
+use super::Border;
+use crate::core::fft::fast_length;
+
+/// Height and width of a frame with its continuation: half a PSF on either side together, as far as the frame
+/// reaches, and no less than 16 pixels.
+pub(super) fn extended_size(image: [usize; 2], psf: [usize; 2], border: Border) -> [usize; 2] {
+    match border {
+        Border::Periodic => image,
+        Border::Smooth => std::array::from_fn(|axis| {
+            let reach = psf[axis].min(2 * image[axis]).max(16);
+            fast_length(image[axis] + reach)
+        }),
+    }
+}
+
+/// Continues `plane`, which keeps its place at the top left, to `size`.
+///
+/// Behind the last pixel of a row comes the row mirrored, fading into the mirrored beginning of the row, which
+/// is what stands before its first pixel when the result is repeated; then the same along columns.
+pub(super) fn extend(plane: ArrayView2<'_, f32>, size: [usize; 2]) -> Array2<f32> {
+    let (height, width) = plane.dim();
+    let mut extended = Array2::zeros(size);
+    extended.slice_mut(s![..height, ..width]).assign(&plane);
+    for mut row in extended.slice_mut(s![..height, ..]).axis_iter_mut(Axis(0)) {
+        let (known, unknown) = row.view_mut().split_at(Axis(0), width);
+        fade(known.view(), unknown);
+    }
+    for mut column in extended.axis_iter_mut(Axis(1)) {
+        let (known, unknown) = column.view_mut().split_at(Axis(0), height);
+        fade(known.view(), unknown);
+    }
+    extended
+}
+
+#[expect(clippy::cast_precision_loss, reason = "borders are short")]
+fn fade(known: ArrayView1<'_, f32>, mut unknown: ArrayViewMut1<'_, f32>) {
+    let (len, gap) = (known.len(), unknown.len());
+    for (i, value) in unknown.iter_mut().enumerate() {
+        let weight = 0.5 - 0.5 * (PI * (i as f32 + 0.5) / gap as f32).cos();
+        let behind = known[len - 1 - mirrored(i, len)];
+        let before = known[mirrored(gap - 1 - i, len)];
+        *value = (1.0 - weight) * behind + weight * before;
+    }
+}
+
+/// The `index`-th pixel from the border on, turning back at the far end.
+fn mirrored(index: usize, len: usize) -> usize {
+    let phase = index % (2 * len);
+    if phase < len { phase } else { 2 * len - 1 - phase }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn continues_a_ramp_without_a_step() {
+        let ramp = Array2::from_shape_fn((20, 30), |(y, x)| (y + x) as f32);
+        let extended = extend(ramp.view(), [48, 64]);
+        assert_eq!(extended.slice(s![..20, ..30]), ramp);
+        let (height, width) = extended.dim();
+        for y in 0..height {
+            for x in 0..width {
+                let step = (extended[[y, x]] - extended[[y, (x + 1) % width]]).abs();
+                // A ramp of 29 that falls over 34 pixels along half a cosine, plus the mirrored slopes.
+                assert!(step < 4.0, "a step of {step} at {y}, {x}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_border_longer_than_the_frame_is_filled() {
+        let extended = extend(Array2::from_elem((2, 3), 7.0).view(), [32, 20]);
+        assert!(extended.iter().all(|&v| (v - 7.0_f32).abs() < 1e-5));
+    }
+}
