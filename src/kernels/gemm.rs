@@ -6,7 +6,7 @@
 //! 12 × 2 and 6 × 4 fill 24 as sums, enough to hide the latency of 4 cycles at 2 a cycle; with the 16 of AVX2
 //! and SSE, 6 × 2 fill 12.
 
-use super::simd::Simd;
+use super::simd::{Simd, load_strided, store_strided};
 
 /// Sums of one register tile.
 pub(crate) type Tile<S, const ROWS: usize, const COLUMNS: usize> = [[<S as Simd>::Vector; COLUMNS]; ROWS];
@@ -47,12 +47,12 @@ pub(crate) unsafe fn multiply_add<S: Simd, const ROWS: usize, const COLUMNS: usi
         // SAFETY: the caller promises that both operands stay within their slices.
         unsafe {
             let b_vectors: [S::Vector; COLUMNS] =
-                std::array::from_fn(|j| simd.load(b.data, b.at + d * b.step + j * S::LANES));
+                load_strided(simd, b.data, b.at + d * b.step, S::LANES);
             let a_column = a.data.as_ptr().add(a.at + d * a.step);
             for (i, sums) in tile.iter_mut().enumerate() {
                 let broadcast = simd.splat(*a_column.add(i * a.row));
-                for (sum, b_vector) in sums.iter_mut().zip(b_vectors) {
-                    *sum = simd.mul_add(broadcast, b_vector, *sum);
+                for (sum, b_vector) in sums.iter_mut().zip(&b_vectors) {
+                    *sum = simd.mul_add(broadcast, *b_vector, *sum);
                 }
             }
         }
@@ -92,6 +92,43 @@ macro_rules! with_register_tile {
     };
 }
 pub(crate) use with_register_tile;
+
+/// Reads a register tile whose rows lie `row` apart.
+///
+/// # Safety
+/// All its rows lie within `from`.
+#[inline(always)]
+pub(crate) unsafe fn load_tile<S: Simd, const ROWS: usize, const COLUMNS: usize>(
+    simd: S,
+    from: &[f32],
+    at: usize,
+    row: usize,
+) -> Tile<S, ROWS, COLUMNS> {
+    let mut tile = zero_tile::<S, ROWS, COLUMNS>(simd);
+    for (i, vectors) in tile.iter_mut().enumerate() {
+        // SAFETY: passed on to the caller.
+        *vectors = unsafe { load_strided(simd, from, at + i * row, S::LANES) };
+    }
+    tile
+}
+
+/// Writes a register tile to rows that lie `row` apart.
+///
+/// # Safety
+/// All its rows lie within `to`.
+#[inline(always)]
+pub(crate) unsafe fn store_tile<S: Simd, const ROWS: usize, const COLUMNS: usize>(
+    simd: S,
+    tile: &Tile<S, ROWS, COLUMNS>,
+    to: &mut [f32],
+    at: usize,
+    row: usize,
+) {
+    for (i, vectors) in tile.iter().enumerate() {
+        // SAFETY: passed on to the caller.
+        unsafe { store_strided(simd, to, at + i * row, S::LANES, vectors) };
+    }
+}
 
 /// The most rows of any register tile: how far products may read past the last row of A, less one.
 pub(crate) const MOST_ROWS: usize = 12;

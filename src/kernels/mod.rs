@@ -28,6 +28,7 @@ pub mod convolution;
 mod direct;
 mod finish;
 mod gemm;
+pub mod peak;
 mod rows;
 mod scratch;
 mod shape;

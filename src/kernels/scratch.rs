@@ -46,15 +46,29 @@ thread_local! {
     static KEPT: Cell<AlignedBuffer> = Cell::default();
 }
 
-/// Lends `len` floats of the thread's working memory, holding anything, to `task`.
+/// The thread's working memory, given back when dropped.
 ///
-/// A task within a task is given fresh memory.
-pub(crate) fn with_scratch<T>(len: usize, task: impl FnOnce(Scratch<'_>) -> T) -> T {
+/// Lent as a value and not to a closure, because kernels must not use vectors within closures.
+pub(crate) struct Lent(AlignedBuffer);
+
+/// Lends `len` floats of the thread's working memory, holding anything; a second loan is fresh memory.
+pub(crate) fn lend(len: usize) -> Lent {
     let mut buffer = KEPT.take();
     buffer.grow(len);
-    let result = task(Scratch(buffer.as_mut_slice()));
-    KEPT.set(buffer);
-    result
+    Lent(buffer)
+}
+
+impl Lent {
+    /// The floats, to be cut into parts.
+    pub(crate) fn scratch(&mut self) -> Scratch<'_> {
+        Scratch(self.0.as_mut_slice())
+    }
+}
+
+impl Drop for Lent {
+    fn drop(&mut self) {
+        KEPT.set(std::mem::take(&mut self.0));
+    }
 }
 
 /// Working memory from which parts are cut off one by one.

@@ -3,8 +3,8 @@
 use crate::kernels::finish::{Finish, Finisher, with_finisher};
 use crate::kernels::gemm::{MOST_ROWS, Operand, Tile, multiply_add, panel_vectors, with_register_tile};
 use crate::kernels::rows::Rows;
-use crate::kernels::scratch::{AlignedBuffer, whole_lines, with_scratch};
-use crate::kernels::simd::{Isa, Kernel, Simd};
+use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines};
+use crate::kernels::simd::{Isa, Kernel, Simd, load_strided};
 
 /// The extent of a convolution: zero padding of half the side, rounded down.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,22 +99,22 @@ impl Kernel for OutputRows<'_> {
         let width = input.row_len() / inputs;
         let row_len = weights.geometry.output_extent(width) * outputs;
         let edge_row = whole_lines(((MOST_ROWS - 1) * stride + side) * inputs);
-        with_scratch(side * edge_row, |mut scratch| {
-            let edge = scratch.take(side * edge_row);
-            for row in 0..output.len() / row_len {
-                let top = ((first + row) * stride).cast_signed() - (side / 2).cast_signed();
-                let rows: [Option<&[f32]>; 3] = std::array::from_fn(|k| {
-                    if k < side { input.row(top + k.cast_signed()) } else { None }
-                });
-                let at = row * row_len;
-                let mut line = Line { weights, rows, width, edge, edge_row, output, at };
-                with_finisher!(finish, f => {
-                    // SAFETY: `rows` are whole rows of the input, `output` holds one output row from `at`,
-                    // and the edge buffer three runs of the most pixels that a register tile sees.
-                    unsafe { with_register_tile!(S, weights.vectors, output_line(simd, f, &mut line)) }
-                });
-            }
-        });
+        let mut lent = lend(side * edge_row);
+        let mut scratch = lent.scratch();
+        let edge = scratch.take(side * edge_row);
+        for row in 0..output.len() / row_len {
+            let top = ((first + row) * stride).cast_signed() - (side / 2).cast_signed();
+            let rows: [Option<&[f32]>; 3] = std::array::from_fn(|k| {
+                if k < side { input.row(top + k.cast_signed()) } else { None }
+            });
+            let at = row * row_len;
+            let mut line = Line { weights, rows, width, edge, edge_row, output, at };
+            with_finisher!(finish, f => {
+                // SAFETY: `rows` are whole rows of the input, `output` holds one output row from `at`,
+                // and the edge buffer three runs of the most pixels that a register tile sees.
+                unsafe { with_register_tile!(S, weights.vectors, output_line(simd, f, &mut line)) }
+            });
+        }
     }
 }
 
@@ -153,9 +153,8 @@ unsafe fn output_line<S: Simd, const ROWS: usize, const COLUMNS: usize>(
             // pixels from input column `x·stride − side/2`; others read the copy, which has room for all
             // `ROWS` runs. Each panel holds `side` rows of `run` vectors of weights.
             unsafe {
-                let mut tile: Tile<S, ROWS, COLUMNS> = [std::array::from_fn(|j| {
-                    simd.load(weights.bias.as_slice(), p * panel + j * S::LANES)
-                }); ROWS];
+                let bias = load_strided(simd, weights.bias.as_slice(), p * panel, S::LANES);
+                let mut tile: Tile<S, ROWS, COLUMNS> = [bias; ROWS];
                 for k in 0..side {
                     let Some(row) = line.rows[k] else { continue };
                     let (data, at) = if inside {
@@ -174,7 +173,7 @@ unsafe fn output_line<S: Simd, const ROWS: usize, const COLUMNS: usize>(
                     pixel: outputs,
                     channels: panel.min(outputs - p * panel),
                 };
-                store_tile(simd, &tile, finisher, line.output, target);
+                finish_tile(simd, &tile, finisher, line.output, target);
             }
         }
     }
@@ -230,7 +229,7 @@ pub(crate) struct Target {
 /// # Safety
 /// The pixels' channels lie within `output` and within the finisher's tensor.
 #[inline(always)]
-pub(crate) unsafe fn store_tile<S: Simd, const ROWS: usize, const COLUMNS: usize>(
+pub(crate) unsafe fn finish_tile<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,
     tile: &Tile<S, ROWS, COLUMNS>,
     finisher: impl Finisher<S>,

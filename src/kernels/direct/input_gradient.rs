@@ -5,11 +5,11 @@
 //! the outer two, and columns alike: four classes of pixels, each a dense product of its own. All pixels of
 //! a class in one row make the rows of register tiles, two pixels apart in memory.
 
-use super::forward::{Geometry, Target, copy_columns, store_tile};
+use super::forward::{Geometry, Target, copy_columns, finish_tile};
 use crate::kernels::finish::Leak;
 use crate::kernels::gemm::{MOST_ROWS, Operand, multiply_add, panel_vectors, with_register_tile, zero_tile};
 use crate::kernels::rows::Rows;
-use crate::kernels::scratch::{AlignedBuffer, whole_lines, with_scratch};
+use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines};
 use crate::kernels::simd::{Isa, Kernel, Simd};
 
 /// Weights packed `[tap][panel of inputs][output][input of the panel]`.
@@ -65,23 +65,23 @@ impl Kernel for InputRows<'_> {
         let Self { weights, output_gradient, width, first, to } = self;
         let Geometry { inputs, outputs, .. } = weights.geometry;
         let edge_row = whole_lines((MOST_ROWS + 1) * outputs);
-        with_scratch(3 * edge_row, |mut scratch| {
-            let edge = scratch.take(3 * edge_row);
-            for row in 0..to.len() / (width * inputs) {
-                // Row k of the weights and the row of output gradients that it is multiplied with.
-                let rows: [Option<&[f32]>; 3] = std::array::from_fn(|k| {
-                    let twice = (first + row + 1).cast_signed() - k.cast_signed();
-                    if twice % 2 == 0 { output_gradient.row(twice / 2) } else { None }
-                });
-                let at = row * width * inputs;
-                let mut line = Line { weights, rows, width, edge, edge_row, to, at };
-                for parity in 0..2.min(width) {
-                    // SAFETY: `rows` are whole rows of output gradients, `to` holds one input row from `at`,
-                    // the edge buffer three runs of the most pixels that a register tile sees.
-                    unsafe { with_register_tile!(S, weights.vectors, input_line(simd, parity, &mut line)) };
-                }
+        let mut lent = lend(3 * edge_row);
+        let mut scratch = lent.scratch();
+        let edge = scratch.take(3 * edge_row);
+        for row in 0..to.len() / (width * inputs) {
+            // Row k of the weights and the row of output gradients that it is multiplied with.
+            let rows: [Option<&[f32]>; 3] = std::array::from_fn(|k| {
+                let twice = (first + row + 1).cast_signed() - k.cast_signed();
+                if twice % 2 == 0 { output_gradient.row(twice / 2) } else { None }
+            });
+            let at = row * width * inputs;
+            let mut line = Line { weights, rows, width, edge, edge_row, to, at };
+            for parity in 0..2.min(width) {
+                // SAFETY: `rows` are whole rows of output gradients, `to` holds one input row from `at`,
+                // the edge buffer three runs of the most pixels that a register tile sees.
+                unsafe { with_register_tile!(S, weights.vectors, input_line(simd, parity, &mut line)) };
             }
-        });
+        }
     }
 }
 
@@ -142,7 +142,7 @@ unsafe fn input_line<S: Simd, const ROWS: usize, const COLUMNS: usize>(
                 channels: panel.min(inputs - p * panel),
             };
             // SAFETY: the wanted pixels of this parity lie within the row, their channels too.
-            unsafe { store_tile(simd, &tile, Leak(1.0), line.to, target) };
+            unsafe { finish_tile(simd, &tile, Leak(1.0), line.to, target) };
         }
     }
 }

@@ -5,9 +5,11 @@
 //! gradients (`[width, outputs]`), summed over image rows.
 
 use super::forward::{Geometry, copy_columns};
-use crate::kernels::gemm::{MOST_ROWS, Operand, Tile, multiply_add, panel_vectors, with_register_tile};
+use crate::kernels::gemm::{
+    MOST_ROWS, Operand, load_tile, multiply_add, panel_vectors, store_tile, with_register_tile,
+};
 use crate::kernels::rows::Rows;
-use crate::kernels::scratch::{whole_lines, with_scratch};
+use crate::kernels::scratch::{lend, whole_lines};
 use crate::kernels::simd::{Isa, Kernel, Simd};
 
 /// The extent of the sums: `[weight row][column · input, filled up][output, filled up]`.
@@ -67,24 +69,24 @@ impl Kernel for AddOutputRow<'_> {
         // Register tiles may read `MOST_ROWS` floats past the last run.
         let run_len = whole_lines(((columns - 1) * stride + side) * inputs + MOST_ROWS);
         let gradient_len = whole_lines(columns * layout.outputs);
-        with_scratch(run_len + gradient_len, |mut scratch| {
-            let runs = scratch.take(run_len);
-            let wide = scratch.take(gradient_len);
-            for (to, from) in wide.chunks_exact_mut(layout.outputs).zip(gradient.chunks_exact(outputs)) {
-                to[..outputs].copy_from_slice(from);
-                to[outputs..].fill(0.0);
-            }
-            for k in 0..side {
-                let y = (row * stride + k).cast_signed() - (side / 2).cast_signed();
-                let Some(from) = input.row(y) else { continue };
-                let seen = ((columns - 1) * stride + side) * inputs;
-                copy_columns(from, -(side / 2).cast_signed(), inputs, &mut runs[..seen]);
-                let product = Product { layout, k, columns, runs, wide };
-                // SAFETY: `runs` has room for the runs of all columns and `MOST_ROWS` floats more, `wide` for
-                // all columns' gradients; the sums have `layout.len()` floats.
-                unsafe { with_register_tile!(S, layout.vectors, accumulate(simd, &product, sums)) };
-            }
-        });
+        let mut lent = lend(run_len + gradient_len);
+        let mut scratch = lent.scratch();
+        let runs = scratch.take(run_len);
+        let wide = scratch.take(gradient_len);
+        for (to, from) in wide.chunks_exact_mut(layout.outputs).zip(gradient.chunks_exact(outputs)) {
+            to[..outputs].copy_from_slice(from);
+            to[outputs..].fill(0.0);
+        }
+        for k in 0..side {
+            let y = (row * stride + k).cast_signed() - (side / 2).cast_signed();
+            let Some(from) = input.row(y) else { continue };
+            let seen = ((columns - 1) * stride + side) * inputs;
+            copy_columns(from, -(side / 2).cast_signed(), inputs, &mut runs[..seen]);
+            let product = Product { layout, k, columns, runs, wide };
+            // SAFETY: `runs` has room for the runs of all columns and `MOST_ROWS` floats more, `wide` for
+            // all columns' gradients; the sums have `layout.len()` floats.
+            unsafe { with_register_tile!(S, layout.vectors, accumulate(simd, &product, sums)) };
+        }
     }
 }
 
@@ -115,45 +117,10 @@ unsafe fn accumulate<S: Simd, const ROWS: usize, const COLUMNS: usize>(
             // SAFETY: rows up to `side·inputs + ROWS` exist in the sums (filled up) and may be read from the
             // runs; panels fill the outputs exactly.
             unsafe {
-                let tile: Tile<S, ROWS, COLUMNS> = load_tile(simd, sums, at, layout.outputs);
+                let tile = load_tile::<S, ROWS, COLUMNS>(simd, sums, at, layout.outputs);
                 let tile = multiply_add::<S, ROWS, COLUMNS>(simd, tile, product.columns, a, b);
-                store_rows(simd, &tile, sums, at, layout.outputs);
+                store_tile(simd, &tile, sums, at, layout.outputs);
             }
-        }
-    }
-}
-
-/// Reads a register tile whose rows lie `row` apart.
-///
-/// # Safety
-/// All its rows lie within `from`.
-#[inline(always)]
-pub(crate) unsafe fn load_tile<S: Simd, const ROWS: usize, const COLUMNS: usize>(
-    simd: S,
-    from: &[f32],
-    at: usize,
-    row: usize,
-) -> Tile<S, ROWS, COLUMNS> {
-    // SAFETY: passed on to the caller.
-    std::array::from_fn(|i| std::array::from_fn(|j| unsafe { simd.load(from, at + i * row + j * S::LANES) }))
-}
-
-/// Writes a register tile to rows that lie `row` apart.
-///
-/// # Safety
-/// All its rows lie within `to`.
-#[inline(always)]
-pub(crate) unsafe fn store_rows<S: Simd, const ROWS: usize, const COLUMNS: usize>(
-    simd: S,
-    tile: &Tile<S, ROWS, COLUMNS>,
-    to: &mut [f32],
-    at: usize,
-    row: usize,
-) {
-    for (i, vectors) in tile.iter().enumerate() {
-        for (j, value) in vectors.iter().enumerate() {
-            // SAFETY: passed on to the caller.
-            unsafe { simd.store(to, at + i * row + j * S::LANES, *value) };
         }
     }
 }

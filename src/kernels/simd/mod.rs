@@ -60,10 +60,49 @@ pub(crate) trait Simd: Copy + Send + Sync + 'static {
     fn leak(self, sign: Self::Vector, value: Self::Vector, slope: Self::Vector) -> Self::Vector;
 }
 
+/// Reads `N` vectors whose starts lie `stride` apart.
+///
+/// # Safety
+/// All of them lie within `from`.
+// A loop and not `array::from_fn`: a closure is a function of its own, compiled without the features of
+// the instruction set unless it happens to be inlined.
+#[inline(always)]
+pub(crate) unsafe fn load_strided<S: Simd, const N: usize>(
+    simd: S,
+    from: &[f32],
+    at: usize,
+    stride: usize,
+) -> [S::Vector; N] {
+    let mut vectors = [simd.splat(0.0); N];
+    for (i, vector) in vectors.iter_mut().enumerate() {
+        // SAFETY: passed on to the caller.
+        *vector = unsafe { simd.load(from, at + i * stride) };
+    }
+    vectors
+}
+
+/// Writes vectors whose starts lie `stride` apart.
+///
+/// # Safety
+/// All of them lie within `to`.
+#[inline(always)]
+pub(crate) unsafe fn store_strided<S: Simd>(
+    simd: S,
+    to: &mut [f32],
+    at: usize,
+    stride: usize,
+    vectors: &[S::Vector],
+) {
+    for (i, vector) in vectors.iter().enumerate() {
+        // SAFETY: passed on to the caller.
+        unsafe { simd.store(to, at + i * stride, *vector) };
+    }
+}
+
 /// A computation that can be compiled for every instruction set.
 ///
 /// Implementations mark `run` and all that it calls `#[inline(always)]`: a function that stays out of line
-/// would be compiled without the features.
+/// would be compiled without the features. For the same reason vectors never pass through closures.
 pub(crate) trait Kernel {
     /// What it returns.
     type Output;

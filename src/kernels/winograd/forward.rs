@@ -19,10 +19,10 @@ use super::transform::{self, G};
 use super::{POINTS, TILE};
 use crate::kernels::finish::{Finish, Finisher, with_finisher};
 use crate::kernels::gemm::{
-    MOST_ROWS, Operand, multiply_add, panel_vectors, with_register_tile, zero_tile,
+    MOST_ROWS, Operand, multiply_add, panel_vectors, store_tile, with_register_tile, zero_tile,
 };
-use crate::kernels::scratch::{AlignedBuffer, whole_lines, with_scratch};
-use crate::kernels::simd::{Isa, Kernel, Simd};
+use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines};
+use crate::kernels::simd::{Isa, Kernel, Simd, load_strided, store_strided};
 
 /// Weights of a 3 × 3 convolution after G·G ᵀ, in the order in which the products read them.
 pub(crate) struct Weights {
@@ -170,22 +170,22 @@ impl Kernel for TileRows<'_, '_> {
         // Strips of equal length: a short one at the end would waste most of a register tile.
         let length = tiles_across.div_ceil(tiles_across.div_ceil(most));
         let sizes = Sizes::new(weights, rows.len(), length);
-        with_scratch(sizes.total(), |mut scratch| {
-            let mut buffers = Buffers {
-                vertical: scratch.take(POINTS * sizes.vertical),
-                inputs: scratch.take(POINTS * sizes.inputs),
-                products: scratch.take(POINTS * sizes.products),
-                sums: scratch.take(POINTS * sizes.sums),
-                zeros: scratch.take(sizes.zeros),
-            };
-            buffers.zeros.fill(0.0);
-            for first in (0..tiles_across).step_by(length) {
-                let tiles = length.min(tiles_across - first);
-                let strip = Strip { weights, width, order, first, tiles, rows: rows.len(), sizes };
-                // SAFETY: the buffers have the sizes that `Sizes` gives for strips of up to `length` tiles.
-                unsafe { strip.compute(simd, rows, &mut buffers) };
-            }
-        });
+        let mut lent = lend(sizes.total());
+        let mut scratch = lent.scratch();
+        let mut buffers = Buffers {
+            vertical: scratch.take(POINTS * sizes.vertical),
+            inputs: scratch.take(POINTS * sizes.inputs),
+            products: scratch.take(POINTS * sizes.products),
+            sums: scratch.take(POINTS * sizes.sums),
+            zeros: scratch.take(sizes.zeros),
+        };
+        buffers.zeros.fill(0.0);
+        for first in (0..tiles_across).step_by(length) {
+            let tiles = length.min(tiles_across - first);
+            let strip = Strip { weights, width, order, first, tiles, rows: rows.len(), sizes };
+            // SAFETY: the buffers have the sizes that `Sizes` gives for strips of up to `length` tiles.
+            unsafe { strip.compute(simd, rows, &mut buffers) };
+        }
     }
 }
 
@@ -289,7 +289,7 @@ impl Strip<'_> {
         let until = columns.min(self.width + 1 - self.first * TILE);
         let len = (until - before) * channels;
         let start = (self.first * TILE + before - 1) * channels;
-        let rows = row.inputs.map(|input| input.map_or(&buffers.zeros[..len], |r| &r[start..start + len]));
+        let rows = row.inputs.map(|row| row.map_or(&buffers.zeros[..len], |row| &row[start..start + len]));
         let sizes = self.sizes;
         for point in 0..POINTS {
             let at = point * sizes.vertical + q * sizes.vertical_row;
@@ -301,10 +301,12 @@ impl Strip<'_> {
             // SAFETY: `len` is a multiple of the vector (the channels are), each row slice is `len` long, and
             // the buffer's row holds `columns · channels` floats from `q · vertical_row`.
             unsafe {
-                let d = std::array::from_fn(|y| simd.load(rows[y], at));
-                for (point, value) in transform::input(simd, d).into_iter().enumerate() {
-                    simd.store(buffers.vertical, point * sizes.vertical + to + at, value);
+                let mut d = [simd.splat(0.0); POINTS];
+                for (vector, row) in d.iter_mut().zip(&rows) {
+                    *vector = simd.load(row, at);
                 }
+                let v = transform::input(simd, d);
+                store_strided(simd, buffers.vertical, to + at, sizes.vertical, &v);
             }
         }
     }
@@ -321,10 +323,9 @@ impl Strip<'_> {
                     // SAFETY: the tile's six columns lie within the row filled by step 1, and its channels
                     // within the `rows · tiles` tiles that `inputs` has room for.
                     unsafe {
-                        let d = std::array::from_fn(|x| simd.load(buffers.vertical, from + x * channels + c));
-                        for (point, value) in transform::input(simd, d).into_iter().enumerate() {
-                            simd.store(buffers.inputs, point * self.sizes.inputs + to + c, value);
-                        }
+                        let d = load_strided(simd, buffers.vertical, from + c, channels);
+                        let v = transform::input(simd, d);
+                        store_strided(simd, buffers.inputs, to + c, self.sizes.inputs, &v);
                     }
                 }
             }
@@ -343,12 +344,9 @@ impl Strip<'_> {
                     // SAFETY: step 3 wrote `rows · tiles` tiles; the row of sums has room for four columns
                     // of each.
                     unsafe {
-                        let m = std::array::from_fn(|p| {
-                            simd.load(buffers.products, p * self.sizes.products + from + c)
-                        });
-                        for (x, value) in transform::output(simd, m).into_iter().enumerate() {
-                            simd.store(buffers.sums, to + x * channels + c, value);
-                        }
+                        let m = load_strided(simd, buffers.products, from + c, self.sizes.products);
+                        let y = transform::output(simd, m);
+                        store_strided(simd, buffers.sums, to + c, channels, &y);
                     }
                 }
             }
@@ -381,18 +379,14 @@ impl Strip<'_> {
                     // of an output of this image's row `y < rows`, channels filling whole vectors, and the
                     // finisher's tensor is laid out like the output.
                     unsafe {
-                        let s = std::array::from_fn(|p| simd.load(sums, p * self.sizes.sums + from));
+                        let s = load_strided(simd, sums, from, self.sizes.sums);
                         let b = simd.load(bias, channel);
-                        let y = transform::output(simd, s).map(|v| simd.add(v, b));
-                        if rows == TILE {
-                            for (k, value) in y.into_iter().enumerate() {
+                        let y = transform::output(simd, s);
+                        for (k, value) in y.iter().enumerate() {
+                            if k < rows {
                                 let at = at + k * place.row;
-                                simd.store(output, at, finisher.vector(simd, value, at));
-                            }
-                        } else {
-                            for (k, value) in y.into_iter().enumerate().take(rows) {
-                                let at = at + k * place.row;
-                                simd.store(output, at, finisher.vector(simd, value, at));
+                                let sum = simd.add(*value, b);
+                                simd.store(output, at, finisher.vector(simd, sum, at));
                             }
                         }
                     }
@@ -425,11 +419,7 @@ unsafe fn multiply<S: Simd, const ROWS: usize, const COLUMNS: usize>(
                 unsafe {
                     let sums = multiply_add::<S, ROWS, COLUMNS>(simd, zero_tile(simd), inputs, a, b);
                     let to = point * strip.sizes.products + tile * outputs + p * panel;
-                    for (i, row) in sums.into_iter().enumerate() {
-                        for (j, value) in row.into_iter().enumerate() {
-                            simd.store(buffers.products, to + i * outputs + j * S::LANES, value);
-                        }
-                    }
+                    store_tile(simd, &sums, buffers.products, to, outputs);
                 }
             }
         }
