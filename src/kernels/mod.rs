@@ -26,6 +26,7 @@
 
 pub mod convolution;
 mod direct;
+pub mod dynamic_filter;
 mod finish;
 mod gemm;
 pub mod peak;
@@ -39,6 +40,7 @@ mod winograd;
 
 pub use convolution::Convolution;
 pub use direct::forward::Geometry;
+pub use dynamic_filter::DynamicFilter;
 pub use finish::Finish;
 pub use shape::Shape;
 pub use simd::Isa;

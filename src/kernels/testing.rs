@@ -98,4 +98,38 @@ pub(crate) mod naive {
         }
         output
     }
+
+    /// The last layers of a filter generator.
+    pub(crate) struct FilterHead<'a> {
+        pub(crate) size: usize,
+        pub(crate) weight: &'a [f32],
+        pub(crate) bias: &'a [f32],
+        pub(crate) slope: f32,
+    }
+
+    impl FilterHead<'_> {
+        /// Predicts filters and applies them, with replicated borders.
+        pub(crate) fn apply(&self, condition: &[f32], features: &[f32], shape: Shape) -> Vec<f64> {
+            let taps = self.size * self.size;
+            let geometry = Geometry { inputs: shape.channels, outputs: shape.channels * taps, side: 1, stride: 1 };
+            let filters = convolution(geometry, self.weight, self.bias, condition, shape);
+            let filters = finish(Finish::Leak(self.slope), &filters);
+            let half = (self.size / 2).cast_signed();
+            let nearest = |v: usize, d: usize, extent: usize| {
+                (v.cast_signed() + d.cast_signed() - half).clamp(0, extent.cast_signed() - 1)
+            };
+            let mut output = Vec::new();
+            for i in 0..shape.len() {
+                let (pixel, c) = (i / shape.channels, i % shape.channels);
+                let (n, y, x) =
+                    (pixel / shape.width / shape.height, pixel / shape.width % shape.height, pixel % shape.width);
+                let tap = |t: usize| {
+                    let place = (nearest(y, t / self.size, shape.height), nearest(x, t % self.size, shape.width));
+                    filters[(pixel * shape.channels + c) * taps + t] * at(features, shape, n, place, c)
+                };
+                output.push((0..taps).map(tap).sum());
+            }
+            output
+        }
+    }
 }
