@@ -139,7 +139,9 @@ impl Convolution {
         match &self.method {
             Method::Winograd(weights) => {
                 let mut rows: Vec<TileRow<'_>> = blocks.into_iter().map(RowBlock::into_tile_row).collect();
-                rows.par_chunks_mut(winograd::rows_per_task(weights, width)).for_each(|rows| {
+                let share = rows.len().div_ceil(rayon::current_num_threads()).max(1);
+                let together = winograd::rows_per_task(weights, width).min(share);
+                rows.par_chunks_mut(together).for_each(|rows| {
                     weights.isa.run(TileRows { weights, width, order: self.order, rows });
                 });
             }

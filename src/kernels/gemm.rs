@@ -93,6 +93,23 @@ macro_rules! with_register_tile {
 }
 pub(crate) use with_register_tile;
 
+/// As [`with_register_tile`], for sums of `outputs` columns and any number of rows that is a multiple of a
+/// vector: 8 × 2 of 32 registers, 4 × 2 of 16 (rows must divide the channels).
+macro_rules! with_weight_tile {
+    ($simd:ident, $outputs:expr, $function:ident($($argument:expr),* $(,)?)) => {
+        match ($simd::LANES, $outputs.is_multiple_of(2 * $simd::LANES)) {
+            (16, true) => $function::<$simd, 8, 2>($($argument),*),
+            (16, false) => $function::<$simd, 8, 1>($($argument),*),
+            (_, true) => $function::<$simd, 4, 2>($($argument),*),
+            (_, false) => $function::<$simd, 4, 1>($($argument),*),
+        }
+    };
+}
+pub(crate) use with_weight_tile;
+
+/// The most rows of [`with_weight_tile`]'s tiles, a multiple of each.
+pub(crate) const MOST_WEIGHT_ROWS: usize = 8;
+
 /// Reads a register tile whose rows lie `row` apart.
 ///
 /// # Safety

@@ -29,13 +29,18 @@ mod direct;
 pub mod dynamic_filter;
 mod finish;
 mod gemm;
+pub mod gradient;
 pub mod peak;
+pub mod res_block;
 mod rows;
 mod scratch;
 mod shape;
 mod simd;
+pub mod stream;
+pub mod sums;
 #[cfg(test)]
 mod testing;
+pub mod up_convolution;
 mod winograd;
 
 pub use convolution::Convolution;

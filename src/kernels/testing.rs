@@ -38,21 +38,64 @@ pub(crate) fn assert_close(found: &[f32], expected: &[f64], tolerance: f64, what
     }
 }
 
+/// Σ a·b.
+pub(crate) fn dot(a: &[f64], b: &[f32]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| a * f64::from(*b)).sum()
+}
+
+/// Asserts that gradients are the differences of a loss, at some places of each tensor.
+///
+/// The loss is evaluated in f64 at two points so close that rectifiers hardly ever switch in between;
+/// their distance is exact. What is left is the rounding of the gradients' own sums.
+pub(crate) fn check_gradients(
+    mut tensors: Vec<Vec<f32>>,
+    gradients: &[Vec<f32>],
+    loss: impl Fn(&[Vec<f32>]) -> f64,
+) {
+    const STEP: f32 = 1e-5;
+    const PLACES: usize = 24;
+    assert_eq!(tensors.len(), gradients.len());
+    for t in 0..tensors.len() {
+        assert_eq!(tensors[t].len(), gradients[t].len(), "length of tensor {t}");
+        let largest = gradients[t].iter().fold(1e-3f64, |m, v| m.max(f64::from(v.abs())));
+        let apart = tensors[t].len().div_ceil(PLACES);
+        for i in (0..tensors[t].len()).step_by(apart) {
+            let original = tensors[t][i];
+            let mut at = |value: f32| {
+                tensors[t][i] = value;
+                loss(&tensors)
+            };
+            let (above, below) = (original + STEP, original - STEP);
+            let quotient = (at(above) - at(below)) / f64::from(above - below);
+            tensors[t][i] = original;
+            let error = (f64::from(gradients[t][i]) - quotient).abs() / largest;
+            assert!(error < 2e-5, "tensor {t}, place {i}: {} is not {quotient}", gradients[t][i]);
+        }
+    }
+}
+
 /// The operations as their equations say, in f64.
 pub(crate) mod naive {
     use crate::kernels::{Finish, Geometry, Shape};
 
-    fn at(input: &[f32], shape: Shape, n: usize, (y, x): (isize, isize), c: usize) -> f64 {
+    fn at<T: Copy + Into<f64>>(input: &[T], shape: Shape, n: usize, (y, x): (isize, isize), c: usize) -> f64 {
         let inside = |v: isize, extent: usize| v >= 0 && v < extent.cast_signed();
         if !inside(y, shape.height) || !inside(x, shape.width) {
             return 0.0;
         }
         let (y, x) = (y.unsigned_abs(), x.unsigned_abs());
-        f64::from(input[((n * shape.height + y) * shape.width + x) * shape.channels + c])
+        input[((n * shape.height + y) * shape.width + x) * shape.channels + c].into()
     }
 
     /// A convolution with zero padding, before activation.
-    pub(crate) fn convolution(g: Geometry, weight: &[f32], bias: &[f32], input: &[f32], shape: Shape) -> Vec<f64> {
+    pub(crate) fn convolution<T: Copy + Into<f64>>(
+        g: Geometry,
+        weight: &[f32],
+        bias: &[f32],
+        input: &[T],
+        shape: Shape,
+    ) -> Vec<f64> {
         let (height, width) = (g.output_extent(shape.height), g.output_extent(shape.width));
         let mut output = Vec::new();
         let pad = (g.side / 2).cast_signed();

@@ -109,11 +109,9 @@ impl Kernel for OutputRows<'_> {
             });
             let at = row * row_len;
             let mut line = Line { weights, rows, width, edge, edge_row, output, at };
-            with_finisher!(finish, f => {
-                // SAFETY: `rows` are whole rows of the input, `output` holds one output row from `at`,
-                // and the edge buffer three runs of the most pixels that a register tile sees.
-                unsafe { with_register_tile!(S, weights.vectors, output_line(simd, f, &mut line)) }
-            });
+            // SAFETY: `rows` are whole rows of the input, `output` holds one output row from `at`, and the
+            // edge buffer three runs of the most pixels that a register tile sees.
+            unsafe { with_register_tile!(S, weights.vectors, output_line(simd, finish, &mut line)) };
         }
     }
 }
@@ -135,7 +133,7 @@ struct Line<'a, 'b> {
 #[inline(always)]
 unsafe fn output_line<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,
-    finisher: impl Finisher<S>,
+    finish: Finish<'_>,
     line: &mut Line<'_, '_>,
 ) {
     let weights = line.weights;
@@ -173,7 +171,8 @@ unsafe fn output_line<S: Simd, const ROWS: usize, const COLUMNS: usize>(
                     pixel: outputs,
                     channels: panel.min(outputs - p * panel),
                 };
-                finish_tile(simd, &tile, finisher, line.output, target);
+                // Chosen for each tile and not around the loops, which would be compiled three times.
+                with_finisher!(finish, f => finish_tile(simd, &tile, f, line.output, target));
             }
         }
     }

@@ -49,6 +49,11 @@ impl DynamicFilter {
         Self { isa, channels, padded, size, slope, vectors, packed, bias: bias_buffer }
     }
 
+    /// Rows and columns of the filters.
+    pub(crate) fn size(&self) -> usize {
+        self.size
+    }
+
     /// Channels of conditions, features and output.
     pub fn channels(&self) -> usize {
         self.channels
@@ -71,12 +76,9 @@ impl DynamicFilter {
         let block_len = BLOCK_ROWS * shape.row_len();
         let mut blocks = Vec::new();
         for (n, image) in output.chunks_mut(shape.image_len()).enumerate() {
-            let rows = |of: &'_ [f32]| -> std::ops::Range<usize> {
-                debug_assert_eq!(of.len(), shape.len());
-                n * shape.image_len()..(n + 1) * shape.image_len()
-            };
-            let condition = Rows::whole(&condition[rows(condition)], shape.height);
-            let features = Rows::whole(&features[rows(features)], shape.height);
+            let range = n * shape.image_len()..(n + 1) * shape.image_len();
+            let condition = Rows::whole(&condition[range.clone()], shape.height);
+            let features = Rows::whole(&features[range], shape.height);
             for (b, output) in image.chunks_mut(block_len).enumerate() {
                 blocks.push(FilterBlock { condition, features, first: b * BLOCK_ROWS, output });
             }

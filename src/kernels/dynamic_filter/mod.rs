@@ -18,8 +18,10 @@
 //! # Error
 //! That of a direct sum: about 1e-6 of the largest output.
 
+mod backward;
 mod forward;
 
+pub use backward::DynamicFilterGradients;
 pub use forward::DynamicFilter;
 pub(crate) use forward::FilterBlock;
 

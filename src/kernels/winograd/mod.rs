@@ -18,6 +18,7 @@
 //! whatever else is done to an output. [`gradient`] turns the same steps around for the weights' gradient.
 
 pub(crate) mod forward;
+pub(crate) mod gradient;
 pub(crate) mod transform;
 
 /// Outputs along a side of a tile.
