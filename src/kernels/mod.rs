@@ -1,1 +1,51 @@
 //! The network's inner loops: slices in, slices out; the only module with unsafe code.
+//!
+//! Tensors are NHWC: `[image, row, column, channel]`, 32-bit float, contiguous, without borders. Parameters
+//! come in PyTorch's layouts (`[outputs, inputs, rows, columns]` for convolutions) and gradients leave in the
+//! same ones; each operation packs what it needs.
+//!
+//! # Map
+//! - [`Isa`]: which vector instructions run, chosen once; `UDC_SIMD=avx512|avx2|portable` forces a path.
+//! - [`Convolution`]: 3 × 3 and 1 × 1, by `winograd` where channels fill whole vectors and the stride is 1, by
+//!   the `direct` kernel elsewhere; [`convolution`] also has its gradients.
+//! - [`res_block`], [`up_convolution`], [`dynamic_filter`]: the network's blocks, forward and backward.
+//! - [`stream`]: whole networks, a few rows at a time, through rolling windows planned beforehand.
+//!
+//! # Why unsafe, and where
+//! Two things need it. Vector instructions may run only on a CPU that has them: the zero-sized tokens of
+//! `simd` are made after detection and their holders prove it. And the inner loops read slices without
+//! bounds checks: they go through `Simd::load`, `Simd::store` and one micro-kernel, all of which check their
+//! bounds in builds with debug assertions, as the tests are. No memory is shared mutably between threads:
+//! outputs are split into disjoint `&mut` slices before the work is spread.
+//!
+//! # Determinism
+//! A pixel's value does not depend on how the work was cut into tasks. Sums over pixels (parameter gradients)
+//! are cut into groups that depend on shapes only and added in a fixed order. So results do not depend on
+//! the number of threads, bit for bit; they do differ in rounding between instruction sets.
+#![expect(unsafe_code, reason = "vector instructions and unchecked reads of the inner loops")]
+
+pub mod convolution;
+mod direct;
+pub mod dynamic_filter;
+mod finish;
+mod gemm;
+pub mod gradient;
+pub mod peak;
+pub mod res_block;
+mod rows;
+mod scratch;
+mod shape;
+mod simd;
+pub mod stream;
+pub mod sums;
+#[cfg(test)]
+mod testing;
+pub mod up_convolution;
+mod winograd;
+
+pub use convolution::Convolution;
+pub use direct::forward::Geometry;
+pub use dynamic_filter::DynamicFilter;
+pub use finish::Finish;
+pub use shape::Shape;
+pub use simd::Isa;

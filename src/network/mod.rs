@@ -6,6 +6,7 @@
 mod architecture;
 mod backend;
 mod discnet;
+mod inference;
 mod model;
 pub mod operations;
 mod parameters;

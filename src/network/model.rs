@@ -1,17 +1,18 @@
 //! A network ready to restore images, together with where its weights come from.
 
 use std::path::Path;
+use std::sync::{Arc, OnceLock};
 
-use burn::tensor::{Device, Tensor, TensorData};
-use ndarray::{Array3, ArrayRef3, ArrayView3, Axis};
+use ndarray::{ArrayRef3, ArrayView3, Axis};
 use serde_json::Value;
 
 use super::architecture::Architecture;
 use super::backend::Backend;
 use super::discnet::DiscNet;
+use super::inference::Inference;
 use super::weights::{self, Weights};
 use crate::core::error::{Error, Result};
-use crate::core::image::{CHANNELS, ToneMappedImage};
+use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
 
 /// Where weights come from, as far as their file says.
@@ -30,7 +31,8 @@ pub struct Origin {
 pub struct Model {
     network: DiscNet,
     origin: Origin,
-    device: Device,
+    /// The weights packed for whole images, once the first is restored.
+    inference: Arc<OnceLock<Inference>>,
 }
 
 impl Model {
@@ -54,7 +56,7 @@ impl Model {
     pub fn new(weights: &Weights, backend: Backend) -> Self {
         let device = backend.device();
         let network = DiscNet::new(&weights.architecture, &weights.parameters, &device);
-        Self { network, origin: weights.origin.clone(), device }
+        Self { network, origin: weights.origin.clone(), inference: Arc::default() }
     }
 
     /// The network's configuration.
@@ -105,14 +107,16 @@ impl Model {
 
     fn run(&self, image: &ToneMappedImage, map: Option<ArrayView3<'_, f32>>) -> Result<ToneMappedImage> {
         let map = if self.architecture().condition.uses_code() { Some(self.check_map(map)?) } else { None };
-        let map = map.map(|map| self.batch(map.iter().copied().collect(), map.dim()));
-        let (height, width) = (image.height(), image.width());
-        let batch = self.batch(image.as_slice().to_vec(), (CHANNELS, height, width));
-        let restored = self.network.forward(batch, map);
-        let values = restored.try_into_vec_as::<f32>().expect("the network computes 32-bit floats");
-        let planes = Array3::from_shape_vec((CHANNELS, height, width), values)
-            .expect("the network keeps the image's shape");
-        ToneMappedImage::from_planes(planes)
+        ToneMappedImage::from_planes(self.inference().restore(image, map))
+    }
+
+    /// Estimates the bytes of working memory that restoring an image of these sides takes.
+    pub fn working_bytes(&self, height: usize, width: usize) -> u64 {
+        self.inference().bytes(self.architecture(), height, width)
+    }
+
+    fn inference(&self) -> &Inference {
+        self.inference.get_or_init(|| Inference::new(self.architecture(), &self.network.parameters()))
     }
 
     fn check_map<'a>(&self, map: Option<ArrayView3<'a, f32>>) -> Result<ArrayView3<'a, f32>> {
@@ -131,9 +135,5 @@ impl Model {
             return Err(Error::shape("kernel code", format!("{expected} numbers"), found));
         }
         Ok(map)
-    }
-
-    fn batch(&self, values: Vec<f32>, (channels, height, width): (usize, usize, usize)) -> Tensor<4> {
-        Tensor::from_data(TensorData::new(values, [1, channels, height, width]), &self.device)
     }
 }

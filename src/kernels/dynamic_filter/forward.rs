@@ -1,0 +1,344 @@
+//! Conditions and features to filtered features, a few rows per task.
+
+use rayon::prelude::*;
+
+use super::tile_pixels;
+use crate::kernels::convolution::BLOCK_ROWS;
+use crate::kernels::gemm::{MOST_ROWS, Operand, multiply_add, panel_vectors, with_register_tile};
+use crate::kernels::rows::Rows;
+use crate::kernels::scratch::{AlignedBuffer, Scratch, lend, whole_lines};
+use crate::kernels::shape::Shape;
+use crate::kernels::simd::{Isa, Kernel, Simd, load_strided};
+
+/// The filters' weights, packed, ready to be applied any number of times.
+pub struct DynamicFilter {
+    pub(super) isa: Isa,
+    pub(super) channels: usize,
+    /// Channels filled up to whole panels.
+    pub(super) padded: usize,
+    pub(super) size: usize,
+    pub(super) slope: f32,
+    pub(super) vectors: usize,
+    pub(super) packed: AlignedBuffer,
+    pub(super) bias: AlignedBuffer,
+}
+
+impl DynamicFilter {
+    /// Packs PyTorch's weights `[channels·size², channels, 1, 1]` and bias `[channels·size²]`, output
+    /// `c·size² + dy·size + dx`, and the slope of the filters' PReLU.
+    ///
+    /// # Panics
+    /// When the size is even or the lengths do not fit.
+    pub fn new(isa: Isa, size: usize, weight: &[f32], bias: &[f32], slope: f32) -> Self {
+        let taps = size * size;
+        let channels = bias.len() / taps;
+        assert!(size % 2 == 1 && channels * taps == bias.len(), "{} biases for size {size}", bias.len());
+        assert_eq!(weight.len(), taps * channels * channels, "weights for {channels} channels, size {size}");
+        let vectors = panel_vectors(isa.lanes(), channels);
+        let panel = vectors * isa.lanes();
+        let padded = channels.next_multiple_of(panel);
+        let mut packed = AlignedBuffer::zeros(taps * padded * channels);
+        let mut bias_buffer = AlignedBuffer::zeros(taps * padded);
+        for (c, tap) in (0..channels).flat_map(|c| (0..taps).map(move |tap| (c, tap))) {
+            bias_buffer.as_mut_slice()[tap * padded + c] = bias[c * taps + tap];
+            let from = &weight[(c * taps + tap) * channels..][..channels];
+            let start = tap * padded * channels + c / panel * channels * panel + c % panel;
+            let to = packed.as_mut_slice()[start..].iter_mut().step_by(panel);
+            to.zip(from).for_each(|(to, from)| *to = *from);
+        }
+        Self { isa, channels, padded, size, slope, vectors, packed, bias: bias_buffer }
+    }
+
+    /// Rows and columns of the filters.
+    pub(crate) fn size(&self) -> usize {
+        self.size
+    }
+
+    /// Channels of conditions, features and output.
+    pub fn channels(&self) -> usize {
+        self.channels
+    }
+
+    /// Filters a batch of images.
+    ///
+    /// # Shapes
+    /// `condition`, `features` and `output` have shape `shape`.
+    ///
+    /// # Panics
+    /// When a slice's length is not that of the shape.
+    pub fn forward(&self, condition: &[f32], features: &[f32], shape: Shape, output: &mut [f32]) {
+        let lengths = (condition.len(), features.len(), output.len());
+        assert_eq!(shape.channels, self.channels, "channels of {shape:?}");
+        assert_eq!(lengths, (shape.len(), shape.len(), shape.len()), "floats of {shape:?}");
+        if shape.is_empty() {
+            return;
+        }
+        let block_len = BLOCK_ROWS * shape.row_len();
+        let mut blocks = Vec::new();
+        for (n, image) in output.chunks_mut(shape.image_len()).enumerate() {
+            let range = n * shape.image_len()..(n + 1) * shape.image_len();
+            let condition = Rows::whole(&condition[range.clone()], shape.height);
+            let features = Rows::whole(&features[range], shape.height);
+            for (b, output) in image.chunks_mut(block_len).enumerate() {
+                blocks.push(FilterBlock { condition, features, first: b * BLOCK_ROWS, output });
+            }
+        }
+        self.compute(blocks);
+    }
+
+    /// Computes blocks of output rows, in parallel.
+    pub(crate) fn compute(&self, blocks: Vec<FilterBlock<'_>>) {
+        blocks.into_par_iter().for_each(|block| self.isa.run(FilterRows { filter: self, block }));
+    }
+}
+
+/// Some output rows of one image.
+pub(crate) struct FilterBlock<'a> {
+    pub(crate) condition: Rows<'a>,
+    pub(crate) features: Rows<'a>,
+    /// The number of the first row.
+    pub(crate) first: usize,
+    pub(crate) output: &'a mut [f32],
+}
+
+/// A block with the filter that is applied to it.
+struct FilterRows<'a> {
+    filter: &'a DynamicFilter,
+    block: FilterBlock<'a>,
+}
+
+impl Kernel for FilterRows<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) {
+        let Self { filter, block } = self;
+        let row_len = block.condition.row_len();
+        let width = row_len / filter.channels;
+        let pixels = tile_pixels(filter.channels);
+        let outputs_len = whole_lines((pixels + MOST_ROWS) * filter.padded);
+        let mut lent = lend(TileInputs::scratch_len(filter) + outputs_len);
+        let mut scratch = lent.scratch();
+        let outputs = scratch.take(outputs_len);
+        let mut inputs = TileInputs::new(filter, &mut scratch);
+        for (row, output) in block.output.chunks_exact_mut(row_len).enumerate() {
+            for first in (0..width).step_by(pixels) {
+                let tile = PixelTile { row: block.first + row, first, pixels: pixels.min(width - first) };
+                let view = inputs.view(filter, block.condition, block.features, tile);
+                outputs.fill(0.0);
+                for tap in 0..filter.size * filter.size {
+                    // SAFETY: the view has room for whole register tiles, the outputs too.
+                    unsafe {
+                        let vectors = filter.vectors;
+                        with_register_tile!(S, vectors, add_tap(simd, filter, tap, tile.pixels, &view, outputs));
+                    }
+                }
+                let to = &mut output[first * filter.channels..][..tile.pixels * filter.channels];
+                let from = outputs.chunks_exact(filter.padded);
+                for (to, from) in to.chunks_exact_mut(filter.channels).zip(from) {
+                    to.copy_from_slice(&from[..filter.channels]);
+                }
+            }
+        }
+    }
+}
+
+/// Adds what one tap contributes to the outputs of a tile.
+#[inline(always)]
+unsafe fn add_tap<S: Simd, const ROWS: usize, const COLUMNS: usize>(
+    simd: S,
+    filter: &DynamicFilter,
+    tap: usize,
+    pixels: usize,
+    view: &TileView<'_>,
+    outputs: &mut [f32],
+) {
+    let slope = simd.splat(filter.slope);
+    let (features, features_at) = view.shifted_features(filter, tap);
+    for channel in (0..filter.padded).step_by(COLUMNS * S::LANES) {
+        for first in (0..pixels).step_by(ROWS) {
+            // SAFETY: view and outputs hold `pixels` rounded up to `ROWS` pixels, of `padded` channels
+            // where vectors are read or written.
+            unsafe {
+                let sums = filter_sums::<S, ROWS, COLUMNS>(simd, filter, view, (tap, channel, first));
+                for (i, row) in sums.iter().enumerate() {
+                    for (j, sum) in row.iter().enumerate() {
+                        let c = channel + j * S::LANES;
+                        let feature = simd.load(features, features_at + (first + i) * view.feature_pixel + c);
+                        let at = (first + i) * filter.padded + c;
+                        let output = simd.load(outputs, at);
+                        let value = simd.leak(*sum, *sum, slope);
+                        simd.store(outputs, at, simd.mul_add(value, feature, output));
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Computes filters before their PReLU: those of one tap for a register tile of pixels and channels.
+///
+/// # Safety
+/// `place` is (tap, first channel of a panel, first pixel), and the view holds `ROWS` pixels from there.
+#[inline(always)]
+pub(super) unsafe fn filter_sums<S: Simd, const ROWS: usize, const COLUMNS: usize>(
+    simd: S,
+    filter: &DynamicFilter,
+    view: &TileView<'_>,
+    place: (usize, usize, usize),
+) -> [[S::Vector; COLUMNS]; ROWS] {
+    let (tap, channel, pixel) = place;
+    let inputs = filter.channels;
+    let at = view.condition_at + pixel * inputs;
+    let a = Operand { data: view.condition, at, row: inputs, step: 1 };
+    let at = (tap * filter.padded + channel) * inputs;
+    let b = Operand { data: filter.packed.as_slice(), at, row: 0, step: COLUMNS * S::LANES };
+    // SAFETY: bias and weights hold whole panels; the caller promises the conditions.
+    unsafe {
+        let bias = load_strided(simd, filter.bias.as_slice(), tap * filter.padded + channel, S::LANES);
+        multiply_add::<S, ROWS, COLUMNS>(simd, [bias; ROWS], inputs, a, b)
+    }
+}
+
+/// Some neighbouring pixels of a row.
+#[derive(Clone, Copy)]
+pub(super) struct PixelTile {
+    pub(super) row: usize,
+    pub(super) first: usize,
+    pub(super) pixels: usize,
+}
+
+/// Where a tile's conditions and features can be read: in the image, or in a copy that continues it.
+pub(super) struct TileView<'a> {
+    pub(super) condition: &'a [f32],
+    pub(super) condition_at: usize,
+    /// The features' rows, one for each row of the filter.
+    features: [&'a [f32]; MOST_TAPS],
+    features_at: usize,
+    /// Distance between pixels of the features.
+    pub(super) feature_pixel: usize,
+}
+
+/// The largest filter size.
+const MOST_TAPS: usize = 15;
+
+impl<'a> TileView<'a> {
+    /// The features that one tap sees: the slice and where the tile's first pixel lies in it.
+    #[inline(always)]
+    pub(super) fn shifted_features(&self, filter: &DynamicFilter, tap: usize) -> (&'a [f32], usize) {
+        let (dy, dx) = (tap / filter.size, tap % filter.size);
+        (self.features[dy], self.features_at + dx * self.feature_pixel)
+    }
+}
+
+/// Room for the copies that tiles at the image's borders need.
+pub(super) struct TileInputs<'a> {
+    condition: &'a mut [f32],
+    features: &'a mut [f32],
+    feature_row: usize,
+}
+
+impl<'a> TileInputs<'a> {
+    fn lengths(filter: &DynamicFilter) -> (usize, usize) {
+        assert!(filter.size <= MOST_TAPS, "filters of {0} × {0}", filter.size);
+        let pixels = tile_pixels(filter.channels) + MOST_ROWS;
+        (whole_lines(pixels * filter.channels), whole_lines((pixels + filter.size - 1) * filter.padded))
+    }
+
+    /// Floats of working memory needed.
+    pub(super) fn scratch_len(filter: &DynamicFilter) -> usize {
+        let (condition, feature_row) = Self::lengths(filter);
+        condition + filter.size * feature_row
+    }
+
+    pub(super) fn new(filter: &DynamicFilter, scratch: &mut Scratch<'a>) -> Self {
+        let (condition, feature_row) = Self::lengths(filter);
+        let features = scratch.take(filter.size * feature_row);
+        Self { condition: scratch.take(condition), features, feature_row }
+    }
+
+    /// Makes a tile's inputs readable for whole register tiles.
+    #[inline(always)]
+    pub(super) fn view<'b>(
+        &'b mut self,
+        filter: &DynamicFilter,
+        condition: Rows<'b>,
+        features: Rows<'b>,
+        tile: PixelTile,
+    ) -> TileView<'b> {
+        let (channels, half) = (filter.channels, filter.size / 2);
+        let width = features.row_len() / channels;
+        let whole = tile.pixels.next_multiple_of(MOST_ROWS);
+        let condition = condition.nearest_row(tile.row.cast_signed());
+        let feature_row = |dy: usize| features.nearest_row((tile.row + dy).cast_signed() - half.cast_signed());
+        let is_inside = tile.first >= half
+            && tile.first + whole + half <= width
+            && filter.padded == channels;
+        if is_inside {
+            let mut rows = [&[][..]; MOST_TAPS];
+            (0..filter.size).for_each(|dy| rows[dy] = feature_row(dy));
+            return TileView {
+                condition,
+                condition_at: tile.first * channels,
+                features: rows,
+                features_at: (tile.first - half) * channels,
+                feature_pixel: channels,
+            };
+        }
+        let from = &condition[tile.first * channels..][..tile.pixels * channels];
+        self.condition[..from.len()].copy_from_slice(from);
+        self.condition[from.len()..whole * channels].fill(0.0);
+        for dy in 0..filter.size {
+            let row = feature_row(dy);
+            let to = &mut self.features[dy * self.feature_row..][..(whole + 2 * half) * filter.padded];
+            for (x, to) in to.chunks_exact_mut(filter.padded).enumerate() {
+                let column = (tile.first + x).saturating_sub(half).min(width - 1);
+                to[..channels].copy_from_slice(&row[column * channels..][..channels]);
+                to[channels..].fill(0.0);
+            }
+        }
+        let mut rows = [&[][..]; MOST_TAPS];
+        for (to, from) in rows.iter_mut().zip(self.features.chunks_exact(self.feature_row)) {
+            *to = from;
+        }
+        TileView {
+            condition: self.condition,
+            condition_at: 0,
+            features: rows,
+            features_at: 0,
+            feature_pixel: filter.padded,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernels::testing::{Values, assert_close, naive};
+
+    #[test]
+    fn agrees_with_the_equation_for_every_size() {
+        for isa in Isa::available() {
+            for (size, channels) in [(3, 1), (5, 4), (5, 5), (7, 8), (5, 16), (9, 20), (5, 32), (3, 64), (3, 128)] {
+                for (height, width) in [(1, 1), (3, 2), (5, 61), (6, 110)] {
+                    if height * width * channels > 20_000 {
+                        continue;
+                    }
+                    let shape = Shape::new(2, height, width, channels);
+                    let mut values = Values::new(5);
+                    let taps = size * size;
+                    let weight = values.take_scaled(taps * channels * channels, channels);
+                    let bias = values.take(taps * channels);
+                    let (condition, features) = (values.take(shape.len()), values.take(shape.len()));
+                    let filter = DynamicFilter::new(isa, size, &weight, &bias, -0.3);
+                    let mut output = vec![f32::NAN; shape.len()];
+                    filter.forward(&condition, &features, shape, &mut output);
+                    let head = naive::FilterHead { size, weight: &weight, bias: &bias, slope: -0.3 };
+                    let expected = head.apply(&condition, &features, shape);
+                    let what = format!("{} size {size} {shape:?}", isa.name());
+                    assert_close(&output, &expected, 3e-6, &what);
+                }
+            }
+        }
+    }
+}

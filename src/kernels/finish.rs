@@ -1,0 +1,136 @@
+//! What is done to a convolution's sums before they are stored.
+
+use super::simd::Simd;
+
+/// The last step of an output: bias, then one of the [`Finish`] variants' arithmetic.
+///
+/// Tensors are laid out like the output.
+#[derive(Clone, Copy, Debug)]
+pub enum Finish<'a> {
+    /// Leaky rectifier; slope 1 leaves the sum as it is.
+    Leak(f32),
+    /// Leaky rectifier, then a tensor added: a residual or a skip connection.
+    LeakThenAdd(f32, &'a [f32]),
+    /// Times the derivative of a leaky rectifier, whose output (or input) has the sign of the tensor.
+    Gate(f32, &'a [f32]),
+}
+
+impl<'a> Finish<'a> {
+    /// The same for a part of the output, given as the range of its floats.
+    pub(crate) fn part(self, range: std::ops::Range<usize>) -> Self {
+        match self {
+            Self::Leak(slope) => Self::Leak(slope),
+            Self::LeakThenAdd(slope, other) => Self::LeakThenAdd(slope, &other[range]),
+            Self::Gate(slope, sign) => Self::Gate(slope, &sign[range]),
+        }
+    }
+
+    /// Asserts that the tensor, if there is one, has the output's length.
+    pub(crate) fn check_len(&self, len: usize) {
+        if let Self::LeakThenAdd(_, other) | Self::Gate(_, other) = self {
+            assert_eq!(other.len(), len, "floats of the tensor that finishes an output of {len}");
+        }
+    }
+}
+
+impl Finish<'_> {
+    /// Finishes the one output at `at`.
+    pub(crate) fn scalar(self, sum: f32, at: usize) -> f32 {
+        match self {
+            Self::Leak(slope) => leak(sum, sum, slope),
+            Self::LeakThenAdd(slope, other) => leak(sum, sum, slope) + other[at],
+            Self::Gate(slope, sign) => leak(sign[at], sum, slope),
+        }
+    }
+}
+
+/// [`Finish`] resolved before the inner loop, so that it is compiled once for each kind.
+pub(crate) trait Finisher<S: Simd>: Copy {
+    /// Finishes the vector of outputs that begins at `at`.
+    ///
+    /// # Safety
+    /// A vector begins at `at` in the tensor of the variant.
+    unsafe fn vector(self, simd: S, sum: S::Vector, at: usize) -> S::Vector;
+
+    /// Finishes the one output at `at`.
+    fn scalar(self, sum: f32, at: usize) -> f32;
+}
+
+/// See [`Finish::Leak`].
+#[derive(Clone, Copy)]
+pub(crate) struct Leak(pub(crate) f32);
+
+/// See [`Finish::LeakThenAdd`].
+#[derive(Clone, Copy)]
+pub(crate) struct LeakThenAdd<'a>(pub(crate) f32, pub(crate) &'a [f32]);
+
+/// See [`Finish::Gate`].
+#[derive(Clone, Copy)]
+pub(crate) struct Gate<'a>(pub(crate) f32, pub(crate) &'a [f32]);
+
+/// Scales a value unless the sign is positive.
+#[inline(always)]
+fn leak(sign: f32, value: f32, slope: f32) -> f32 {
+    if sign > 0.0 { value } else { slope * value }
+}
+
+impl<S: Simd> Finisher<S> for Leak {
+    #[inline(always)]
+    unsafe fn vector(self, simd: S, sum: S::Vector, _at: usize) -> S::Vector {
+        simd.leak(sum, sum, simd.splat(self.0))
+    }
+
+    #[inline(always)]
+    fn scalar(self, sum: f32, _at: usize) -> f32 {
+        leak(sum, sum, self.0)
+    }
+}
+
+impl<S: Simd> Finisher<S> for LeakThenAdd<'_> {
+    #[inline(always)]
+    unsafe fn vector(self, simd: S, sum: S::Vector, at: usize) -> S::Vector {
+        // SAFETY: passed on to the caller.
+        let other = unsafe { simd.load(self.1, at) };
+        simd.add(simd.leak(sum, sum, simd.splat(self.0)), other)
+    }
+
+    #[inline(always)]
+    fn scalar(self, sum: f32, at: usize) -> f32 {
+        leak(sum, sum, self.0) + self.1[at]
+    }
+}
+
+impl<S: Simd> Finisher<S> for Gate<'_> {
+    #[inline(always)]
+    unsafe fn vector(self, simd: S, sum: S::Vector, at: usize) -> S::Vector {
+        // SAFETY: passed on to the caller.
+        let sign = unsafe { simd.load(self.1, at) };
+        simd.leak(sign, sum, simd.splat(self.0))
+    }
+
+    #[inline(always)]
+    fn scalar(self, sum: f32, at: usize) -> f32 {
+        leak(self.1[at], sum, self.0)
+    }
+}
+
+/// Runs a function generic over the finisher with the one that a [`Finish`] stands for.
+macro_rules! with_finisher {
+    ($finish:expr, $finisher:ident => $body:expr) => {
+        match $finish {
+            crate::kernels::finish::Finish::Leak(slope) => {
+                let $finisher = crate::kernels::finish::Leak(slope);
+                $body
+            }
+            crate::kernels::finish::Finish::LeakThenAdd(slope, other) => {
+                let $finisher = crate::kernels::finish::LeakThenAdd(slope, other);
+                $body
+            }
+            crate::kernels::finish::Finish::Gate(slope, sign) => {
+                let $finisher = crate::kernels::finish::Gate(slope, sign);
+                $body
+            }
+        }
+    };
+}
+pub(crate) use with_finisher;

@@ -1,0 +1,165 @@
+//! Gradients of convolutions: to the inputs and to the weights, in the parameters' own layout.
+
+use rayon::prelude::*;
+
+use super::convolution::Convolution;
+use super::direct::forward::Geometry;
+use super::direct::input_gradient::{InputRows, Weights as TransposedWeights};
+use super::direct::weight_gradient::{AddOutputRow, SumsLayout};
+use super::finish::Finish;
+use super::rows::Rows;
+use super::scratch::AlignedBuffer;
+use super::shape::Shape;
+use super::simd::Isa;
+use super::{sums, winograd};
+
+/// Input rows per task of a transposed convolution.
+const TASK_ROWS: usize = 4;
+
+/// Output pixels that are worth a group of sums of their own.
+const PIXELS_PER_GROUP: usize = 4096;
+
+/// The most groups of sums.
+const MOST_GROUPS: usize = 16;
+
+/// Weight and bias of a convolution, or their gradients, as PyTorch lays them out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameters {
+    /// `[outputs, inputs, side, side]`.
+    pub weight: Vec<f32>,
+    /// `[outputs]`.
+    pub bias: Vec<f32>,
+}
+
+/// Takes the gradient of a convolution's outputs to that of its inputs, of shape `shape`, and finishes it
+/// (convolutions of stride 2 know [`Finish::Leak`] of slope 1 only).
+pub fn input_gradient(
+    geometry: Geometry,
+    weight: &[f32],
+    gradient: &[f32],
+    shape: Shape,
+    finish: Finish<'_>,
+) -> Vec<f32> {
+    let isa = Isa::current();
+    let mut to = vec![0.0; shape.len()];
+    if geometry.stride == 1 {
+        let out = shape.with_channels(geometry.outputs);
+        Convolution::transposed(isa, geometry, weight).forward(gradient, out, finish, &mut to);
+        return to;
+    }
+    assert!(matches!(finish, Finish::Leak(1.0)), "{finish:?} after a transposed convolution of stride 2");
+    let weights = TransposedWeights::pack(isa, geometry, weight);
+    let height = geometry.output_extent(shape.height);
+    let output_len = height * geometry.output_extent(shape.width) * geometry.outputs;
+    let images = to.par_chunks_mut(shape.image_len()).zip(gradient.par_chunks(output_len));
+    images.for_each(|(image, gradient)| {
+        let output_gradient = Rows::whole(gradient, height);
+        image.par_chunks_mut(TASK_ROWS * shape.row_len()).enumerate().for_each(|(task, to)| {
+            let (weights, width) = (&weights, shape.width);
+            isa.run(InputRows { weights, output_gradient, width, first: task * TASK_ROWS, to });
+        });
+    });
+    to
+}
+
+/// Computes the gradient of a convolution's weights from its input and the gradient of its outputs.
+pub fn weight_gradient(geometry: Geometry, input: &[f32], shape: Shape, gradient: &[f32]) -> Vec<f32> {
+    weight_gradient_for(Isa::current(), geometry, input, shape, gradient)
+}
+
+/// As [`weight_gradient`], for a given instruction set.
+pub fn weight_gradient_for(
+    isa: Isa,
+    geometry: Geometry,
+    input: &[f32],
+    shape: Shape,
+    gradient: &[f32],
+) -> Vec<f32> {
+    let Geometry { inputs, outputs, side, stride } = geometry;
+    if (side, stride) == (3, 1) && winograd::forward::applies(isa, inputs, outputs) {
+        return winograd::gradient::weight_gradient(isa, input, shape, gradient, outputs);
+    }
+    let layout = SumsLayout::new(isa, geometry);
+    let height = geometry.output_extent(shape.height);
+    let row_len = geometry.output_extent(shape.width) * outputs;
+    let rows = shape.images * height;
+    let groups = (rows * row_len / outputs / PIXELS_PER_GROUP).clamp(1, MOST_GROUPS);
+    let per_group = rows.div_ceil(groups);
+    let mut buffer = AlignedBuffer::zeros(groups * layout.len());
+    buffer.as_mut_slice().par_chunks_mut(layout.len()).enumerate().for_each(|(group, sums)| {
+        for row in group * per_group..((group + 1) * per_group).min(rows) {
+            let (image, y) = (row / height, row % height);
+            let input = Rows::whole(&input[image * shape.image_len()..][..shape.image_len()], shape.height);
+            let gradient = &gradient[row * row_len..][..row_len];
+            isa.run(AddOutputRow { layout, input, row: y, gradient, sums: &mut *sums });
+        }
+    });
+    let parts: Vec<&[f32]> = buffer.as_slice().chunks_exact(layout.len()).collect();
+    let totals = sums::add_up(&parts, layout.len());
+    let taps = side * side;
+    let weight = |i: usize| totals[layout.at(i / taps / inputs, i / taps % inputs, i % taps)];
+    (0..geometry.weight_len()).map(weight).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernels::testing::{Values, check_gradients, dot, naive};
+
+    #[test]
+    fn gradients_agree_with_the_equation() {
+        let cases = [
+            (3, 5, 3, 1, 2, 5, 6),
+            (1, 1, 3, 1, 1, 1, 1),
+            (16, 16, 3, 1, 2, 9, 7),
+            (32, 48, 3, 1, 1, 6, 70),
+            (8, 32, 3, 1, 2, 4, 5),
+            (32, 3, 3, 1, 1, 7, 9),
+            (4, 8, 3, 2, 2, 7, 6),
+            (16, 32, 3, 2, 1, 8, 29),
+            (2, 1, 3, 2, 1, 1, 1),
+            (5, 7, 1, 1, 2, 3, 4),
+        ];
+        for (inputs, outputs, side, stride, images, height, width) in cases {
+            let geometry = Geometry { inputs, outputs, side, stride };
+            let shape = Shape::new(images, height, width, inputs);
+            let mut values = Values::new(8);
+            let x = values.take(shape.len());
+            let weight = values.take_scaled(geometry.weight_len(), side * inputs);
+            let bias = vec![0.0; outputs];
+            let pixels = images * geometry.output_extent(height) * geometry.output_extent(width);
+            let gradient = values.take(pixels * outputs);
+            let found = [
+                input_gradient(geometry, &weight, &gradient, shape, Finish::Leak(1.0)),
+                weight_gradient(geometry, &x, shape, &gradient),
+                sums::per_channel(&gradient, outputs),
+            ];
+            let loss = |tensors: &[Vec<f32>]| {
+                dot(&naive::convolution(geometry, &tensors[1], &tensors[2], &tensors[0], shape), &gradient)
+            };
+            check_gradients(vec![x.clone(), weight.clone(), bias], &found, loss);
+            for isa in Isa::available() {
+                let other = weight_gradient_for(isa, geometry, &x, shape, &gradient);
+                let largest = found[1].iter().fold(0.0f32, |m, v| m.max(v.abs()));
+                let close = |(a, b): (&f32, &f32)| (a - b).abs() <= 1e-5 * largest;
+                assert!(other.iter().zip(&found[1]).all(close), "{} {geometry:?}", isa.name());
+            }
+        }
+    }
+
+    #[test]
+    fn weight_gradients_do_not_depend_on_the_threads() {
+        let shape = Shape::new(3, 60, 60, 16);
+        let mut values = Values::new(2);
+        let (x, gradient) = (values.take(shape.len()), values.take(shape.len()));
+        for stride in [1, 2] {
+            let geometry = Geometry { inputs: 16, outputs: 16, side: 3, stride };
+            let pixels = 3 * geometry.output_extent(60) * geometry.output_extent(60);
+            let run = |threads: usize| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                pool.install(|| weight_gradient(geometry, &x, shape, &gradient[..pixels * 16]))
+            };
+            assert_eq!(run(1), run(3), "stride {stride}");
+        }
+    }
+}

@@ -1,0 +1,241 @@
+//! Vectors of floats and the instruction sets that carry them.
+//!
+//! A kernel is written once, generic over [`Simd`], and compiled once for each instruction set: [`Isa::run`]
+//! enters it through a function that has the features enabled, so that everything inlined below it may use
+//! them. The tokens ([`Avx512`] …) are zero-sized and can only be had after the CPU was asked: holding one is
+//! the proof that its instructions exist. (The idea is that of the crates pulp and rten-simd.)
+
+mod portable;
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
+use std::sync::OnceLock;
+
+pub(crate) use portable::Portable;
+#[cfg(target_arch = "x86_64")]
+pub(crate) use x86::{Avx2, Avx512};
+
+/// The environment variable that forces an instruction set: `avx512`, `avx2` or `portable`.
+pub const FORCE_VARIABLE: &str = "UDC_SIMD";
+
+/// Operations on vectors of [`Simd::LANES`] floats; the implementor proves that the CPU has them.
+pub(crate) trait Simd: Copy + Send + Sync + 'static {
+    /// Floats per vector.
+    const LANES: usize;
+    /// One vector.
+    type Vector: Copy;
+
+    /// Fills a vector with one value.
+    fn splat(self, value: f32) -> Self::Vector;
+
+    /// Reads the vector that begins at `from[at]`.
+    ///
+    /// # Safety
+    /// `at + LANES <= from.len()`.
+    unsafe fn load(self, from: &[f32], at: usize) -> Self::Vector;
+
+    /// Writes a vector to where `to[at]` begins.
+    ///
+    /// # Safety
+    /// `at + LANES <= to.len()`.
+    unsafe fn store(self, to: &mut [f32], at: usize, value: Self::Vector);
+
+    /// Adds.
+    fn add(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
+
+    /// Subtracts.
+    fn sub(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
+
+    /// Multiplies.
+    fn mul(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
+
+    /// Computes `a·b + c`, rounded once where the CPU can.
+    fn mul_add(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector;
+
+    /// Computes `c − a·b`, rounded once where the CPU can.
+    fn sub_mul(self, c: Self::Vector, a: Self::Vector, b: Self::Vector) -> Self::Vector;
+
+    /// Takes `value` where `sign > 0` and `slope · value` elsewhere: with `sign = value` a leaky rectifier
+    /// of any slope, with another `sign` its derivative.
+    fn leak(self, sign: Self::Vector, value: Self::Vector, slope: Self::Vector) -> Self::Vector;
+}
+
+/// Reads `N` vectors whose starts lie `stride` apart.
+///
+/// # Safety
+/// All of them lie within `from`.
+// A loop and not `array::from_fn`: a closure is a function of its own, compiled without the features of
+// the instruction set unless it happens to be inlined.
+#[inline(always)]
+pub(crate) unsafe fn load_strided<S: Simd, const N: usize>(
+    simd: S,
+    from: &[f32],
+    at: usize,
+    stride: usize,
+) -> [S::Vector; N] {
+    let mut vectors = [simd.splat(0.0); N];
+    for (i, vector) in vectors.iter_mut().enumerate() {
+        // SAFETY: passed on to the caller.
+        *vector = unsafe { simd.load(from, at + i * stride) };
+    }
+    vectors
+}
+
+/// Writes vectors whose starts lie `stride` apart.
+///
+/// # Safety
+/// All of them lie within `to`.
+#[inline(always)]
+pub(crate) unsafe fn store_strided<S: Simd>(
+    simd: S,
+    to: &mut [f32],
+    at: usize,
+    stride: usize,
+    vectors: &[S::Vector],
+) {
+    for (i, vector) in vectors.iter().enumerate() {
+        // SAFETY: passed on to the caller.
+        unsafe { simd.store(to, at + i * stride, *vector) };
+    }
+}
+
+/// A computation that can be compiled for every instruction set.
+///
+/// Implementations mark `run` and all that it calls `#[inline(always)]`: a function that stays out of line
+/// would be compiled without the features. For the same reason vectors never pass through closures.
+pub(crate) trait Kernel {
+    /// What it returns.
+    type Output;
+    /// Computes with the vectors of `simd`.
+    fn run<S: Simd>(self, simd: S) -> Self::Output;
+}
+
+/// The instruction set that kernels are compiled for and run with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Isa(Path);
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Path {
+    #[cfg(target_arch = "x86_64")]
+    Avx512(Avx512),
+    #[cfg(target_arch = "x86_64")]
+    Avx2(Avx2),
+    Portable(Portable),
+}
+
+impl Isa {
+    /// Finds the best set that this CPU has, or the one that `UDC_SIMD` names; asked once per process.
+    ///
+    /// A name that is unknown, or that the CPU cannot serve, counts as not given; [`Isa::forced`] tells.
+    pub fn current() -> Self {
+        static CURRENT: OnceLock<Isa> = OnceLock::new();
+        *CURRENT.get_or_init(|| {
+            let forced = std::env::var(FORCE_VARIABLE).ok().and_then(|name| Self::named(&name));
+            forced.unwrap_or_else(|| Self::available()[0])
+        })
+    }
+
+    /// Reads `UDC_SIMD`: nothing when unset, an error text when it names no set that this CPU has.
+    ///
+    /// # Errors
+    /// A sentence that lists what can be asked for.
+    pub fn forced() -> Result<Option<Self>, String> {
+        let Ok(name) = std::env::var(FORCE_VARIABLE) else { return Ok(None) };
+        Self::named(&name).map(Some).ok_or_else(|| {
+            let names: Vec<_> = Self::available().iter().map(Self::name).collect();
+            format!("this CPU cannot run `{name}`; choose one of: {}", names.join(", "))
+        })
+    }
+
+    /// Lists the sets that this CPU has, the best first.
+    pub fn available() -> Vec<Self> {
+        let mut found = Vec::new();
+        #[cfg(target_arch = "x86_64")]
+        {
+            found.extend(Avx512::detect().map(|token| Self(Path::Avx512(token))));
+            found.extend(Avx2::detect().map(|token| Self(Path::Avx2(token))));
+        }
+        found.push(Self(Path::Portable(Portable)));
+        found
+    }
+
+    /// Finds a set by its name, if this CPU has it.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::available().into_iter().find(|isa| isa.name() == name)
+    }
+
+    /// The name that `UDC_SIMD` accepts.
+    pub fn name(&self) -> &'static str {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx512(_) => "avx512",
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx2(_) => "avx2",
+            Path::Portable(_) => "portable",
+        }
+    }
+
+    /// Floats per vector.
+    pub(crate) fn lanes(self) -> usize {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx512(_) => Avx512::LANES,
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx2(_) => Avx2::LANES,
+            Path::Portable(_) => Portable::LANES,
+        }
+    }
+
+    /// Runs a kernel compiled for this set.
+    #[inline]
+    pub(crate) fn run<K: Kernel>(self, kernel: K) -> K::Output {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx512(token) => token.enter(kernel),
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx2(token) => token.enter(kernel),
+            Path::Portable(token) => kernel.run(token),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Probe;
+
+    impl Kernel for Probe {
+        type Output = Vec<f32>;
+        #[inline(always)]
+        fn run<S: Simd>(self, simd: S) -> Vec<f32> {
+            let from: Vec<f32> = (0..S::LANES + 3).map(|i| i as f32 - 2.0).collect();
+            let mut to = vec![0.0; S::LANES];
+            // SAFETY: three floats more than a vector follow the start of `from`; `to` is one vector long.
+            unsafe {
+                let v = simd.load(&from, 1);
+                let leaked = simd.leak(v, v, simd.splat(0.5));
+                simd.store(&mut to, 0, simd.sub_mul(simd.splat(1.0), leaked, simd.splat(2.0)));
+            }
+            to
+        }
+    }
+
+    #[test]
+    fn every_set_computes_the_same() {
+        for isa in Isa::available() {
+            let expected = |i: usize| {
+                let v = i as f32 - 1.0;
+                1.0 - 2.0 * if v > 0.0 { v } else { 0.5 * v }
+            };
+            let found = isa.run(Probe);
+            assert_eq!(found, (0..isa.lanes()).map(expected).collect::<Vec<_>>(), "{}", isa.name());
+        }
+    }
+
+    #[test]
+    fn a_set_is_found_by_its_name_only() {
+        assert_eq!(Isa::named("portable").unwrap().name(), "portable");
+        assert!(Isa::named("altivec").is_none());
+    }
+}

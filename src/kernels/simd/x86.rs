@@ -1,0 +1,151 @@
+//! AVX-512 and AVX2 with fused multiply-add, through `std::arch`.
+
+use std::arch::x86_64::{
+    __m256, __m512, _CMP_GT_OQ, _mm256_add_ps, _mm256_blendv_ps, _mm256_cmp_ps, _mm256_fmadd_ps,
+    _mm256_fnmadd_ps, _mm256_loadu_ps, _mm256_mul_ps, _mm256_set1_ps, _mm256_setzero_ps, _mm256_storeu_ps,
+    _mm256_sub_ps, _mm512_add_ps, _mm512_cmp_ps_mask, _mm512_fmadd_ps, _mm512_fnmadd_ps, _mm512_loadu_ps,
+    _mm512_mask_mov_ps, _mm512_mul_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps, _mm512_sub_ps,
+};
+
+use super::{Kernel, Simd};
+
+/// Proof that the CPU has AVX-512 F, VL, DQ and BW; sixteen floats per vector.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Avx512(());
+
+/// Proof that the CPU has AVX2 and FMA; eight floats per vector.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Avx2(());
+
+impl Avx512 {
+    /// Asks the CPU.
+    pub(crate) fn detect() -> Option<Self> {
+        let found = is_x86_feature_detected!("avx512f")
+            && is_x86_feature_detected!("avx512vl")
+            && is_x86_feature_detected!("avx512dq")
+            && is_x86_feature_detected!("avx512bw")
+            && is_x86_feature_detected!("avx2")
+            && is_x86_feature_detected!("fma");
+        found.then_some(Self(()))
+    }
+
+    /// Runs a kernel in a function that has the features enabled.
+    #[inline]
+    pub(crate) fn enter<K: Kernel>(self, kernel: K) -> K::Output {
+        #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma")]
+        fn entered<K: Kernel>(kernel: K, token: Avx512) -> K::Output {
+            kernel.run(token)
+        }
+        // SAFETY: the token was made by `detect`, which saw every feature named here.
+        unsafe { entered(kernel, self) }
+    }
+}
+
+impl Avx2 {
+    /// Asks the CPU.
+    pub(crate) fn detect() -> Option<Self> {
+        (is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")).then_some(Self(()))
+    }
+
+    /// Runs a kernel in a function that has the features enabled.
+    #[inline]
+    pub(crate) fn enter<K: Kernel>(self, kernel: K) -> K::Output {
+        #[target_feature(enable = "avx2,fma")]
+        fn entered<K: Kernel>(kernel: K, token: Avx2) -> K::Output {
+            kernel.run(token)
+        }
+        // SAFETY: the token was made by `detect`, which saw both features.
+        unsafe { entered(kernel, self) }
+    }
+}
+
+/// Implements the arithmetic that differs by the intrinsics' names only.
+///
+/// Each call is sound because `self` is a token, and tokens are made after detection only.
+macro_rules! arithmetic {
+    ($vector:ty, $lanes:literal, $splat:ident, $load:ident, $store:ident, $add:ident, $sub:ident, $mul:ident,
+     $mul_add:ident, $sub_mul:ident) => {
+        const LANES: usize = $lanes;
+        type Vector = $vector;
+
+        #[inline(always)]
+        fn splat(self, value: f32) -> $vector {
+            // SAFETY: the token proves the instruction.
+            unsafe { $splat(value) }
+        }
+
+        #[inline(always)]
+        unsafe fn load(self, from: &[f32], at: usize) -> $vector {
+            // SAFETY: the token proves the instruction; the caller promises that a vector begins at `at`.
+            unsafe { $load(from.get_unchecked(at..at + $lanes).as_ptr()) }
+        }
+
+        #[inline(always)]
+        unsafe fn store(self, to: &mut [f32], at: usize, value: $vector) {
+            // SAFETY: the token proves the instruction; the caller promises room for a vector at `at`.
+            unsafe { $store(to.get_unchecked_mut(at..at + $lanes).as_mut_ptr(), value) }
+        }
+
+        #[inline(always)]
+        fn add(self, a: $vector, b: $vector) -> $vector {
+            // SAFETY: the token proves the instruction.
+            unsafe { $add(a, b) }
+        }
+
+        #[inline(always)]
+        fn sub(self, a: $vector, b: $vector) -> $vector {
+            // SAFETY: the token proves the instruction.
+            unsafe { $sub(a, b) }
+        }
+
+        #[inline(always)]
+        fn mul(self, a: $vector, b: $vector) -> $vector {
+            // SAFETY: the token proves the instruction.
+            unsafe { $mul(a, b) }
+        }
+
+        #[inline(always)]
+        fn mul_add(self, a: $vector, b: $vector, c: $vector) -> $vector {
+            // SAFETY: the token proves the instruction.
+            unsafe { $mul_add(a, b, c) }
+        }
+
+        #[inline(always)]
+        fn sub_mul(self, c: $vector, a: $vector, b: $vector) -> $vector {
+            // SAFETY: the token proves the instruction.
+            unsafe { $sub_mul(a, b, c) }
+        }
+    };
+}
+
+impl Simd for Avx512 {
+    arithmetic!(
+        __m512, 16, _mm512_set1_ps, _mm512_loadu_ps, _mm512_storeu_ps, _mm512_add_ps, _mm512_sub_ps,
+        _mm512_mul_ps, _mm512_fmadd_ps, _mm512_fnmadd_ps
+    );
+
+    #[inline(always)]
+    fn leak(self, sign: __m512, value: __m512, slope: __m512) -> __m512 {
+        // SAFETY: the token proves the instructions.
+        unsafe {
+            let positive = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(sign, _mm512_setzero_ps());
+            _mm512_mask_mov_ps(_mm512_mul_ps(slope, value), positive, value)
+        }
+    }
+}
+
+impl Simd for Avx2 {
+    arithmetic!(
+        __m256, 8, _mm256_set1_ps, _mm256_loadu_ps, _mm256_storeu_ps, _mm256_add_ps, _mm256_sub_ps,
+        _mm256_mul_ps, _mm256_fmadd_ps, _mm256_fnmadd_ps
+    );
+
+    #[inline(always)]
+    fn leak(self, sign: __m256, value: __m256, slope: __m256) -> __m256 {
+        // SAFETY: the token proves the instructions.
+        unsafe {
+            let positive = _mm256_cmp_ps::<_CMP_GT_OQ>(sign, _mm256_setzero_ps());
+            _mm256_blendv_ps(_mm256_mul_ps(slope, value), value, positive)
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! Runs a whole network a few rows at a time, every tensor a rolling window of rows.
+//!
+//! # Method
+//! A network without loops can be computed top to bottom: once its input has a few more rows, each step in
+//! turn computes the output rows that its inputs allow. So no tensor is ever whole; each keeps just the rows
+//! that a later step still needs: a handful where the next step is the only reader, and some 250 for the
+//! skip connection of the finest resolution, which waits for the path through the coarsest. What is kept
+//! lies in the caches when it is read again. Nothing is computed twice and nothing depends on where one
+//! portion of rows ends: the result is that of the whole image, bit for bit.
+//!
+//! # Memory
+//! [`Plan`] plays the schedule through with row numbers only, learns how many rows each tensor has to keep,
+//! and lays the windows out once; it is known before the run. It grows with the image's width, not with its
+//! height.
+
+mod plan;
+mod run;
+
+pub use plan::Plan;
+pub use run::Source;
+
+use super::convolution::Convolution;
+use super::dynamic_filter::DynamicFilter;
+
+/// A tensor of a network under construction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tensor(usize);
+
+/// The steps of a network, in an order in which each finds its inputs computed.
+#[derive(Default)]
+pub struct Network {
+    tensors: Vec<TensorSpec>,
+    steps: Vec<Step>,
+    inputs: Vec<Tensor>,
+}
+
+/// What is known of a tensor before the image's size.
+#[derive(Clone, Copy)]
+struct TensorSpec {
+    channels: usize,
+    /// Sides of the network's input per side of this tensor.
+    reduction: usize,
+}
+
+struct Step {
+    operation: Operation,
+    output: Tensor,
+}
+
+enum Operation {
+    Convolution { convolution: Convolution, input: Tensor, slope: f32, add: Option<Tensor> },
+    DynamicFilter { filter: DynamicFilter, condition: Tensor, features: Tensor },
+}
+
+impl Network {
+    /// Declares an input of as many channels.
+    pub fn input(&mut self, channels: usize) -> Tensor {
+        let input = self.tensor(TensorSpec { channels, reduction: 1 });
+        self.inputs.push(input);
+        input
+    }
+
+    /// Appends a convolution, a leaky rectifier of slope `slope` (1 for none), and the addition of a tensor.
+    pub fn convolution(
+        &mut self,
+        input: Tensor,
+        convolution: Convolution,
+        slope: f32,
+        add: Option<Tensor>,
+    ) -> Tensor {
+        let spec = self.tensors[input.0];
+        assert_eq!(spec.channels, convolution.geometry().inputs, "channels that a convolution reads");
+        let factor = convolution.factor();
+        let reduction = spec.reduction * convolution.geometry().stride / factor;
+        let channels = convolution.geometry().outputs / (factor * factor);
+        let output = self.tensor(TensorSpec { channels, reduction });
+        self.steps
+            .push(Step { operation: Operation::Convolution { convolution, input, slope, add }, output });
+        output
+    }
+
+    /// Appends `x + second(leak(first(x)))`.
+    pub fn res_block(&mut self, x: Tensor, first: Convolution, second: Convolution, slope: f32) -> Tensor {
+        let inner = self.convolution(x, first, slope, None);
+        self.convolution(inner, second, 1.0, Some(x))
+    }
+
+    /// Appends a dynamic filter.
+    pub fn dynamic_filter(&mut self, condition: Tensor, features: Tensor, filter: DynamicFilter) -> Tensor {
+        let spec = self.tensors[condition.0];
+        assert_eq!(spec.channels, filter.channels(), "channels that a dynamic filter reads");
+        let output = self.tensor(spec);
+        self.steps.push(Step { operation: Operation::DynamicFilter { filter, condition, features }, output });
+        output
+    }
+
+    /// The largest number of sides of the input per side of a tensor: the image's sides must be multiples.
+    pub fn reduction(&self) -> usize {
+        self.tensors.iter().map(|t| t.reduction).max().unwrap_or(1)
+    }
+
+    fn tensor(&mut self, spec: TensorSpec) -> Tensor {
+        self.tensors.push(spec);
+        Tensor(self.tensors.len() - 1)
+    }
+}

@@ -1,0 +1,164 @@
+//! The schedule of rows: what each step can compute when, and how many rows each tensor has to keep.
+
+use std::ops::Range;
+
+use super::{Network, Operation, Step, Tensor};
+use crate::kernels::convolution::BLOCK_ROWS;
+
+/// Rows that windows come in: those of a shuffled block, so that every block lies in one piece.
+pub(super) const WINDOW_UNIT: usize = 2 * BLOCK_ROWS;
+
+/// Input rows per portion for up to two threads: two rows of tiles at a quarter of the resolution.
+const PORTION: usize = 32;
+
+/// Input pixels per portion at least: portions of narrow images are higher, so that strips are filled.
+const PORTION_PIXELS: usize = 1 << 14;
+
+/// The windows of all tensors for one size of image.
+pub struct Plan<'a> {
+    pub(super) network: &'a Network,
+    pub(super) height: usize,
+    pub(super) width: usize,
+    /// Input rows taken at a time.
+    pub(super) portion: usize,
+    /// Rows kept of each tensor.
+    pub(super) windows: Vec<usize>,
+}
+
+impl<'a> Plan<'a> {
+    /// Plans a run on images of `height` × `width`, multiples of [`Network::reduction`], with `threads`.
+    pub fn new(network: &'a Network, height: usize, width: usize, threads: usize) -> Self {
+        let reduction = network.reduction();
+        assert!(
+            height > 0 && width > 0 && height.is_multiple_of(reduction) && width.is_multiple_of(reduction),
+            "{height} × {width} for a network that reduces sides by {reduction}"
+        );
+        let unit = BLOCK_ROWS * reduction;
+        let rows = (PORTION * threads.max(2) / 2).max(PORTION_PIXELS / width).min(height);
+        let portion = rows.next_multiple_of(unit);
+        let mut plan = Self { network, height, width, portion, windows: Vec::new() };
+        plan.windows = plan.windows();
+        plan
+    }
+
+    /// Bytes that all windows take.
+    pub fn bytes(&self) -> usize {
+        let tensors = (0..self.windows.len()).map(Tensor);
+        tensors.map(|t| self.windows[t.0] * self.row_len(t)).sum::<usize>() * size_of::<f32>()
+    }
+
+    /// Rows of a tensor.
+    pub(super) fn height_of(&self, tensor: Tensor) -> usize {
+        self.height / self.network.tensors[tensor.0].reduction
+    }
+
+    /// Columns of a tensor.
+    pub(super) fn width_of(&self, tensor: Tensor) -> usize {
+        self.width / self.network.tensors[tensor.0].reduction
+    }
+
+    /// Floats per row of a tensor.
+    pub(super) fn row_len(&self, tensor: Tensor) -> usize {
+        self.width_of(tensor) * self.network.tensors[tensor.0].channels
+    }
+
+    /// Plays the schedule and takes down the most rows between the oldest that is still read and the newest.
+    pub(super) fn windows(&self) -> Vec<usize> {
+        let mut rows = Rows::new(self);
+        let mut windows = vec![0; self.network.tensors.len()];
+        while let Some(portion) = rows.next_portion() {
+            for input in &self.network.inputs {
+                rows.computed[input.0] = portion.end;
+                let oldest = rows.oldest_read(*input).unwrap_or(portion.start);
+                windows[input.0] = windows[input.0].max(portion.end - oldest);
+            }
+            for (s, step) in self.network.steps.iter().enumerate() {
+                let tensor = step.output;
+                let before = rows.computed[tensor.0];
+                rows.advance(s);
+                // What nobody reads is the result, handed out at once.
+                let oldest = rows.oldest_read(tensor).unwrap_or(before);
+                windows[tensor.0] = windows[tensor.0].max(rows.computed[tensor.0] - oldest);
+            }
+        }
+        windows.into_iter().map(|w| w.next_multiple_of(WINDOW_UNIT)).collect()
+    }
+}
+
+/// How many rows of each tensor have been computed.
+pub(super) struct Rows<'a> {
+    plan: &'a Plan<'a>,
+    pub(super) computed: Vec<usize>,
+    /// Rows that each step has computed, before shuffling.
+    done: Vec<usize>,
+    fed: usize,
+}
+
+impl<'a> Rows<'a> {
+    pub(super) fn new(plan: &'a Plan<'a>) -> Self {
+        let network = plan.network;
+        Self { plan, computed: vec![0; network.tensors.len()], done: vec![0; network.steps.len()], fed: 0 }
+    }
+
+    /// The input rows to feed next, if there are any.
+    pub(super) fn next_portion(&mut self) -> Option<Range<usize>> {
+        let start = self.fed;
+        self.fed = (start + self.plan.portion).min(self.plan.height);
+        (start < self.fed).then_some(start..self.fed)
+    }
+
+    /// The rows that a step can compute now, before shuffling; counts them as computed.
+    pub(super) fn advance(&mut self, step: usize) -> Range<usize> {
+        let Step { operation, output } = &self.plan.network.steps[step];
+        let height = self.plan.height_of(*output);
+        // Rows that depend on `below` rows beneath them; none do at the image's end.
+        let ready = |tensor: Tensor, below: usize| {
+            let computed = self.computed[tensor.0];
+            if computed == self.plan.height_of(tensor) { computed } else { computed.saturating_sub(below) }
+        };
+        let (rows, height, factor) = match operation {
+            Operation::Convolution { convolution, input, add, .. } => {
+                let (geometry, factor) = (convolution.geometry(), convolution.factor());
+                let below = geometry.padding() * usize::from(geometry.stride == 1);
+                let rows = ready(*input, below) / geometry.stride;
+                let added = add.map_or(usize::MAX, |add| self.computed[add.0] / factor);
+                (rows.min(added), height / factor, factor)
+            }
+            Operation::DynamicFilter { filter, condition, features } => {
+                (self.computed[condition.0].min(ready(*features, filter.size() / 2)), height, 1)
+            }
+        };
+        let rows = if rows >= height { height } else { rows / BLOCK_ROWS * BLOCK_ROWS };
+        let start = std::mem::replace(&mut self.done[step], rows);
+        self.computed[output.0] = rows * factor;
+        start..rows
+    }
+
+    /// The oldest row of a tensor that a step still has to read, if any step reads it.
+    fn oldest_read(&self, tensor: Tensor) -> Option<usize> {
+        let mut oldest = usize::MAX;
+        for (s, step) in self.plan.network.steps.iter().enumerate() {
+            let done = self.done[s];
+            match &step.operation {
+                Operation::Convolution { convolution, input, add, .. } => {
+                    let geometry = convolution.geometry();
+                    if *input == tensor {
+                        oldest = oldest.min((done * geometry.stride).saturating_sub(geometry.padding()));
+                    }
+                    if *add == Some(tensor) {
+                        oldest = oldest.min(done * convolution.factor());
+                    }
+                }
+                Operation::DynamicFilter { filter, condition, features } => {
+                    if *condition == tensor {
+                        oldest = oldest.min(done);
+                    }
+                    if *features == tensor {
+                        oldest = oldest.min(done.saturating_sub(filter.size() / 2));
+                    }
+                }
+            }
+        }
+        (oldest < usize::MAX).then_some(oldest)
+    }
+}

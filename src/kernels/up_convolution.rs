@@ -1,0 +1,110 @@
+//! Convolution to four times the channels, pixel shuffle to twice the sides, leaky rectifier: for training.
+//!
+//! Forward, the shuffle is only a matter of where outputs are stored ([`Convolution::up`]). Backward, the
+//! gradient is gathered into the order in which the outputs were computed, sub-pixel before channel, and the
+//! parameters' gradients are put back into PyTorch's, channel before sub-pixel.
+
+use rayon::prelude::*;
+
+use super::convolution::{Convolution, shuffled_output};
+use super::direct::forward::Geometry;
+use super::finish::Finish;
+use super::gradient::{Parameters, input_gradient, weight_gradient};
+use super::shape::Shape;
+use super::simd::Isa;
+use super::sums::gate;
+
+/// An up-convolution with its parameters.
+#[derive(Clone, Copy, Debug)]
+pub struct UpConvolution<'a> {
+    /// `[4·channels, inputs, 3, 3]`.
+    pub weight: &'a [f32],
+    /// `[4·channels]`.
+    pub bias: &'a [f32],
+    /// The slope of the rectifier, positive.
+    pub slope: f32,
+}
+
+impl UpConvolution<'_> {
+    /// Computes `leak(shuffle(convolution(x)))`.
+    pub fn forward(&self, x: &[f32], shape: Shape) -> Vec<f32> {
+        let up = Convolution::up(Isa::current(), shape.channels, self.weight, self.bias);
+        let mut output = vec![0.0; up.output_shape(shape).len()];
+        up.forward(x, shape, Finish::Leak(self.slope), &mut output);
+        output
+    }
+
+    /// Takes the gradient of the result back to that of `x` and of the parameters, given the result.
+    pub fn backward(
+        &self,
+        x: &[f32],
+        shape: Shape,
+        output: &[f32],
+        gradient: &[f32],
+    ) -> (Vec<f32>, Parameters) {
+        let outputs = self.bias.len();
+        let channels = outputs / 4;
+        let geometry = Geometry::three_by_three(shape.channels, outputs);
+        let gated = gather(&gate(gradient, output, self.slope, channels).gradient, shape, channels);
+        let row_len = shape.channels * 9;
+        let weight: Vec<f32> = (0..outputs)
+            .flat_map(|o| &self.weight[shuffled_output(o, channels) * row_len..][..row_len])
+            .copied()
+            .collect();
+        let input = input_gradient(geometry, &weight, &gated, shape, Finish::Leak(1.0));
+        let weight_sums = weight_gradient(geometry, x, shape, &gated);
+        let bias_sums = super::sums::per_channel(&gated, outputs);
+        let mut parameters = Parameters { weight: vec![0.0; weight.len()], bias: vec![0.0; outputs] };
+        for o in 0..outputs {
+            let place = shuffled_output(o, channels);
+            parameters.bias[place] = bias_sums[o];
+            parameters.weight[place * row_len..][..row_len]
+                .copy_from_slice(&weight_sums[o * row_len..][..row_len]);
+        }
+        (input, parameters)
+    }
+}
+
+/// Gathers 2 × 2 pixels of `channels` into one of four groups: the shuffle turned around.
+fn gather(fine: &[f32], shape: Shape, channels: usize) -> Vec<f32> {
+    let outputs = 4 * channels;
+    let mut coarse = vec![0.0; shape.pixels() * outputs];
+    coarse.par_chunks_mut(shape.width * outputs).enumerate().for_each(|(row, to)| {
+        for (x, to) in to.chunks_exact_mut(outputs).enumerate() {
+            for (i, to) in to.chunks_exact_mut(2 * channels).enumerate() {
+                let from = ((2 * row + i) * 2 * shape.width + 2 * x) * channels;
+                to.copy_from_slice(&fine[from..from + 2 * channels]);
+            }
+        }
+    });
+    coarse
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernels::testing::{Values, check_gradients, dot, naive};
+
+    #[test]
+    fn gradients_agree_with_the_equation() {
+        for (images, height, width, inputs, channels) in [(1, 1, 1, 2, 1), (2, 5, 6, 32, 16), (1, 3, 4, 8, 4)] {
+            let shape = Shape::new(images, height, width, inputs);
+            let mut values = Values::new(4);
+            let x = values.take(shape.len());
+            let weight = values.take_scaled(4 * channels * inputs * 9, 9 * inputs);
+            let bias = values.take(4 * channels);
+            let gradient = values.take(4 * shape.pixels() * channels);
+            let up = UpConvolution { weight: &weight, bias: &bias, slope: 0.2 };
+            let output = up.forward(&x, shape);
+            let (input, parameters) = up.backward(&x, shape, &output, &gradient);
+            let geometry = Geometry::three_by_three(inputs, 4 * channels);
+            let loss = |tensors: &[Vec<f32>]| {
+                let sums = naive::convolution(geometry, &tensors[1], &tensors[2], &tensors[0], shape);
+                let shuffled = naive::pixel_shuffle(&sums, shape.with_channels(4 * channels));
+                dot(&naive::finish(Finish::Leak(0.2), &shuffled), &gradient)
+            };
+            let found = [input, parameters.weight, parameters.bias];
+            check_gradients(vec![x.clone(), weight.clone(), bias.clone()], &found, loss);
+        }
+    }
+}

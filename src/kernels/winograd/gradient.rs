@@ -1,0 +1,384 @@
+//! The gradient of the weights: the steps of the forward transform turned around.
+//!
+//! # Equation
+//! With `Y = Aᵀ [ U ⊙ V ] A`, `U = G g Gᵀ` and `V = Bᵀ d B`, the gradient is `∂g = Gᵀ [ Σ V ⊙ (A ∂Y Aᵀ) ] G`
+//! over all tiles: at each of the 36 points a product `[input, tile] · [tile, output]`.
+//!
+//! # Order of work
+//! One task adds up the six points of one row, for a group of tile rows; so the sums it updates
+//! (`6 · inputs · outputs`) stay in the second-level cache and need no locks. The number of groups depends on
+//! the shape alone, and groups are added in order: the result does not depend on the threads.
+
+use rayon::prelude::*;
+
+use super::transform::{self, G};
+use super::{POINTS, TILE};
+use crate::kernels::gemm::{Operand, load_tile, multiply_add, store_tile, with_weight_tile};
+use crate::kernels::rows::Rows;
+use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines};
+use crate::kernels::shape::Shape;
+use crate::kernels::simd::{Isa, Kernel, Simd, load_strided, store_strided};
+
+/// Tiles per product: the depth over which a register tile of sums is kept.
+const DEPTH: usize = 64;
+
+/// Tiles that are worth a group of sums of their own.
+const TILES_PER_GROUP: usize = 512;
+
+/// The most groups: six times as many tasks.
+const MOST_GROUPS: usize = 8;
+
+/// The most floats of all groups' sums.
+const MOST_SUMS: usize = 1 << 22;
+
+/// Computes the gradient of weights `[outputs, inputs, 3, 3]`.
+///
+/// # Shapes
+/// `input` has `shape`; `gradient`, of the outputs, has the same with `outputs` channels.
+pub(crate) fn weight_gradient(
+    isa: Isa,
+    input: &[f32],
+    shape: Shape,
+    gradient: &[f32],
+    outputs: usize,
+) -> Vec<f32> {
+    let rows = tile_rows(input, shape, gradient, outputs);
+    let inputs = shape.channels;
+    let point_len = inputs * outputs;
+    let tiles = rows.len() * shape.width.div_ceil(TILE);
+    let affordable = (MOST_SUMS / (POINTS * POINTS * point_len)).max(1);
+    let groups = (tiles / TILES_PER_GROUP).clamp(1, MOST_GROUPS).min(affordable);
+    let per_group = rows.len().div_ceil(groups);
+    let mut sums = AlignedBuffer::zeros(groups * POINTS * POINTS * point_len);
+    sums.as_mut_slice().par_chunks_mut(POINTS * point_len).enumerate().for_each(|(task, sums)| {
+        let (group, point_row) = (task / POINTS, task % POINTS);
+        let start = (group * per_group).min(rows.len());
+        let rows = &rows[start..(start + per_group).min(rows.len())];
+        isa.run(PointRow { point_row, rows, width: shape.width, inputs, outputs, sums });
+    });
+    let mut weights = vec![0.0; outputs * inputs * 9];
+    weights.par_chunks_mut(TOGETHER * inputs * 9).enumerate().for_each(|(block, to)| {
+        isa.run(InvertWeights { sums: sums.as_slice(), inputs, outputs, first: block * TOGETHER, to });
+    });
+    weights
+}
+
+/// What one row of tiles saw and the gradients of what it computed; rows outside of the image are missing.
+struct TileRow<'a> {
+    inputs: [Option<&'a [f32]>; POINTS],
+    gradients: [Option<&'a [f32]>; TILE],
+}
+
+fn tile_rows<'a>(input: &'a [f32], shape: Shape, gradient: &'a [f32], outputs: usize) -> Vec<TileRow<'a>> {
+    let out = shape.with_channels(outputs);
+    let images = input.chunks_exact(shape.image_len()).zip(gradient.chunks_exact(out.image_len()));
+    let mut rows = Vec::new();
+    for (input, gradient) in images {
+        let (input, gradient) = (Rows::whole(input, shape.height), Rows::whole(gradient, shape.height));
+        for top in (0..shape.height.cast_signed()).step_by(TILE) {
+            rows.push(TileRow {
+                inputs: std::array::from_fn(|k| input.row(top - 1 + k.cast_signed())),
+                gradients: std::array::from_fn(|k| gradient.row(top + k.cast_signed())),
+            });
+        }
+    }
+    rows
+}
+
+/// Adds up the six points of one row over some rows of tiles.
+struct PointRow<'a> {
+    point_row: usize,
+    rows: &'a [TileRow<'a>],
+    width: usize,
+    inputs: usize,
+    outputs: usize,
+    /// `[point][input][output]`.
+    sums: &'a mut [f32],
+}
+
+impl Kernel for PointRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) {
+        const SKEW: usize = 16;
+        let Self { point_row, rows, width, inputs, outputs, sums } = self;
+        let tiles_across = width.div_ceil(TILE);
+        let across = DEPTH.min(tiles_across);
+        let together = (DEPTH / tiles_across).max(1);
+        let input_part = whole_lines((across * together + 1) * inputs) + SKEW;
+        let gradient_part = whole_lines(across * together * outputs) + SKEW;
+        let line_len = whole_lines((across * TILE + POINTS) * inputs.max(outputs));
+        let mut lent = lend(POINTS * (input_part + gradient_part) + 2 * line_len);
+        let mut scratch = lent.scratch();
+        let left = scratch.take(POINTS * input_part);
+        let right = scratch.take(POINTS * gradient_part);
+        let line = scratch.take(line_len);
+        let zeros = scratch.take(line_len);
+        zeros.fill(0.0);
+        for rows in rows.chunks(together) {
+            for first in (0..tiles_across).step_by(across) {
+                let tiles = across.min(tiles_across - first);
+                let segment = Segment { point_row, first, tiles, width };
+                for (q, row) in rows.iter().enumerate() {
+                    // SAFETY: `line` holds all columns of `across` tiles, each of the six parts of `left` and
+                    // `right` the channels of `across · together` tiles.
+                    unsafe {
+                        segment.inputs(simd, row, inputs, line, zeros);
+                        let to = (q * tiles * inputs, input_part);
+                        input_points(simd, tiles, inputs, line, left, to);
+                        segment.gradients(simd, row, outputs, line, zeros);
+                        let to = (q * tiles * outputs, gradient_part);
+                        gradient_points(simd, tiles, outputs, line, right, to);
+                    }
+                }
+                for point in 0..POINTS {
+                    let product = Product {
+                        depth: rows.len() * tiles,
+                        inputs,
+                        outputs,
+                        left: &left[point * input_part..],
+                        right: &right[point * gradient_part..],
+                    };
+                    let sums = &mut sums[point * inputs * outputs..][..inputs * outputs];
+                    // SAFETY: both operands hold `depth` tiles, the sums one point.
+                    unsafe { with_weight_tile!(S, outputs, accumulate(simd, &product, sums)) };
+                }
+            }
+        }
+    }
+}
+
+/// Neighbouring tiles of a row of tiles.
+#[derive(Clone, Copy)]
+struct Segment {
+    point_row: usize,
+    first: usize,
+    tiles: usize,
+    width: usize,
+}
+
+impl Segment {
+    /// Vertical step for the inputs: one row of Bᵀ over six rows, for each column that the tiles see.
+    #[inline(always)]
+    unsafe fn inputs<S: Simd>(
+        self,
+        simd: S,
+        row: &TileRow<'_>,
+        channels: usize,
+        line: &mut [f32],
+        zeros: &[f32],
+    ) {
+        let columns = self.tiles * TILE + POINTS - TILE;
+        let before = usize::from(self.first == 0);
+        let until = columns.min(self.width + 1 - self.first * TILE);
+        let len = (until - before) * channels;
+        let start = (self.first * TILE + before - 1) * channels;
+        let rows = row.inputs.map(|row| row.map_or(&zeros[..len], |row| &row[start..start + len]));
+        line[..before * channels].fill(0.0);
+        line[until * channels..columns * channels].fill(0.0);
+        let line = &mut line[before * channels..];
+        // SAFETY: channels fill whole vectors, so that `len` is a multiple; the line holds all columns.
+        unsafe {
+            match self.point_row {
+                0 => input_point::<S, 0>(simd, &rows, len, line),
+                1 => input_point::<S, 1>(simd, &rows, len, line),
+                2 => input_point::<S, 2>(simd, &rows, len, line),
+                3 => input_point::<S, 3>(simd, &rows, len, line),
+                4 => input_point::<S, 4>(simd, &rows, len, line),
+                _ => input_point::<S, 5>(simd, &rows, len, line),
+            }
+        }
+    }
+
+    /// Vertical step for the gradients: one row of A over four rows.
+    #[inline(always)]
+    unsafe fn gradients<S: Simd>(
+        self,
+        simd: S,
+        row: &TileRow<'_>,
+        channels: usize,
+        line: &mut [f32],
+        zeros: &[f32],
+    ) {
+        let columns = self.tiles * TILE;
+        let until = columns.min(self.width - self.first * TILE);
+        let (start, len) = (self.first * TILE * channels, until * channels);
+        let rows = row.gradients.map(|row| row.map_or(&zeros[..len], |row| &row[start..start + len]));
+        line[len..columns * channels].fill(0.0);
+        // SAFETY: as for the inputs.
+        unsafe {
+            match self.point_row {
+                0 => gradient_point::<S, 0>(simd, &rows, len, line),
+                1 => gradient_point::<S, 1>(simd, &rows, len, line),
+                2 => gradient_point::<S, 2>(simd, &rows, len, line),
+                3 => gradient_point::<S, 3>(simd, &rows, len, line),
+                4 => gradient_point::<S, 4>(simd, &rows, len, line),
+                _ => gradient_point::<S, 5>(simd, &rows, len, line),
+            }
+        }
+    }
+}
+
+/// Point `POINT` of Bᵀ over six rows; the compiler leaves out what the other points would need.
+#[inline(always)]
+unsafe fn input_point<S: Simd, const POINT: usize>(
+    simd: S,
+    rows: &[&[f32]; POINTS],
+    len: usize,
+    to: &mut [f32],
+) {
+    for at in (0..len).step_by(S::LANES) {
+        // SAFETY: the caller promises rows and room of `len` floats, whole vectors.
+        unsafe {
+            let mut d = [simd.splat(0.0); POINTS];
+            for (vector, row) in d.iter_mut().zip(rows) {
+                *vector = simd.load(row, at);
+            }
+            simd.store(to, at, transform::input(simd, d)[POINT]);
+        }
+    }
+}
+
+/// Point `POINT` of A over four rows.
+#[inline(always)]
+unsafe fn gradient_point<S: Simd, const POINT: usize>(
+    simd: S,
+    rows: &[&[f32]; TILE],
+    len: usize,
+    to: &mut [f32],
+) {
+    for at in (0..len).step_by(S::LANES) {
+        // SAFETY: the caller promises rows and room of `len` floats, whole vectors.
+        unsafe {
+            let mut y = [simd.splat(0.0); TILE];
+            for (vector, row) in y.iter_mut().zip(rows) {
+                *vector = simd.load(row, at);
+            }
+            simd.store(to, at, transform::output_gradient(simd, y)[POINT]);
+        }
+    }
+}
+
+/// Horizontal step for the inputs: `to` is where the row's first tile goes and how far the points are apart.
+#[inline(always)]
+unsafe fn input_points<S: Simd>(
+    simd: S,
+    tiles: usize,
+    channels: usize,
+    line: &[f32],
+    points: &mut [f32],
+    to: (usize, usize),
+) {
+    for tile in 0..tiles {
+        for c in (0..channels).step_by(S::LANES) {
+            // SAFETY: the line holds `4 · tiles + 2` columns, each part of `points` the tiles.
+            unsafe {
+                let d = load_strided(simd, line, tile * TILE * channels + c, channels);
+                let v = transform::input(simd, d);
+                store_strided(simd, points, to.0 + tile * channels + c, to.1, &v);
+            }
+        }
+    }
+}
+
+/// Horizontal step for the gradients.
+#[inline(always)]
+unsafe fn gradient_points<S: Simd>(
+    simd: S,
+    tiles: usize,
+    channels: usize,
+    line: &[f32],
+    points: &mut [f32],
+    to: (usize, usize),
+) {
+    for tile in 0..tiles {
+        for c in (0..channels).step_by(S::LANES) {
+            // SAFETY: the line holds `4 · tiles` columns, each part of `points` the tiles.
+            unsafe {
+                let y = load_strided(simd, line, tile * TILE * channels + c, channels);
+                let v = transform::output_gradient(simd, y);
+                store_strided(simd, points, to.0 + tile * channels + c, to.1, &v);
+            }
+        }
+    }
+}
+
+/// The operands of one point's product, `[tile, input]` and `[tile, output]`.
+struct Product<'a> {
+    depth: usize,
+    inputs: usize,
+    outputs: usize,
+    left: &'a [f32],
+    right: &'a [f32],
+}
+
+/// Adds `leftᵀ · right` to the sums `[input, output]`.
+#[inline(always)]
+unsafe fn accumulate<S: Simd, const ROWS: usize, const COLUMNS: usize>(
+    simd: S,
+    product: &Product<'_>,
+    sums: &mut [f32],
+) {
+    let Product { depth, inputs, outputs, left, right } = *product;
+    for output in (0..outputs).step_by(COLUMNS * S::LANES) {
+        for input in (0..inputs).step_by(ROWS) {
+            let a = Operand { data: left, at: input, row: 1, step: inputs };
+            let b = Operand { data: right, at: output, row: 0, step: outputs };
+            let at = input * outputs + output;
+            // SAFETY: register tiles divide the channels, which fill whole vectors.
+            unsafe {
+                let tile = load_tile::<S, ROWS, COLUMNS>(simd, sums, at, outputs);
+                let tile = multiply_add::<S, ROWS, COLUMNS>(simd, tile, depth, a, b);
+                store_tile(simd, &tile, sums, at, outputs);
+            }
+        }
+    }
+}
+
+/// Outputs whose weights are inverted together.
+const TOGETHER: usize = 4;
+
+/// Takes the groups' sums of a few outputs back to weights: Gᵀ·U·G, in f64.
+struct InvertWeights<'a> {
+    /// `[group][point 6×6][input][output]`.
+    sums: &'a [f32],
+    inputs: usize,
+    outputs: usize,
+    /// The first output.
+    first: usize,
+    /// `[output][input][3×3]`.
+    to: &'a mut [f32],
+}
+
+impl Kernel for InvertWeights<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _simd: S) {
+        let Self { sums, inputs, outputs, first, to } = self;
+        let point_len = inputs * outputs;
+        for input in 0..inputs {
+            let mut u = [[0.0f64; TOGETHER]; POINTS * POINTS];
+            for group in sums.chunks_exact(POINTS * POINTS * point_len) {
+                for (sum, point) in u.iter_mut().zip(group.chunks_exact(point_len)) {
+                    let from = &point[input * outputs + first..][..TOGETHER];
+                    sum.iter_mut().zip(from).for_each(|(sum, value)| *sum += f64::from(*value));
+                }
+            }
+            for tap in 0..9 {
+                let (k, l) = (tap / 3, tap % 3);
+                let mut weight = [0.0f64; TOGETHER];
+                for (point, u) in u.iter().enumerate() {
+                    let factor = G[point / POINTS][k] * G[point % POINTS][l];
+                    weight.iter_mut().zip(u).for_each(|(sum, u)| *sum += factor * u);
+                }
+                for (output, value) in weight.into_iter().enumerate() {
+                    #[expect(clippy::cast_possible_truncation, reason = "rounds to the kernels' precision")]
+                    let value = value as f32;
+                    to[(output * inputs + input) * 9 + tap] = value;
+                }
+            }
+        }
+    }
+}

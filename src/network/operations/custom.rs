@@ -1,0 +1,299 @@
+//! The heavy operations as Burn custom operations over the kernels: what each computes, what it keeps, and
+//! how its gradient is taken.
+#![expect(clippy::too_many_arguments, reason = "Burn routes operations by arguments that are tensors")]
+
+use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
+use burn::backend::flex::Flex;
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Autodiff, Backend, backend_extension};
+
+use super::host::{Computed, Host, HostOperation, View, run, run_tracked};
+use crate::kernels::gradient::{input_gradient, weight_gradient};
+use crate::kernels::res_block::{ResBlock, ResBlockGradients};
+use crate::kernels::sums::gate;
+use crate::kernels::up_convolution::UpConvolution;
+use crate::kernels::{self, DynamicFilter, Finish, Geometry, Isa, Shape};
+
+/// The slope of every LeakyReLU.
+const LEAKY_SLOPE: f32 = 0.2;
+
+/// The operations that a backend must have; batches are `[item, height, width, channel]`, parameters as in
+/// PyTorch.
+#[backend_extension(Autodiff, Flex, NdArray: cfg(feature = "ndarray-backend"))]
+pub(super) trait NetworkOperations: Backend {
+    /// 3 × 3 convolution with zero padding, then LeakyReLU.
+    fn leaky_convolution(
+        x: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        bias: FloatTensor<Self>,
+        stride: usize,
+    ) -> FloatTensor<Self>;
+
+    /// 3 × 3 convolution with zero padding, then PReLU of one slope.
+    fn prelu_convolution(
+        x: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        bias: FloatTensor<Self>,
+        slope: FloatTensor<Self>,
+        stride: usize,
+    ) -> FloatTensor<Self>;
+
+    /// `x + conv2(LeakyReLU(conv1(x)))`.
+    fn residual_block(
+        x: FloatTensor<Self>,
+        weight1: FloatTensor<Self>,
+        bias1: FloatTensor<Self>,
+        weight2: FloatTensor<Self>,
+        bias2: FloatTensor<Self>,
+    ) -> FloatTensor<Self>;
+
+    /// Convolution to four times the channels, pixel shuffle, LeakyReLU.
+    fn leaky_up_convolution(
+        x: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        bias: FloatTensor<Self>,
+    ) -> FloatTensor<Self>;
+
+    /// Filters predicted from `condition` and applied to `features`.
+    fn predicted_filter(
+        condition: FloatTensor<Self>,
+        features: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        bias: FloatTensor<Self>,
+        slope: FloatTensor<Self>,
+        size: usize,
+    ) -> FloatTensor<Self>;
+}
+
+/// Implements the operations through `run`, which takes an operation on slices and its inputs.
+macro_rules! operations {
+    ($($run:tt)+) => {
+        fn leaky_convolution(
+            x: FloatTensor<Self>,
+            weight: FloatTensor<Self>,
+            bias: FloatTensor<Self>,
+            stride: usize,
+        ) -> FloatTensor<Self> {
+            $($run)+(LeakyConvolution { stride }, [x, weight, bias])
+        }
+
+        fn prelu_convolution(
+            x: FloatTensor<Self>,
+            weight: FloatTensor<Self>,
+            bias: FloatTensor<Self>,
+            slope: FloatTensor<Self>,
+            stride: usize,
+        ) -> FloatTensor<Self> {
+            $($run)+(PReluConvolution { stride }, [x, weight, bias, slope])
+        }
+
+        fn residual_block(
+            x: FloatTensor<Self>,
+            weight1: FloatTensor<Self>,
+            bias1: FloatTensor<Self>,
+            weight2: FloatTensor<Self>,
+            bias2: FloatTensor<Self>,
+        ) -> FloatTensor<Self> {
+            $($run)+(ResidualBlock, [x, weight1, bias1, weight2, bias2])
+        }
+
+        fn leaky_up_convolution(
+            x: FloatTensor<Self>,
+            weight: FloatTensor<Self>,
+            bias: FloatTensor<Self>,
+        ) -> FloatTensor<Self> {
+            $($run)+(LeakyUpConvolution, [x, weight, bias])
+        }
+
+        fn predicted_filter(
+            condition: FloatTensor<Self>,
+            features: FloatTensor<Self>,
+            weight: FloatTensor<Self>,
+            bias: FloatTensor<Self>,
+            slope: FloatTensor<Self>,
+            size: usize,
+        ) -> FloatTensor<Self> {
+            $($run)+(PredictedFilter { size }, [condition, features, weight, bias, slope])
+        }
+    };
+}
+
+impl NetworkOperations for Flex {
+    operations!(run::<Self, _>);
+}
+
+#[cfg(feature = "ndarray-backend")]
+#[expect(deprecated, reason = "burn-flex succeeds it; it is kept for comparison")]
+impl NetworkOperations for burn::backend::NdArray {
+    operations!(run::<Self, _>);
+}
+
+impl<B: Host + NetworkOperations, C: CheckpointStrategy> NetworkOperations for Autodiff<B, C> {
+    operations!(run_tracked::<B, C, _, _>);
+}
+
+/// Shapes of a 3 × 3 convolution from its tensors.
+fn geometry(weight: &View<'_>, stride: usize) -> Geometry {
+    Geometry { inputs: weight.side(1), outputs: weight.side(0), side: weight.side(2), stride }
+}
+
+fn convolve(x: View<'_>, weight: View<'_>, bias: View<'_>, stride: usize, slope: f32) -> (Vec<f32>, Shape) {
+    let convolution = kernels::Convolution::new(geometry(&weight, stride), weight.floats, bias.floats);
+    let shape = convolution.output_shape(x.batch());
+    let mut output = vec![0.0; shape.len()];
+    convolution.forward(x.floats, x.batch(), Finish::Leak(slope), &mut output);
+    (output, shape)
+}
+
+#[derive(Clone, Copy, Debug)]
+struct LeakyConvolution {
+    stride: usize,
+}
+
+impl HostOperation<3> for LeakyConvolution {
+    fn forward(&self, [x, weight, bias]: [View<'_>; 3]) -> Computed {
+        let (output, shape) = convolve(x, weight, bias, self.stride, LEAKY_SLOPE);
+        Computed { output, shape, kept: Vec::new() }
+    }
+
+    // The output's sign is that of what the rectifier was given.
+    fn backward(
+        &self,
+        [x, weight, _]: [View<'_>; 3],
+        output: &[f32],
+        _kept: &[f32],
+        gradient: &[f32],
+    ) -> [Vec<f32>; 3] {
+        let geometry = geometry(&weight, self.stride);
+        let gated = gate(gradient, output, LEAKY_SLOPE, geometry.outputs);
+        [
+            input_gradient(geometry, weight.floats, &gated.gradient, x.batch(), Finish::Leak(1.0)),
+            weight_gradient(geometry, x.floats, x.batch(), &gated.gradient),
+            gated.bias,
+        ]
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct PReluConvolution {
+    stride: usize,
+}
+
+impl HostOperation<4> for PReluConvolution {
+    // A learned slope may be negative, so that the output does not tell the sign: the sums are kept.
+    fn forward(&self, [x, weight, bias, slope]: [View<'_>; 4]) -> Computed {
+        let (sums, shape) = convolve(x, weight, bias, self.stride, 1.0);
+        let slope = slope.floats[0];
+        let output = sums.iter().map(|&v| if v > 0.0 { v } else { slope * v }).collect();
+        Computed { output, shape, kept: sums }
+    }
+
+    fn backward(
+        &self,
+        [x, weight, _, slope]: [View<'_>; 4],
+        _output: &[f32],
+        kept: &[f32],
+        gradient: &[f32],
+    ) -> [Vec<f32>; 4] {
+        let geometry = geometry(&weight, self.stride);
+        let gated = gate(gradient, kept, slope.floats[0], geometry.outputs);
+        [
+            input_gradient(geometry, weight.floats, &gated.gradient, x.batch(), Finish::Leak(1.0)),
+            weight_gradient(geometry, x.floats, x.batch(), &gated.gradient),
+            gated.bias,
+            vec![gated.slope],
+        ]
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct ResidualBlock;
+
+fn res_block<'a>([_, weight1, bias1, weight2, bias2]: &[View<'a>; 5]) -> ResBlock<'a> {
+    ResBlock {
+        weights: [weight1.floats, weight2.floats],
+        biases: [bias1.floats, bias2.floats],
+        slope: LEAKY_SLOPE,
+    }
+}
+
+impl HostOperation<5> for ResidualBlock {
+    fn forward(&self, inputs: [View<'_>; 5]) -> Computed {
+        let shape = inputs[0].batch();
+        let (kept, output) = res_block(&inputs).forward(inputs[0].floats, shape);
+        Computed { output, shape, kept }
+    }
+
+    fn backward(
+        &self,
+        inputs: [View<'_>; 5],
+        _output: &[f32],
+        kept: &[f32],
+        gradient: &[f32],
+    ) -> [Vec<f32>; 5] {
+        let [x, ..] = inputs;
+        let ResBlockGradients { input, parameters: [first, second] } =
+            res_block(&inputs).backward(x.floats, kept, gradient, x.batch());
+        [input, first.weight, first.bias, second.weight, second.bias]
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct LeakyUpConvolution;
+
+fn up<'a>(weight: View<'a>, bias: View<'a>) -> UpConvolution<'a> {
+    UpConvolution { weight: weight.floats, bias: bias.floats, slope: LEAKY_SLOPE }
+}
+
+impl HostOperation<3> for LeakyUpConvolution {
+    fn forward(&self, [x, weight, bias]: [View<'_>; 3]) -> Computed {
+        let batch = x.batch();
+        let output = up(weight, bias).forward(x.floats, batch);
+        let shape = Shape::new(batch.images, 2 * batch.height, 2 * batch.width, bias.side(0) / 4);
+        Computed { output, shape, kept: Vec::new() }
+    }
+
+    fn backward(
+        &self,
+        [x, weight, bias]: [View<'_>; 3],
+        output: &[f32],
+        _kept: &[f32],
+        gradient: &[f32],
+    ) -> [Vec<f32>; 3] {
+        let (input, parameters) = up(weight, bias).backward(x.floats, x.batch(), output, gradient);
+        [input, parameters.weight, parameters.bias]
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct PredictedFilter {
+    size: usize,
+}
+
+impl PredictedFilter {
+    fn pack(self, weight: View<'_>, bias: View<'_>, slope: View<'_>) -> DynamicFilter {
+        DynamicFilter::new(Isa::current(), self.size, weight.floats, bias.floats, slope.floats[0])
+    }
+}
+
+impl HostOperation<5> for PredictedFilter {
+    fn forward(&self, [condition, features, weight, bias, slope]: [View<'_>; 5]) -> Computed {
+        let shape = features.batch();
+        let mut output = vec![0.0; shape.len()];
+        let filter = self.pack(weight, bias, slope);
+        filter.forward(condition.floats, features.floats, shape, &mut output);
+        Computed { output, shape, kept: Vec::new() }
+    }
+
+    fn backward(
+        &self,
+        [condition, features, weight, bias, slope]: [View<'_>; 5],
+        _output: &[f32],
+        _kept: &[f32],
+        gradient: &[f32],
+    ) -> [Vec<f32>; 5] {
+        let filter = self.pack(weight, bias, slope);
+        let g = filter.backward(condition.floats, features.floats, features.batch(), gradient);
+        [g.condition, g.features, g.weight, g.bias, vec![g.slope]]
+    }
+}

@@ -1,0 +1,118 @@
+//! The network's heavy operations on Burn tensors: everything that is worth a faster implementation stands
+//! here, so that one can take its place without a change to the model.
+//!
+//! Between [`to_layout`] and [`from_layout`] only these functions look at the order of a tensor's axes: here
+//! `[item, height, width, channel]`, that of the [`kernels`](crate::kernels) which do the work. `custom` tells
+//! Burn how to run them and how to take their gradients, `host` how to get at a tensor's numbers.
+
+mod custom;
+mod host;
+
+use burn::backend::Dispatch;
+use burn::backend::tensor::FloatTensor;
+use burn::module::{Module, Param};
+use burn::tensor::Tensor;
+
+use custom::NetworkOperations as _;
+
+/// Weight and bias of a convolution with zero padding of half its size.
+///
+/// # Shapes
+/// `weight` `[outputs, inputs, size, size]`, `bias` `[outputs]`.
+#[derive(Module, Debug)]
+pub struct Convolution {
+    pub(super) weight: Param<Tensor<4>>,
+    pub(super) bias: Param<Tensor<1>>,
+}
+
+/// The two convolutions of a residual block.
+#[derive(Module, Debug)]
+pub struct ResBlock {
+    pub(super) conv1: Convolution,
+    pub(super) conv2: Convolution,
+}
+
+/// The last two layers of a filter generator: 1 × 1 convolution and the slope of its PReLU.
+#[derive(Module, Debug)]
+pub struct FilterHead {
+    pub(super) conv: Convolution,
+    pub(super) slope: Param<Tensor<1>>,
+}
+
+/// The non-linearity after a convolution.
+#[derive(Clone, Copy, Debug)]
+pub enum Activation<'a> {
+    /// LeakyReLU of slope 0.2.
+    LeakyRelu,
+    /// PReLU with one learned slope.
+    PRelu(&'a Param<Tensor<1>>),
+}
+
+/// Brings a batch `[item, channel, height, width]` into the layout that the operations compute in,
+/// `[item, height, width, channel]`.
+pub fn to_layout(batch: Tensor<4>) -> Tensor<4> {
+    batch.permute([0, 2, 3, 1])
+}
+
+/// Brings a tensor in the operations' layout back to `[item, channel, height, width]`.
+pub fn from_layout(tensor: Tensor<4>) -> Tensor<4> {
+    tensor.permute([0, 3, 1, 2])
+}
+
+/// Convolves with `stride` and applies a non-linearity.
+///
+/// # Shapes
+/// `inputs` × height × width to `outputs` × ⌈height/stride⌉ × ⌈width/stride⌉.
+pub fn convolution(
+    x: Tensor<4>,
+    layer: &Convolution,
+    stride: usize,
+    activation: Activation<'_>,
+) -> Tensor<4> {
+    let (x, weight, bias) = (x.into_dispatch(), primitive(&layer.weight), primitive(&layer.bias));
+    Tensor::from_dispatch(match activation {
+        Activation::LeakyRelu => Dispatch::leaky_convolution(x, weight, bias, stride),
+        Activation::PRelu(slope) => Dispatch::prelu_convolution(x, weight, bias, primitive(slope), stride),
+    })
+}
+
+/// Adds to `x` what two convolutions with a LeakyReLU between them make of it.
+///
+/// # Equation
+/// `Res(x) = x + conv2(LeakyReLU(conv1(x)))`.
+pub fn res_block(x: Tensor<4>, block: &ResBlock) -> Tensor<4> {
+    let [conv1, conv2] = [&block.conv1, &block.conv2].map(|c| (primitive(&c.weight), primitive(&c.bias)));
+    Tensor::from_dispatch(Dispatch::residual_block(x.into_dispatch(), conv1.0, conv1.1, conv2.0, conv2.1))
+}
+
+/// Predicts a filter for every channel and pixel from `condition`, and applies it to `features`.
+///
+/// # Equation
+/// `filter = PReLU(conv₁ₓ₁(condition))` with `s²` values a channel, dy before dx, and `output(c,y,x) =
+/// Σ filter(c,dy,dx,y,x) · features(c, y+dy−s/2, x+dx−s/2)`, the features continued by replication.
+///
+/// # Shapes
+/// `condition` and `features` have the same sides; `head` has `channels · filter_size²` outputs.
+pub fn dynamic_filter(
+    condition: &Tensor<4>,
+    features: Tensor<4>,
+    head: &FilterHead,
+    filter_size: usize,
+) -> Tensor<4> {
+    let (condition, features) = (condition.clone().into_dispatch(), features.into_dispatch());
+    let (weight, bias) = (primitive(&head.conv.weight), primitive(&head.conv.bias));
+    let slope = primitive(&head.slope);
+    Tensor::from_dispatch(Dispatch::predicted_filter(condition, features, weight, bias, slope, filter_size))
+}
+
+/// Convolves to four times the channels, spreads them over twice the sides, and adds the skip connection
+/// after the LeakyReLU.
+pub fn up_convolution(x: Tensor<4>, layer: &Convolution, skip: Tensor<4>) -> Tensor<4> {
+    let (weight, bias) = (primitive(&layer.weight), primitive(&layer.bias));
+    Tensor::from_dispatch(Dispatch::leaky_up_convolution(x.into_dispatch(), weight, bias)) + skip
+}
+
+/// A parameter as the custom operations take it.
+fn primitive<const D: usize>(parameter: &Param<Tensor<D>>) -> FloatTensor<Dispatch> {
+    parameter.val().into_dispatch()
+}
