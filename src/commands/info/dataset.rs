@@ -69,7 +69,7 @@ impl DatasetSummary {
         for (name, split) in &self.splits {
             writeln!(
                 text,
-                "  {name:<10}{} triplets: {} scenes from {} sources, {} kernels",
+                "  {name:<10}{} triplets (scenes {}, sources {}, kernels {})",
                 split.triplets,
                 split.scenes,
                 split.sources,
