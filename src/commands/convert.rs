@@ -9,17 +9,19 @@ use serde_json::json;
 use super::Session;
 use udc::core::io::{DomainTag, PixelOptions, check_output, read_pixels, write_pixels};
 use udc::core::provenance::Provenance;
+use udc::network::weights;
 
-/// Convert an image to another format
+/// Convert an image, or a PyTorch checkpoint to a model
 #[derive(Args, Debug)]
-#[command(after_help = "Example: udc convert scene.npy scene.exr --half --domain linear\n\n\
+#[command(after_help = "Example: udc convert scene.npy scene.exr --half --domain linear\n         \
+    udc convert DISCNet.pth discnet.safetensors\n\n\
     The format follows from the name of OUT: .exr, .npy, .hdr, .png, .tif or .jpg. PNG and TIFF have 16 bits, \
     JPEG has 8; they hold values from 0 to 1. Use `udc tonemap` to bring linear light into that range")]
 pub(crate) struct ConvertArgs {
-    /// Image to read
+    /// Image or checkpoint to read
     #[arg(value_name = "IN")]
     input: PathBuf,
-    /// Image to write
+    /// Image, or model (.safetensors), to write
     #[arg(value_name = "OUT")]
     output: PathBuf,
     /// Write half floats, in formats that have them
@@ -53,6 +55,10 @@ impl ConvertArgs {
         let (input, output) = (self.input.display(), self.output.display());
         let doing = || format!("converting {input}");
         check_output(&self.output, session.overwrite).with_context(doing)?;
+        if self.output.extension().is_some_and(|extension| extension == "safetensors") {
+            weights::convert(&self.input, &self.output, session.overwrite).with_context(doing)?;
+            return session.say(format_args!("{output}: {}", weights::describe(&self.output)?));
+        }
         let mut pixels = read_pixels(&self.input).with_context(doing)?;
         let wanted = self.domain.map(DomainTag::from);
         if let (Some(declared), Some(wanted)) = (pixels.domain, wanted)

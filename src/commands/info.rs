@@ -1,23 +1,24 @@
 //! `udc info`.
 
+mod dataset;
 mod text;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::Args;
+use serde_json::{Value, json};
 
 use super::Session;
 use udc::core::io::{Description, describe, describe_psf, expand_inputs};
+use udc::network::weights;
 
 /// Describe a file: image, PSF, kernel bank, model, dataset
 #[derive(Args, Debug)]
-#[command(
-    after_help = "Example: udc info scene.exr bank.safetensors\n         udc info --psf psf.exr\n         \
-                        udc info --json captures/*.png | jq .channels[0].max"
-)]
+#[command(after_help = "Example: udc info scene.exr bank.safetensors model.pth dataset/\n         udc info --psf \
+                        psf.exr\n         udc info --json captures/*.png | jq .channels[0].max")]
 pub(crate) struct InfoArgs {
-    /// Files, folders of images, or patterns
+    /// Files, dataset folders, folders of images, or patterns
     #[arg(required = true, value_name = "FILE")]
     inputs: Vec<PathBuf>,
     /// Describe images as PSFs: peak, energy radii, identity
@@ -30,12 +31,13 @@ pub(crate) struct InfoArgs {
 
 impl InfoArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let files = expand_inputs(&self.inputs)?;
+        let files = self.subjects()?;
         if let [file] = &files[..] {
             return self.show(file, session);
         }
         let mut failed = 0;
         for file in &files {
+            session.progress.check()?;
             if let Err(error) = self.show(file, session) {
                 // Output that nobody reads any more ends the program; a file that is damaged does not.
                 if super::is_broken_pipe(&error) {
@@ -51,18 +53,61 @@ impl InfoArgs {
         Ok(())
     }
 
-    fn show(&self, file: &Path, session: &Session) -> Result<()> {
-        let description = if self.psf { describe_psf(file)? } else { describe(file)? };
-        if self.json {
-            session.say(json(file, &description)?)
-        } else {
-            session.say(text::render(file, &description))
+    /// The files to describe; a dataset is described as one.
+    fn subjects(&self) -> Result<Vec<PathBuf>> {
+        let mut subjects = Vec::new();
+        for input in &self.inputs {
+            if dataset::is_dataset(input) {
+                subjects.push(input.clone());
+            } else {
+                subjects.extend(expand_inputs(std::slice::from_ref(input))?);
+            }
         }
+        Ok(subjects)
+    }
+
+    fn show(&self, file: &Path, session: &Session) -> Result<()> {
+        let (mut object, text) = self.examine(file)?;
+        if self.json {
+            object["file"] = file.to_string_lossy().into();
+            session.say(object)
+        } else {
+            session.say(format_args!("{}: {text}", file.display()))
+        }
+    }
+
+    /// What a file is, for scripts and for people.
+    fn examine(&self, file: &Path) -> Result<(Value, String)> {
+        if file.is_dir() {
+            let summary = dataset::summarise(file)?;
+            return Ok((serde_json::to_value(&summary)?, summary.render()?));
+        }
+        if is_checkpoint(file) {
+            return examine_model(file);
+        }
+        let description = if self.psf { describe_psf(file)? } else { describe(file)? };
+        if let Description::Model(model) = &description
+            && model.metadata.get("format").is_some_and(|format| format == weights::FORMAT)
+        {
+            return examine_model(file);
+        }
+        Ok((serde_json::to_value(&description)?, text::render(&description)))
     }
 }
 
-fn json(file: &Path, description: &Description) -> Result<String> {
-    let mut object = serde_json::to_value(description)?;
-    object["file"] = file.to_string_lossy().into();
-    Ok(object.to_string())
+/// Whether a file is named as PyTorch names its checkpoints.
+fn is_checkpoint(file: &Path) -> bool {
+    file.extension().is_some_and(|extension| extension == "pth" || extension == "pt")
+}
+
+fn examine_model(file: &Path) -> Result<(Value, String)> {
+    let model = weights::describe(file)?;
+    let object = json!({
+        "kind": "model",
+        "architecture": model.architecture.to_json(),
+        "parameters": model.architecture.parameters(),
+        "training": model.origin.training,
+        "kernel_bank_sha256": model.origin.kernel_bank_sha256,
+    });
+    Ok((object, model.to_string()))
 }

