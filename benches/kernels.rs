@@ -68,8 +68,7 @@ fn values(len: usize) -> Vec<f32> {
 
 fn three_by_three(table: &Table, name: &str, geometry: Geometry, side: usize) {
     let shape = Shape::new(1, side, side, geometry.inputs);
-    let convolution =
-        Convolution::new(geometry, &values(geometry.weight_len()), &values(geometry.outputs));
+    let convolution = Convolution::new(geometry, &values(geometry.weight_len()), &values(geometry.outputs));
     let input = values(shape.len());
     let out = convolution.output_shape(shape);
     let mut output = vec![0.0; out.len()];

@@ -127,7 +127,8 @@ impl Demo<'_> {
         self.run(&["synth", "@scenes", "--bank", "@bank.safetensors", "-o", "@dataset", "--seed", &seed])?;
         let seed = format!("seed={seed}");
         self.run(&["train", "@training.toml", "--data", "@dataset", "-o", "@run", "--set", &seed])?;
-        self.run(&["eval", "@dataset", "--model", "@run/model.safetensors", "-o", "@results"])?;
+        let model = "@run/model.safetensors";
+        self.run(&["eval", "@dataset", "--model", model, "--pictures", "6", "-o", "@results"])?;
         let psfs = ["@psf/simulated.exr", "@psf/measured.exr"];
         let folders = ["@bank.safetensors", "@dataset", "@run", "@results"];
         let report: Vec<_> = [&["report"][..], &psfs, &folders, &["-o", "@report.html"]].concat();

@@ -1,5 +1,6 @@
 //! `udc eval`.
 
+mod pictures;
 mod subject;
 
 use std::path::{Path, PathBuf};
@@ -13,6 +14,7 @@ use udc::core::metrics::{Metric, MetricDefinition};
 use udc::eval::{EvalConfig, Evaluation};
 
 use super::Session;
+use pictures::Pictures;
 use subject::Subject;
 
 /// Measure models on a dataset, or restored images against ground truth
@@ -55,6 +57,9 @@ pub(crate) struct EvalArgs {
     #[arg(long, value_name = "N", requires = "dataset",
         value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
     limit: Option<usize>,
+    /// Keep N of the restored images as pictures beside the results, evenly spread
+    #[arg(long, value_name = "N", requires = "dataset", default_value_t = 0)]
+    pictures: usize,
     /// Leave out images that cannot be measured, and name them, instead of stopping
     #[arg(long)]
     allow_missing: bool,
@@ -90,7 +95,7 @@ impl EvalArgs {
         let subject = self.open()?;
         subject.warnings().into_iter().for_each(|warning| session.warn(warning));
         let outputs = Outputs::prepare(&self.output, session)?;
-        let evaluation = subject.measure(&self.config(), session)?;
+        let evaluation = subject.measure(&self.config(), &self.pictures(), session)?;
         outputs.write(&evaluation, session)?;
         if !evaluation.excluded.is_empty() {
             session.warn(format_args!(
@@ -110,6 +115,10 @@ impl EvalArgs {
             }
             _ => bail!("name a dataset, or two folders with --restored and --gt"),
         }
+    }
+
+    fn pictures(&self) -> Pictures {
+        Pictures { folder: self.output.join("pictures"), count: self.pictures }
     }
 
     fn config(&self) -> EvalConfig {

@@ -15,8 +15,10 @@ use udc::network::weights;
 
 /// Describe a file: image, PSF, kernel bank, model, dataset
 #[derive(Args, Debug)]
-#[command(after_help = "Example: udc info scene.exr bank.safetensors model.pth dataset/\n         udc info --psf \
-                        psf.exr\n         udc info --json captures/*.png | jq .channels[0].max")]
+#[command(
+    after_help = "Example: udc info scene.exr bank.safetensors model.pth dataset/\n         udc info --psf \
+                        psf.exr\n         udc info --json captures/*.png | jq .channels[0].max"
+)]
 pub(crate) struct InfoArgs {
     /// Files, dataset folders, folders of images, or patterns
     #[arg(required = true, value_name = "FILE")]

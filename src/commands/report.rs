@@ -91,7 +91,7 @@ fn pictures(folder: &Path) -> Result<Vec<Block>> {
     let mut rows: Vec<(String, Vec<Figure>)> = Vec::new();
     for file in io::list_folder(folder)?.iter().filter(|file| file.ends_with(".png")) {
         let stem = file.trim_end_matches(".png");
-        let (scene, what) = stem.split_once('.').unwrap_or((stem, ""));
+        let (scene, what) = stem.rsplit_once('.').unwrap_or((stem, ""));
         let png = io::read_bytes(&folder.join(file))?;
         let what = what.trim_start_matches(|c: char| c.is_ascii_digit() || c == '-');
         let figure = Figure { png, caption: format!("{scene}: {what}") };

@@ -239,7 +239,8 @@ mod tests {
 
     #[test]
     fn three_by_three_agrees_with_the_sum_written_down() {
-        let channels = [(1, 1), (3, 32), (8, 32), (32, 3), (4, 4), (5, 8), (8, 8), (16, 16), (16, 48), (32, 32)];
+        let channels =
+            [(1, 1), (3, 32), (8, 32), (32, 3), (4, 4), (5, 8), (8, 8), (16, 16), (16, 48), (32, 32)];
         for isa in Isa::available() {
             for (inputs, outputs) in channels {
                 for (height, width) in EXTENTS {

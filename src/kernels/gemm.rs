@@ -46,8 +46,7 @@ pub(crate) unsafe fn multiply_add<S: Simd, const ROWS: usize, const COLUMNS: usi
     for d in 0..depth {
         // SAFETY: the caller promises that both operands stay within their slices.
         unsafe {
-            let b_vectors: [S::Vector; COLUMNS] =
-                load_strided(simd, b.data, b.at + d * b.step, S::LANES);
+            let b_vectors: [S::Vector; COLUMNS] = load_strided(simd, b.data, b.at + d * b.step, S::LANES);
             let a_column = a.data.as_ptr().add(a.at + d * a.step);
             for (i, sums) in tile.iter_mut().enumerate() {
                 let broadcast = simd.splat(*a_column.add(i * a.row));
@@ -62,9 +61,7 @@ pub(crate) unsafe fn multiply_add<S: Simd, const ROWS: usize, const COLUMNS: usi
 
 /// A tile of zeros.
 #[inline(always)]
-pub(crate) fn zero_tile<S: Simd, const ROWS: usize, const COLUMNS: usize>(
-    simd: S,
-) -> Tile<S, ROWS, COLUMNS> {
+pub(crate) fn zero_tile<S: Simd, const ROWS: usize, const COLUMNS: usize>(simd: S) -> Tile<S, ROWS, COLUMNS> {
     [[simd.splat(0.0); COLUMNS]; ROWS]
 }
 

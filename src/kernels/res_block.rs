@@ -87,13 +87,8 @@ mod tests {
                 biases: [&biases[0], &biases[1]],
                 slope: 0.2,
             };
-            let tensors = vec![
-                x.clone(),
-                weights[0].clone(),
-                biases[0].clone(),
-                weights[1].clone(),
-                biases[1].clone(),
-            ];
+            let tensors =
+                vec![x.clone(), weights[0].clone(), biases[0].clone(), weights[1].clone(), biases[1].clone()];
             let (inner, output) = block.forward(&x, shape);
             assert_close(&output, &naive_block(&tensors, shape), 4e-6, "result");
             let ResBlockGradients { input, parameters: [first, second] } =

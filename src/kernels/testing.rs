@@ -119,7 +119,8 @@ pub(crate) mod naive {
 
     /// Bias is in the sums already: activation, addition or gate.
     pub(crate) fn finish(finish: Finish<'_>, sums: &[f64]) -> Vec<f64> {
-        let leak = |sign: f64, value: f64, slope: f32| if sign > 0.0 { value } else { value * f64::from(slope) };
+        let leak =
+            |sign: f64, value: f64, slope: f32| if sign > 0.0 { value } else { value * f64::from(slope) };
         let one = |(i, v): (usize, &f64)| match finish {
             Finish::Leak(slope) => leak(*v, *v, slope),
             Finish::LeakThenAdd(slope, other) => leak(*v, *v, slope) + f64::from(other[i]),
@@ -154,7 +155,8 @@ pub(crate) mod naive {
         /// Predicts filters and applies them, with replicated borders.
         pub(crate) fn apply(&self, condition: &[f32], features: &[f32], shape: Shape) -> Vec<f64> {
             let taps = self.size * self.size;
-            let geometry = Geometry { inputs: shape.channels, outputs: shape.channels * taps, side: 1, stride: 1 };
+            let geometry =
+                Geometry { inputs: shape.channels, outputs: shape.channels * taps, side: 1, stride: 1 };
             let filters = convolution(geometry, self.weight, self.bias, condition, shape);
             let filters = finish(Finish::Leak(self.slope), &filters);
             let half = (self.size / 2).cast_signed();
@@ -164,10 +166,14 @@ pub(crate) mod naive {
             let mut output = Vec::new();
             for i in 0..shape.len() {
                 let (pixel, c) = (i / shape.channels, i % shape.channels);
-                let (n, y, x) =
-                    (pixel / shape.width / shape.height, pixel / shape.width % shape.height, pixel % shape.width);
+                let (n, y, x) = (
+                    pixel / shape.width / shape.height,
+                    pixel / shape.width % shape.height,
+                    pixel % shape.width,
+                );
                 let tap = |t: usize| {
-                    let place = (nearest(y, t / self.size, shape.height), nearest(x, t % self.size, shape.width));
+                    let place =
+                        (nearest(y, t / self.size, shape.height), nearest(x, t % self.size, shape.width));
                     filters[(pixel * shape.channels + c) * taps + t] * at(features, shape, n, place, c)
                 };
                 output.push((0..taps).map(tap).sum());

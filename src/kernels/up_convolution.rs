@@ -87,7 +87,8 @@ mod tests {
 
     #[test]
     fn gradients_agree_with_the_equation() {
-        for (images, height, width, inputs, channels) in [(1, 1, 1, 2, 1), (2, 5, 6, 32, 16), (1, 3, 4, 8, 4)] {
+        for (images, height, width, inputs, channels) in [(1, 1, 1, 2, 1), (2, 5, 6, 32, 16), (1, 3, 4, 8, 4)]
+        {
             let shape = Shape::new(images, height, width, inputs);
             let mut values = Values::new(4);
             let x = values.take(shape.len());

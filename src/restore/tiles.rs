@@ -261,7 +261,9 @@ mod tests {
     #[test]
     fn windows_keep_a_full_halo_except_at_the_border() {
         for tiling in [Tiling::with_tile(501, 333, 96).unwrap(), Tiling::with_tile(64, 64, 4).unwrap()] {
-            for (spans, side) in [(&tiling.rows, tiling.rows.last()), (&tiling.columns, tiling.columns.last())] {
+            for (spans, side) in
+                [(&tiling.rows, tiling.rows.last()), (&tiling.columns, tiling.columns.last())]
+            {
                 let side = side.unwrap().end;
                 assert_eq!(spans.iter().map(|span| span.end - span.start).sum::<usize>(), side);
                 for span in spans {

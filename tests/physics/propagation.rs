@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 use std::path::PathBuf;
 
 use ndarray::{Array2, Array3, ArrayView2};
-use udc::core::io::{Pixels, PixelOptions, write_pixels};
+use udc::core::io::{PixelOptions, Pixels, write_pixels};
 use udc::core::progress::Progress;
 use udc::psf::display::{LayoutConfig, LayoutKind, OpticsConfig, RegionConfig, SamplingConfig};
 use udc::psf::optics::Optics;
@@ -235,13 +235,15 @@ fn a_defocused_hole_appears_where_the_camera_sees_it() {
         let miss = (found.0 - expected.0).hypot(found.1 - expected.1);
         assert!(miss < 20.0, "hole found at {found:?} µm, expected {expected:?}");
     };
-    assert!(Optics::new(&OpticsConfig {
-        sensor_distance_mm: Some(focus * 1e3 * 1.08),
-        ..OpticsConfig::default()
-    })
-    .unwrap()
-    .defocus_per_m
-        < 0.0);
+    assert!(
+        Optics::new(&OpticsConfig {
+            sensor_distance_mm: Some(focus * 1e3 * 1.08),
+            ..OpticsConfig::default()
+        })
+        .unwrap()
+        .defocus_per_m
+            < 0.0
+    );
     near(spot(1.08, 0.0, [0.0; 2]), (x_um, y_um));
     near(spot(0.92, 0.0, [0.0; 2]), (x_um, y_um));
     // Counter-clockwise: what is right goes up, what is up goes left.
@@ -373,7 +375,8 @@ fn agrees_with_the_integrals_of_equation_2() {
         .map(|(row, column)| {
             // The camera turns its picture by 180°; pixels of 1 µm are averaged over 3 × 3 points (Simpson).
             let weights = [(-0.5, 1.0 / 6.0), (0.0, 4.0 / 6.0), (0.5, 1.0 / 6.0)];
-            let pixel = weights.iter().flat_map(|(dy, wy)| weights.iter().map(move |(dx, wx)| (dy, dx, wy * wx)));
+            let pixel =
+                weights.iter().flat_map(|(dy, wy)| weights.iter().map(move |(dx, wx)| (dy, dx, wy * wx)));
             let expected: f64 = pixel
                 .map(|(dy, dx, weight)| {
                     weight * intensity(-(f64::from(row) + dy) * 1e-6, -(f64::from(column) + dx) * 1e-6)
@@ -387,7 +390,11 @@ fn agrees_with_the_integrals_of_equation_2() {
     let brightest = pairs.iter().map(|p| p.0).fold(0.0, f64::max);
     for ((found, expected), place) in pairs.iter().zip(places) {
         // Summation and hard-edged pupil of 250 points: 1 %.
-        assert!((found - scale * expected).abs() < 0.01 * brightest, "{place:?}: {found}, not {}", scale * expected);
+        assert!(
+            (found - scale * expected).abs() < 0.01 * brightest,
+            "{place:?}: {found}, not {}",
+            scale * expected
+        );
     }
 }
 

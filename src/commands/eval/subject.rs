@@ -12,6 +12,7 @@ use udc::eval::{self, EvalConfig, Evaluation, FolderPairs, Label, Method, Sample
 use udc::network::Model;
 
 use super::super::Session;
+use super::Pictures;
 
 /// Inputs that have been opened and found to fit together.
 pub(super) enum Subject {
@@ -79,45 +80,67 @@ impl Subject {
         models.iter().filter(|(_, model)| foreign(model)).map(warn).collect()
     }
 
-    pub(super) fn measure(&self, config: &EvalConfig, session: &Session) -> Result<Evaluation> {
+    /// Measures every image; pictures are kept of the models' only.
+    pub(super) fn measure(
+        &self,
+        config: &EvalConfig,
+        pictures: &Pictures,
+        session: &Session,
+    ) -> Result<Evaluation> {
         match self {
             Self::Models { dataset, models, triplets } => {
-                measure_models(config, session, dataset, models, triplets)
+                let run = ModelRun { dataset, models, pictures, session };
+                run.measure(config, triplets)
             }
             Self::Folders { name, pairs, domain } => measure_folders(config, session, name, pairs, *domain),
         }
     }
 }
 
-fn measure_models(
-    config: &EvalConfig,
-    session: &Session,
-    dataset: &Dataset,
-    models: &[(String, Model)],
-    triplets: &[Triplet],
-) -> Result<Evaluation> {
-    let curve = dataset.formation.curve()?;
-    let bar = session.progress.bar(triplets.len() as u64, "triplets");
-    let restore = |triplet: &Triplet| {
-        session.progress.check()?;
-        let degraded = curve.tone_map(&dataset.read_degraded(triplet)?);
+/// Models that restore the images of a dataset.
+struct ModelRun<'a> {
+    dataset: &'a Dataset,
+    models: &'a [(String, Model)],
+    pictures: &'a Pictures,
+    session: &'a Session,
+}
+
+impl ModelRun<'_> {
+    fn measure(&self, config: &EvalConfig, triplets: &[Triplet]) -> Result<Evaluation> {
+        let curve = self.dataset.formation.curve()?;
+        let bar = self.session.progress.bar(triplets.len() as u64, "triplets");
+        let mut methods = vec![Method { name: "degraded".to_owned(), baseline: true }];
+        let restored = self.models.iter().map(|(name, _)| Method { name: name.clone(), baseline: false });
+        methods.extend(restored);
+        let named = methods.clone();
+        let samples = triplets.iter().enumerate().map(|(index, triplet)| {
+            let label = Label { id: triplet.id.clone(), kernel: Some(triplet.kernel.clone()) };
+            let scene = format!("{}_{}", triplet.id, triplet.kernel);
+            let sample = self.restore(triplet, curve).and_then(|sample| {
+                self.pictures.keep((index, triplets.len()), &scene, &named, &sample)?;
+                Ok(sample)
+            });
+            bar.inc(1);
+            (label, sample)
+        });
+        let evaluation = eval::measure(config, methods, samples)
+            .with_context(|| format!("measuring on {}", self.dataset.root.display()))?;
+        bar.finish_and_clear();
+        Ok(evaluation)
+    }
+
+    fn restore(&self, triplet: &Triplet, curve: ToneCurve) -> error::Result<Sample> {
+        self.session.progress.check()?;
+        let degraded = curve.tone_map(&self.dataset.read_degraded(triplet)?);
+        let ground_truth = curve.tone_map(&self.dataset.read_ground_truth(triplet)?);
         let mut images = vec![degraded.clone()];
-        for (_, model) in models {
+        for (_, model) in self.models {
             let uses_code = model.architecture().condition.uses_code();
-            let code = uses_code.then(|| dataset.code(triplet)).transpose()?;
+            let code = uses_code.then(|| self.dataset.code(triplet)).transpose()?;
             images.push(model.restore(&degraded, code.as_ref())?);
         }
-        bar.inc(1);
-        Ok(Sample { ground_truth: curve.tone_map(&dataset.read_ground_truth(triplet)?), images })
-    };
-    let label = |triplet: &Triplet| Label { id: triplet.id.clone(), kernel: Some(triplet.kernel.clone()) };
-    let mut methods = vec![Method { name: "degraded".to_owned(), baseline: true }];
-    methods.extend(models.iter().map(|(name, _)| Method { name: name.clone(), baseline: false }));
-    let samples = triplets.iter().map(|triplet| (label(triplet), restore(triplet)));
-    let evaluation = eval::measure(config, methods, samples)
-        .with_context(|| format!("measuring on {}", dataset.root.display()))?;
-    bar.finish_and_clear();
-    Ok(evaluation)
+        Ok(Sample { ground_truth, images })
+    }
 }
 
 fn measure_folders(

@@ -104,9 +104,8 @@ impl Kernel for OutputRows<'_> {
         let edge = scratch.take(side * edge_row);
         for row in 0..output.len() / row_len {
             let top = ((first + row) * stride).cast_signed() - (side / 2).cast_signed();
-            let rows: [Option<&[f32]>; 3] = std::array::from_fn(|k| {
-                if k < side { input.row(top + k.cast_signed()) } else { None }
-            });
+            let rows: [Option<&[f32]>; 3] =
+                std::array::from_fn(|k| if k < side { input.row(top + k.cast_signed()) } else { None });
             let at = row * row_len;
             let mut line = Line { weights, rows, width, edge, edge_row, output, at };
             // SAFETY: `rows` are whole rows of the input, `output` holds one output row from `at`, and the

@@ -130,7 +130,11 @@ impl Kernel for FilterRows<'_> {
                     // SAFETY: the view has room for whole register tiles, the outputs too.
                     unsafe {
                         let vectors = filter.vectors;
-                        with_register_tile!(S, vectors, add_tap(simd, filter, tap, tile.pixels, &view, outputs));
+                        with_register_tile!(
+                            S,
+                            vectors,
+                            add_tap(simd, filter, tap, tile.pixels, &view, outputs)
+                        );
                     }
                 }
                 let to = &mut output[first * filter.channels..][..tile.pixels * filter.channels];
@@ -270,10 +274,9 @@ impl<'a> TileInputs<'a> {
         let width = features.row_len() / channels;
         let whole = tile.pixels.next_multiple_of(MOST_ROWS);
         let condition = condition.nearest_row(tile.row.cast_signed());
-        let feature_row = |dy: usize| features.nearest_row((tile.row + dy).cast_signed() - half.cast_signed());
-        let is_inside = tile.first >= half
-            && tile.first + whole + half <= width
-            && filter.padded == channels;
+        let feature_row =
+            |dy: usize| features.nearest_row((tile.row + dy).cast_signed() - half.cast_signed());
+        let is_inside = tile.first >= half && tile.first + whole + half <= width && filter.padded == channels;
         if is_inside {
             let mut rows = [&[][..]; MOST_TAPS];
             (0..filter.size).for_each(|dy| rows[dy] = feature_row(dy));
@@ -319,7 +322,9 @@ mod tests {
     #[test]
     fn agrees_with_the_equation_for_every_size() {
         for isa in Isa::available() {
-            for (size, channels) in [(3, 1), (5, 4), (5, 5), (7, 8), (5, 16), (9, 20), (5, 32), (3, 64), (3, 128)] {
+            for (size, channels) in
+                [(3, 1), (5, 4), (5, 5), (7, 8), (5, 16), (9, 20), (5, 32), (3, 64), (3, 128)]
+            {
                 for (height, width) in [(1, 1), (3, 2), (5, 61), (6, 110)] {
                     if height * width * channels > 20_000 {
                         continue;

@@ -59,9 +59,7 @@ impl Plan<'_> {
     fn compute(&self, step: usize, rows: Range<usize>, output: &mut [f32], windows: &[AlignedBuffer]) {
         let step = &self.network.steps[step];
         let row_len = self.row_len(step.output);
-        let view = |t: Tensor| {
-            Rows::window(windows[t.0].as_slice(), self.windows[t.0], self.height_of(t))
-        };
+        let view = |t: Tensor| Rows::window(windows[t.0].as_slice(), self.windows[t.0], self.height_of(t));
         match &step.operation {
             Operation::Convolution { convolution, input, slope, add } => {
                 let factor = convolution.factor();
@@ -73,7 +71,12 @@ impl Plan<'_> {
                 };
                 let block = |Block { first, rows, output }| {
                     let len = rows * factor * row_len;
-                    RowBlock { input: view(*input), first, output: &mut { output }[..len], finish: finish(first, len) }
+                    RowBlock {
+                        input: view(*input),
+                        first,
+                        output: &mut { output }[..len],
+                        finish: finish(first, len),
+                    }
                 };
                 convolution.compute(blocks.into_iter().map(block).collect(), self.width_of(*input));
             }
@@ -169,7 +172,8 @@ mod tests {
         let refined = network.res_block(fine, first, second, 0.2);
         let filtered = network.dynamic_filter(fine, refined, layers.filter());
         let coarse = network.convolution(refined, layers.convolution(stride_two), 0.2, None);
-        let (first, second) = (layers.convolution(same(2 * CHANNELS)), layers.convolution(same(2 * CHANNELS)));
+        let (first, second) =
+            (layers.convolution(same(2 * CHANNELS)), layers.convolution(same(2 * CHANNELS)));
         let coarse = network.res_block(coarse, first, second, 0.2);
         let fine = network.convolution(coarse, layers.up(), 0.2, Some(filtered));
         let last = layers.convolution(Geometry::three_by_three(CHANNELS, 3));

@@ -72,7 +72,12 @@ impl<'a> Objective<'a> {
 
     /// Half the curvature of J along `direction`, whose blur is `blurred`, where the saturated pixels that are
     /// explained at `predicted` stay so.
-    pub(super) fn curvature(&self, direction: &Array2<f32>, blurred: &Array2<f32>, predicted: &Array2<f32>) -> f64 {
+    pub(super) fn curvature(
+        &self,
+        direction: &Array2<f32>,
+        blurred: &Array2<f32>,
+        predicted: &Array2<f32>,
+    ) -> f64 {
         let mut counted = blurred.clone();
         Zip::from(&mut counted).and(predicted).and(self.capture).par_for_each(|d, &p, &y| {
             if y >= self.saturation && p >= y {

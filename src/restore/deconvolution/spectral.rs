@@ -23,8 +23,7 @@ impl Spectral {
         let convolver = Convolver::new(size, psf_size, Boundary::Periodic)?;
         let otf = convolver.kernel_spectrum(psf)?;
         let stencil = arr2(&[[0.0, -1.0, 0.0], [-1.0, 4.0, -1.0], [0.0, -1.0, 0.0]]);
-        let laplacian =
-            Convolver::new(size, [3, 3], Boundary::Periodic)?.kernel_spectrum(stencil.view())?;
+        let laplacian = Convolver::new(size, [3, 3], Boundary::Periodic)?.kernel_spectrum(stencil.view())?;
         Ok(Self { convolver, otf, laplacian })
     }
 

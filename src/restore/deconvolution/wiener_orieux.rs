@@ -120,12 +120,7 @@ fn draw_precision(shape: f64, norm: f64, rng: &mut rng::Rng) -> Result<f64> {
 }
 
 /// Draws a scene x | γ and takes the norms of it; every column of the spectrum has random numbers of its own.
-fn sample_norms(
-    spectral: &Spectral,
-    data: &[Complex32],
-    precisions: [f64; 2],
-    label: &str,
-) -> Norms {
+fn sample_norms(spectral: &Spectral, data: &[Complex32], precisions: [f64; 2], label: &str) -> Norms {
     let height = spectral.height();
     let columns: Vec<Norms> = data
         .par_chunks(height)

@@ -92,8 +92,7 @@ fn stops_before_noise_is_amplified() {
 fn estimates_noise_and_its_absence() {
     let clean = capture(&scene(100.0));
     let blur = Blur::new([SIZE, SIZE], panel_psf().view()).unwrap();
-    let estimate =
-        |capture: &Array2<f32>| noise::estimate(capture.view(), blur.otf(), blur.grid()[1], 0.25);
+    let estimate = |capture: &Array2<f32>| noise::estimate(capture.view(), blur.otf(), blur.grid()[1], 0.25);
     assert_eq!(estimate(&clean), 0.0);
     let mut rng = rng::stream(6, "capture");
     let noisy = clean.mapv(|v| {
