@@ -4,18 +4,9 @@ use ndarray::{Array3, s};
 
 use super::tiles::Restorer;
 use crate::core::error::{Error, Result};
-use crate::core::image::ToneMappedImage;
+use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::core::kernel_code::KernelCode;
 use crate::network::Model;
-
-/// Bytes a pixel and feature that the operations keep at once at most.
-const BYTES_PER_FEATURE: u64 = 128;
-
-/// Copies of the weights: the model's own and those laid out for the operations.
-const WEIGHT_COPIES: u64 = 2;
-
-/// What the program takes before it computes.
-const BASE_BYTES: u64 = 64 << 20;
 
 /// What a network is told about the PSF.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,12 +54,10 @@ impl<'a> NetworkRestorer<'a> {
 }
 
 impl Restorer for NetworkRestorer<'_> {
-    /// Measured; see [`BYTES_PER_FEATURE`].
     fn window_bytes(&self, height: usize, width: usize) -> u64 {
-        let architecture = self.model.architecture();
-        let weights = architecture.parameters() * size_of::<f32>() as u64;
-        let pixels = (height * width) as u64;
-        BASE_BYTES + WEIGHT_COPIES * weights + pixels * architecture.features as u64 * BYTES_PER_FEATURE
+        // The window is copied out of the image and restored to another copy.
+        let copies = 2 * (CHANNELS * size_of::<f32>() * height * width) as u64;
+        copies + self.model.working_bytes(height, width)
     }
 
     fn restore(&self, image: &ToneMappedImage, top: usize, left: usize) -> Result<ToneMappedImage> {

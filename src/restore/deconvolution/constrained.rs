@@ -57,8 +57,8 @@ pub(super) fn restore(
     config: &DeconvolutionConfig,
 ) -> Result<Array2<f32>> {
     let blur = Blur::new([capture.nrows(), capture.ncols()], psf)?;
-    let level = saturation::level(config.tone.x_max);
-    let alpha = config.tone.alpha;
+    let level = saturation::level(config.saturation);
+    let alpha = config.alpha;
     let sigma = noise::estimate(capture, blur.otf(), blur.grid()[1], alpha);
     let mut objective = Objective::new(&blur, capture, alpha, level);
     objective.penalise_roughness(roughness(sigma, saturation::any(capture, level)));

@@ -65,8 +65,10 @@ pub struct DeconvolutionConfig {
     pub mask_saturated: bool,
     /// The seed of the random numbers (`wiener-orieux`).
     pub seed: u64,
-    /// α of the tone mapping, for which dark pixels count, and x_max, at which pixels are saturated.
-    pub tone: ToneCurve,
+    /// α of the tone mapping, which says how much dark pixels count (`constrained`).
+    pub alpha: f32,
+    /// The value of a saturated pixel.
+    pub saturation: f32,
 }
 
 impl Default for DeconvolutionConfig {
@@ -78,7 +80,8 @@ impl Default for DeconvolutionConfig {
             iterations: 30,
             mask_saturated: false,
             seed: 0,
-            tone: ToneCurve::default(),
+            alpha: ToneCurve::default().alpha,
+            saturation: ToneCurve::default().x_max,
         }
     }
 }
@@ -90,14 +93,15 @@ impl DeconvolutionConfig {
     }
 
     fn validate(&self) -> Result<()> {
-        if !(self.balance.is_finite() && self.balance > 0.0) {
-            let reason = format!("must be a positive number, found {}", self.balance);
-            return Err(Error::config("balance", reason));
+        for (key, value) in [("balance", self.balance), ("alpha", self.alpha), ("saturation", self.saturation)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(Error::config(key, format!("must be a positive number, found {value}")));
+            }
         }
         if self.iterations == 0 {
             return Err(Error::config("iterations", "must be at least 1"));
         }
-        ToneCurve::new(self.tone.alpha, self.tone.x_max).map(|_| ())
+        Ok(())
     }
 }
 
@@ -152,7 +156,7 @@ fn deconvolve_plane(
     config: &DeconvolutionConfig,
     channel: usize,
 ) -> Result<Array2<f32>> {
-    let saturation = saturation::level(config.tone.x_max);
+    let saturation = saturation::level(config.saturation);
     match config.method {
         Method::Wiener => wiener::restore(plane, psf, config),
         Method::WienerOrieux => wiener_orieux::restore(plane, psf, config, channel),

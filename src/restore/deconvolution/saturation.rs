@@ -2,16 +2,16 @@
 
 use ndarray::{Array2, ArrayView2, Zip};
 
-/// The part of x_max from which on a pixel counts as saturated: below it by more than rounding to half
-/// floats (2⁻¹¹) or to 10 bits moves a value.
+/// The part of the saturation from which on a pixel counts as saturated: below it by more than rounding to
+/// half floats (2⁻¹¹) moves a value.
 const SATURATED_PART: f32 = 0.999;
 
 /// Rounds of filling in: the change of the last one is below a percent of the first's.
 pub(super) const FILL_ROUNDS: usize = 5;
 
-/// The value from which on a pixel is saturated.
-pub(super) fn level(x_max: f32) -> f32 {
-    x_max * SATURATED_PART
+/// The value from which on a pixel is taken for saturated.
+pub(super) fn level(saturation: f32) -> f32 {
+    saturation * SATURATED_PART
 }
 
 /// Whether any pixel is saturated.

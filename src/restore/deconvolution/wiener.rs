@@ -20,7 +20,7 @@ pub(super) fn restore(
     let spectral = Spectral::new([plane.nrows(), plane.ncols()], psf, config.border)?;
     let filter = spectral.wiener_filter(1.0, config.balance);
     let plane = if config.mask_saturated {
-        fill_saturated(plane, &spectral, &filter, saturation::level(config.tone.x_max))
+        fill_saturated(plane, &spectral, &filter, saturation::level(config.saturation))
     } else {
         plane.to_owned()
     };

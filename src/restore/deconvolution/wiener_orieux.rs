@@ -50,7 +50,7 @@ pub(super) fn restore(
     let spectral = Spectral::new([plane.nrows(), plane.ncols()], psf, config.border)?;
     let plane = if config.mask_saturated {
         let filter = spectral.wiener_filter(1.0, FILL_BALANCE);
-        wiener::fill_saturated(plane, &spectral, &filter, saturation::level(config.tone.x_max))
+        wiener::fill_saturated(plane, &spectral, &filter, saturation::level(config.saturation))
     } else {
         plane.to_owned()
     };

@@ -1,0 +1,113 @@
+//! Finds the kernel code that a network is told, from whatever the user knows about the PSF.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result, bail};
+use clap::Args;
+use ndarray::{Array1, Axis};
+
+use udc::codes::{interpolate_code, project};
+use udc::core::io::{bank_sha256, read_array, read_bank, read_psf};
+use udc::core::kernel_code::KernelCode;
+use udc::network::Model;
+use udc::restore::Conditioning;
+
+use crate::commands::Session;
+
+#[derive(Args, Debug)]
+pub(super) struct CodeArgs {
+    /// Kernel bank that the model was trained with (.safetensors)
+    #[arg(long, value_name = "BANK", conflicts_with = "method")]
+    bank: Option<PathBuf>,
+    /// Rotation of the panel in degrees, counter-clockwise; between those of the bank, codes are interpolated
+    #[arg(long, value_name = "DEGREES", requires = "bank", conflicts_with_all = ["psf", "code"])]
+    #[arg(allow_negative_numbers = true)]
+    angle: Option<f64>,
+    /// Kernel code itself (.npy)
+    #[arg(long, value_name = "CODE", conflicts_with_all = ["bank", "psf", "method"])]
+    code: Option<PathBuf>,
+    /// Measured PSF: what a deconvolution inverts, or what --bank turns into a code
+    #[arg(long, value_name = "PSF", required_unless_present = "model")]
+    pub(super) psf: Option<PathBuf>,
+}
+
+impl CodeArgs {
+    /// The code for `model`, with warnings about banks that do not belong to it.
+    pub(super) fn resolve(&self, model: &Model, session: &Session) -> Result<Conditioning> {
+        if !model.architecture().condition.uses_code() {
+            if self.bank.is_some() || self.code.is_some() || self.psf.is_some() {
+                session.warn("the model was trained without kernel codes; --bank, --angle, --code and --psf change nothing");
+            }
+            return Ok(Conditioning::None);
+        }
+        let code = match (&self.code, &self.bank, self.angle, &self.psf) {
+            (Some(code), ..) => read_code(code)?,
+            (None, Some(bank), Some(angle), _) => {
+                check_bank(bank, model, session)?;
+                interpolate_code(&read_bank(bank)?, angle)
+                    .with_context(|| format!("finding the code of {angle}° in {}", bank.display()))?
+            }
+            (None, Some(bank), None, Some(psf)) => {
+                check_bank(bank, model, session)?;
+                projected(bank, psf, session)?
+            }
+            (None, Some(_), None, None) => {
+                bail!("--bank holds a code for every angle: add --angle A, or --psf PSF for a measured panel")
+            }
+            (None, None, _, Some(_)) => {
+                bail!("the model needs the code of the PSF: add --bank BANK, the bank it was trained with")
+            }
+            (None, None, _, None) => bail!(
+                "the model needs a kernel code of {} numbers: add --bank BANK with --angle A or --psf PSF, or \
+                 --code CODE.npy",
+                model.architecture().code_dim
+            ),
+        };
+        Ok(Conditioning::Code(code))
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "codes are computed in f32")]
+fn read_code(path: &Path) -> Result<KernelCode> {
+    let array = read_array(path)?;
+    if array.ndim() != 1 || array.is_empty() {
+        bail!("{} has shape {:?}; a kernel code has one axis, [b]", path.display(), array.shape());
+    }
+    let values = array.lanes(Axis(0)).into_iter().flatten().map(|&v| v as f32);
+    Ok(Array1::from_iter(values))
+}
+
+fn projected(bank: &Path, psf: &Path, session: &Session) -> Result<KernelCode> {
+    let kernels = read_bank(bank)?;
+    let projection = project(&kernels, &read_psf(psf)?)
+        .with_context(|| format!("projecting {} onto {}", psf.display(), bank.display()))?;
+    session.detail(format_args!(
+        "{} is nearest to {}, {:.3} % outside of the bank",
+        psf.display(),
+        kernels.kernel_name(projection.nearest),
+        100.0 * projection.residual_l2
+    ));
+    if !projection.fits() {
+        session.warn(format_args!(
+            "{:.2} % of {} lies outside of what {} can describe ({:.2} % is its own spread): the model may \
+             restore badly; train one with a bank of this PSF",
+            100.0 * projection.residual_l2,
+            psf.display(),
+            bank.display(),
+            100.0 * projection.limit_l2
+        ));
+    }
+    Ok(projection.code)
+}
+
+fn check_bank(bank: &Path, model: &Model, session: &Session) -> Result<()> {
+    let Some(expected) = &model.origin().kernel_bank_sha256 else { return Ok(()) };
+    if bank_sha256(bank)? != *expected {
+        session.warn(format_args!(
+            "{} is not the bank that the model was trained with (SHA-256 {}…): its codes may mean something else",
+            bank.display(),
+            expected.get(..12).unwrap_or(expected)
+        ));
+    }
+    Ok(())
+}
