@@ -37,10 +37,7 @@ impl Pictures {
 
     fn write(&self, scene: &str, what: &str, image: &ToneMappedImage) -> Result<()> {
         let path = self.folder.join(format!("{scene}.{what}.png"));
-        io::write_image(
-            &path,
-            &image.map_values(|value| value.clamp(0.0, 1.0)),
-            &WriteOptions { overwrite: true, ..WriteOptions::default() },
-        )
+        let shown: ToneMappedImage = image.map_values(|value| value.clamp(0.0, 1.0));
+        io::write_image(&path, &shown, &WriteOptions { overwrite: true, ..WriteOptions::default() })
     }
 }
