@@ -1,6 +1,7 @@
 //! `udc codes`.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
@@ -72,6 +73,7 @@ impl CodesArgs {
             );
         }
         let psfs: Vec<Psf> = paths.iter().map(|path| io::read_psf(path)).collect::<Result<_, _>>()?;
+        let started = Instant::now();
         let bank = match &psfs[..] {
             [psf] => {
                 let angles = self.angles.clone().map_or_else(|| codes::parse_angles(ANGLES), |a| Ok(a.0))?;
@@ -80,6 +82,7 @@ impl CodesArgs {
             }
             _ => codes::make_bank(psfs, None, self.dim).context("making codes of the set")?,
         };
+        session.detail(format_args!("{} kernels and codes: {:.2?}", bank.len(), started.elapsed()));
         if let Some(folder) = &self.npy {
             let name = output.file_stem().unwrap_or_default().to_string_lossy();
             io::write_published_bank(folder, &name, &bank, session.overwrite)?;

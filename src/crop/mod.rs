@@ -3,6 +3,7 @@
 mod panorama;
 mod view;
 
+use panorama::Footprint;
 pub use panorama::Panorama;
 pub use view::{View, spread_views};
 
@@ -42,8 +43,8 @@ pub fn crop(panorama: &Panorama, view: &View) -> LinearImage {
 
 fn area_mean(panorama: &Panorama, camera: &Camera, y: f64, x: f64) -> [f32; CHANNELS] {
     let direction = camera.direction(y, x);
-    let columns = Subsamples::across(panorama.texels_moved(direction, camera.step_right()));
-    let rows = Subsamples::across(panorama.texels_moved(direction, camera.step_down()));
+    let columns = Subsamples::across(panorama.footprint(direction, camera.step_right()));
+    let rows = Subsamples::across(panorama.footprint(direction, camera.step_down()));
     let mut sum = [0f64; CHANNELS];
     for dy in rows.offsets() {
         for dx in columns.offsets() {
@@ -65,7 +66,7 @@ struct Subsamples {
 }
 
 impl Subsamples {
-    /// Chooses the subsamples of a pixel that spans `texels` panorama pixels.
+    /// Chooses the subsamples of a pixel for its footprint along one axis.
     ///
     /// # Equation
     /// A pixel's area is a box of variance f²/12 for a span of f texels. Bilinear interpolation brings a blur
@@ -73,15 +74,20 @@ impl Subsamples {
     /// the whole box would soften the view visibly. So n points at a distance s are laid out with the
     /// variance `s²·(n²−1)/12 = (f² − g)/12`, with g = 1 up to f = 1.3, falling to 0 at f = 2.3, from where
     /// on the mean is the plain one over the area.
+    ///
+    /// Towards a pole texels crowd together along the rows only, and a footprint is stretched that way along
+    /// both axes of the pixel: n follows the geometric mean of f and of its value on the horizon, so that the
+    /// number of subsamples follows the footprint's area.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped before the cast")]
-    fn across(texels: f64) -> Self {
+    fn across(footprint: Footprint) -> Self {
         // A footprint over a pole is infinite; any value that asks for the most subsamples serves.
-        let texels = texels.min(1e4);
+        let texels = footprint.texels.min(1e4);
         let variance = (texels * texels - (2.3 - texels).clamp(0.0, 1.0)).max(0.0);
         if variance < 1e-9 {
             return Self { count: 1, spacing: 0.0 };
         }
-        let wanted = (SUBSAMPLES_PER_TEXEL * (variance + 1.0).sqrt()).ceil();
+        let span = (texels * footprint.texels_at_horizon.min(texels)).sqrt();
+        let wanted = (SUBSAMPLES_PER_TEXEL * span.hypot(1.0)).ceil();
         let count = (wanted as usize).clamp(2, MOST_SUBSAMPLES);
         Self { count, spacing: (variance / (count * count - 1) as f64).sqrt() / texels }
     }
@@ -96,17 +102,21 @@ impl Subsamples {
 mod tests {
     use super::*;
 
+    fn level(texels: f64) -> Subsamples {
+        Subsamples::across(Footprint { texels, texels_at_horizon: texels })
+    }
+
     #[test]
     fn interpolates_only_where_the_panorama_is_coarser_than_the_view() {
         for texels in [0.0, 0.3, 1.0] {
-            assert_eq!(Subsamples::across(texels).count, 1, "{texels}");
+            assert_eq!(level(texels).count, 1, "{texels}");
         }
     }
 
     #[test]
     fn covers_the_area_of_a_pixel() {
         for texels in [2.3f64, 3.26, 7.0, 1e6, f64::INFINITY] {
-            let subsamples = Subsamples::across(texels);
+            let subsamples = level(texels);
             let offsets: Vec<f64> = subsamples.offsets().collect();
             let variance = offsets.iter().map(|o| o * o).sum::<f64>() / offsets.len() as f64;
             assert!((variance - 1.0 / 12.0).abs() < 1e-12, "{texels}: {variance}");
@@ -115,5 +125,12 @@ mod tests {
                 assert!(subsamples.spacing * texels < 1.0, "{texels}: texels fall between subsamples");
             }
         }
+    }
+
+    /// Four times the texels for each pixel near a pole: four times the subsamples on both axes together.
+    #[test]
+    fn spends_subsamples_by_the_area_of_the_footprint() {
+        let stretched = Subsamples::across(Footprint { texels: 40.0, texels_at_horizon: 10.0 });
+        assert_eq!((level(10.0).count, stretched.count), (16, 31));
     }
 }

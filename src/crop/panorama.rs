@@ -57,23 +57,32 @@ impl Panorama {
         light
     }
 
-    /// How many panorama pixels (by distance on its grid) a ray crosses when it changes by `change`, to first
-    /// order; infinite at a pole.
-    pub(super) fn texels_moved(&self, direction: Direction, change: Direction) -> f64 {
+    /// The footprint of a ray that changes by `change`, to first order.
+    pub(super) fn footprint(&self, direction: Direction, change: Direction) -> Footprint {
         let [x, y, z] = direction;
         let [cx, cy, cz] = change;
         let across_squared = x * x + z * z;
         if across_squared == 0.0 {
-            return f64::INFINITY;
+            return Footprint { texels: f64::INFINITY, texels_at_horizon: f64::INFINITY };
         }
         let across = across_squared.sqrt();
         let d_across = (x * cx + z * cz) / across;
         let d_longitude = (z * cx - x * cz) / across_squared;
         let d_latitude = (across * cy - y * d_across) / (across_squared + y * y);
-        let columns = d_longitude / TAU * self.image.width() as f64;
-        let rows = d_latitude / PI * self.image.height() as f64;
-        columns.hypot(rows)
+        let texels_per_radian = self.image.height() as f64 / PI;
+        let texels = d_longitude.hypot(d_latitude) * texels_per_radian;
+        let angle = (d_longitude * across / (across_squared + y * y).sqrt()).hypot(d_latitude);
+        Footprint { texels, texels_at_horizon: angle * texels_per_radian }
     }
+}
+
+/// How far the ray of a pixel moves on a panorama from one pixel to the next.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Footprint {
+    /// Distance on the panorama's grid; grows without bound towards a pole.
+    pub(super) texels: f64,
+    /// What the distance would be for the same angle on the horizon, where texels are square.
+    pub(super) texels_at_horizon: f64,
 }
 
 /// The whole number at or below a position, and how far the position is past it.
@@ -148,11 +157,13 @@ mod tests {
         let panorama = numbered();
         let step = 1e-3;
         // On the horizon one radian is 8/2π pixels; at latitude 60° longitudes are twice as dense.
-        let level = panorama.texels_moved([0.0, 0.0, 1.0], [step, 0.0, 0.0]);
-        assert!((level - step * 8.0 / TAU).abs() < 1e-12);
-        let high = panorama.texels_moved(towards(0.0, 60.0), [step, 0.0, 0.0]);
-        assert!((high - 2.0 * level).abs() < 1e-12);
-        assert_eq!(panorama.texels_moved([0.0, 1.0, 0.0], [step, 0.0, 0.0]), f64::INFINITY);
+        let level = panorama.footprint([0.0, 0.0, 1.0], [step, 0.0, 0.0]);
+        assert!((level.texels - step * 8.0 / TAU).abs() < 1e-12);
+        assert!((level.texels_at_horizon - level.texels).abs() < 1e-12);
+        let high = panorama.footprint(towards(0.0, 60.0), [step, 0.0, 0.0]);
+        assert!((high.texels - 2.0 * level.texels).abs() < 1e-12);
+        assert!((high.texels_at_horizon - level.texels).abs() < 1e-12);
+        assert_eq!(panorama.footprint([0.0, 1.0, 0.0], [step, 0.0, 0.0]).texels, f64::INFINITY);
     }
 
     #[test]
