@@ -1,5 +1,7 @@
 //! `udc train`.
 
+mod source;
+
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
@@ -7,10 +9,13 @@ use clap::Args;
 
 use udc::core::dataset::{Dataset, Split};
 use udc::core::error::Error;
+use udc::core::image::LinearImage;
 use udc::core::io;
+use udc::core::rng::Rng;
 use udc::network::{Backend, Parameters, weights};
-use udc::train::{self, Job, Outcome, Start, StoredData, TrainConfig, TrainingData};
+use udc::train::{self, Job, OnTheFlyData, Outcome, Start, StoredData, TrainConfig, TrainingData};
 
+use self::source::Source;
 use super::Session;
 
 /// Train a restoration network
@@ -18,14 +23,18 @@ use super::Session;
 #[command(after_help = "Examples:
   udc train configs/discnet.toml --data dataset -o run
   udc train configs/discnet.toml --data dataset -o small --set architecture.features=8 --set data.crop=64
-  udc train --data dataset -o run --resume")]
+  udc train --data dataset -o run --resume
+  udc train configs/discnet.toml --data views --bank bank.safetensors --set data.degradation=on-the-fly -o run")]
 pub(crate) struct TrainArgs {
     /// Configuration (with --resume: the run's own if left out)
     #[arg(required_unless_present = "resume")]
     config: Option<PathBuf>,
-    /// Dataset of `udc synth`, or the published one
+    /// Dataset of `udc synth`, or the published one; or clean images, with --bank
     #[arg(long, value_name = "DATASET")]
     data: PathBuf,
+    /// Kernel bank that degrades a folder of clean images (with data.degradation = "on-the-fly")
+    #[arg(long, value_name = "BANK")]
+    bank: Option<PathBuf>,
     /// Folder for log, checkpoints and model
     #[arg(short, long, value_name = "RUN")]
     output: PathBuf,
@@ -47,20 +56,35 @@ impl TrainArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let config = self.read_config()?;
         let start = self.start(&config, session)?;
-        let dataset = Dataset::open(&self.data).context("opening the dataset")?;
-        check_codes(&config, &dataset)?;
-        let data = StoredData::new(&dataset, Split::Train, config.data.cache_mib)?;
-        let validation = validation_data(&dataset, session);
+        let source = Source::open(&self.data, self.bank.as_deref(), &config)?;
+        check_codes(&config, source.code_dim())?;
+        let validation = source.dataset().and_then(validation_data);
+        if validation.is_none() {
+            session.warn("there is no val or test split; the training is not validated");
+        }
         session.detail(format!("{} parameters", config.architecture.parameters()));
-        let job = Job {
-            config: &config,
-            data: &data,
-            validation: validation.as_ref().map(|data| data as &dyn TrainingData),
-            kernel_bank_sha256: dataset.config.as_ref().map(|config| config.bank_sha256.clone()),
-            backend: self.backend,
-            progress: &session.progress,
+        let train = |data: &dyn TrainingData| {
+            let validation = validation.as_ref().map(|data| data as &dyn TrainingData);
+            let (kernel_bank_sha256, progress) = (source.bank_sha256(), &session.progress);
+            let job = Job {
+                config: &config,
+                data,
+                validation,
+                kernel_bank_sha256,
+                backend: self.backend,
+                progress,
+            };
+            job.run(&self.output, start)
         };
-        let outcome = job.run(&self.output, start)?;
+        let cache = config.data.cache_mib;
+        let outcome = match &source {
+            Source::Stored(dataset) => train(&StoredData::new(dataset, Split::Train, cache)?)?,
+            Source::OnTheFly(live, _) => {
+                let degrade =
+                    |scene: &LinearImage, kernel: usize, rng: &mut Rng| live.degrade(scene, kernel, rng);
+                train(&OnTheFlyData::new(live.scenes.clone(), &live.bank, live.curve, &degrade, cache))?
+            }
+        };
         report(&outcome, &self.output, session)
     }
 
@@ -95,11 +119,11 @@ fn read_initial(path: &Path, config: &TrainConfig) -> Result<Parameters> {
     Ok(initial.parameters)
 }
 
-fn check_codes(config: &TrainConfig, dataset: &Dataset) -> Result<(), Error> {
-    let (needed, found) = (config.architecture.code_dim, dataset.code_dim());
+fn check_codes(config: &TrainConfig, found: usize) -> Result<(), Error> {
+    let needed = config.architecture.code_dim;
     if config.architecture.condition.uses_code() && needed != found {
         let reason = format!(
-            "is {needed}, and the dataset's kernels have codes of {found} numbers; set it to {found}, or \
+            "is {needed}, and the kernels have codes of {found} numbers; set it to {found}, or \
              architecture.condition to image"
         );
         return Err(Error::config("architecture.code-dim", reason));
@@ -108,13 +132,9 @@ fn check_codes(config: &TrainConfig, dataset: &Dataset) -> Result<(), Error> {
 }
 
 /// The first split there is that training does not learn from.
-fn validation_data<'a>(dataset: &'a Dataset, session: &Session) -> Option<StoredData<'a>> {
+fn validation_data(dataset: &Dataset) -> Option<StoredData<'_>> {
     let open = |split| StoredData::new(dataset, split, 0).ok();
-    let data = open(Split::Val).or_else(|| open(Split::Test));
-    if data.is_none() {
-        session.warn("the dataset has no val or test split; the training is not validated");
-    }
-    data
+    open(Split::Val).or_else(|| open(Split::Test))
 }
 
 fn report(outcome: &Outcome, folder: &Path, session: &Session) -> Result<()> {

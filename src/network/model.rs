@@ -137,3 +137,45 @@ impl Model {
         Ok(map)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::{Initialisation, Parameters};
+    use ndarray::Array3;
+
+    fn model(condition: super::super::Condition) -> Model {
+        let architecture = Architecture { features: 2, condition, ..Architecture::default() };
+        let parameters = Parameters::random(&architecture, Initialisation::Released, 3);
+        Model::new(&Weights { architecture, parameters, origin: Origin::default() }, Backend::default())
+    }
+
+    fn image(height: usize, width: usize) -> ToneMappedImage {
+        let planes = Array3::from_shape_fn((3, height, width), |(c, y, x)| (c + 2 * y + 3 * x) as f32 / 99.0);
+        ToneMappedImage::from_planes(planes).unwrap()
+    }
+
+    #[test]
+    fn images_of_any_size_keep_it() {
+        let (model, code) = (model(super::super::Condition::ImagePsf), KernelCode::from_elem(5, 0.5));
+        for (height, width) in [(1, 1), (2, 9), (4, 8), (13, 6)] {
+            let restored = model.restore(&image(height, width), Some(&code)).unwrap();
+            assert_eq!((restored.height(), restored.width()), (height, width));
+        }
+    }
+
+    #[test]
+    fn networks_that_need_no_code_do_not_look_at_one() {
+        let (model, code) = (model(super::super::Condition::Image), KernelCode::from_elem(2, 0.5));
+        let image = image(6, 7);
+        assert_eq!(model.restore(&image, Some(&code)).unwrap(), model.restore(&image, None).unwrap());
+    }
+
+    #[test]
+    fn a_map_of_other_sides_than_the_image_is_refused() {
+        let model = model(super::super::Condition::Psf);
+        let message =
+            model.restore_with_map(&image(6, 7), &Array3::zeros((5, 6, 6))).unwrap_err().to_string();
+        assert!(message.contains("expected 6 × 7"), "{message}");
+    }
+}

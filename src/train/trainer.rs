@@ -237,3 +237,93 @@ impl ModuleVisitor for Collect {
             .map(|gradient| gradient.try_into_vec_as::<f32>().expect("gradients are 32-bit floats"));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::{Architecture, Initialisation};
+    use crate::train::InMemory;
+    use ndarray::{Array1, Array3};
+
+    fn config(batch: usize, accumulate: usize) -> TrainConfig {
+        let mut config = TrainConfig::default();
+        config.architecture = Architecture { features: 2, filter_size: 3, ..config.architecture };
+        (config.data.batch, config.data.accumulate, config.data.crop) = (batch, accumulate, 12);
+        config
+    }
+
+    fn data() -> InMemory {
+        let image = |phase: f32| {
+            let value = |(c, y, x): (usize, usize, usize)| {
+                0.5 + 0.5 * ((c + 3 * y) as f32 * 0.31 + x as f32 * 0.17 + phase).sin()
+            };
+            ToneMappedImage::from_planes(Array3::from_shape_fn((3, 14, 15), value)).unwrap()
+        };
+        let patch = |i: usize| Patch {
+            degraded: image(i as f32 + 0.4),
+            ground_truth: image(i as f32),
+            code: Some(Array1::from_elem(5, i as f32 * 0.1)),
+        };
+        InMemory((0..4).map(patch).collect())
+    }
+
+    fn trained(config: &TrainConfig, steps: usize) -> (Trainer, Vec<Step>) {
+        let mut trainer = Trainer::new(config, None, 4, Backend::default()).unwrap();
+        let steps = (0..steps).map(|_| trainer.step(&data()).unwrap()).collect();
+        (trainer, steps)
+    }
+
+    /// Both average the same four gradients; sums of f32 in another order.
+    #[test]
+    fn accumulated_batches_equal_one_large_batch() {
+        let (_, large) = trained(&config(4, 1), 2);
+        let (_, parts) = trained(&config(1, 4), 2);
+        for (large, parts) in large.iter().zip(&parts) {
+            assert!((large.loss / parts.loss - 1.0).abs() < 1e-5, "{large:?} {parts:?}");
+            assert!((large.gradient_norm / parts.gradient_norm - 1.0).abs() < 1e-4, "{large:?} {parts:?}");
+        }
+    }
+
+    #[test]
+    fn a_step_goes_down_its_gradient() {
+        let mut config = config(4, 1);
+        (config.optimizer.learning_rate, config.data.shuffle) = (1e-3, false);
+        let (_, steps) = trained(&config, 12);
+        assert!(steps[11].loss < 0.9 * steps[0].loss, "{steps:?}");
+    }
+
+    #[test]
+    fn the_running_mean_is_what_is_saved() {
+        let mut config = config(1, 1);
+        config.optimizer.ema_decay = 0.5;
+        let (trainer, _) = trained(&config, 1);
+        let before = Parameters::random(&config.architecture, config.initialisation, config.seed);
+        let after = trainer.state.parameters.iter().zip(trainer.weights().iter()).zip(before.iter());
+        for ((last, mean), first) in after {
+            for ((last, mean), first) in last.values.iter().zip(&mean.values).zip(&first.values) {
+                assert!((mean - 0.5 * (last + first)).abs() < 1e-7);
+            }
+        }
+    }
+
+    #[test]
+    fn a_loss_that_is_not_finite_stops_the_training_and_changes_nothing() {
+        let config = config(1, 1);
+        let mut initial = Parameters::random(&config.architecture, Initialisation::Paper, 1);
+        initial.iter_mut().for_each(|p| p.values.iter_mut().for_each(|v| *v *= 1e20));
+        let mut trainer = Trainer::new(&config, Some(initial.clone()), 4, Backend::default()).unwrap();
+        let message = trainer.step(&data()).unwrap_err().to_string();
+        assert!(message.contains("diverged") && message.contains("iteration 1"), "{message}");
+        assert_eq!((trainer.iteration(), trainer.weights()), (0, &initial));
+    }
+
+    #[test]
+    fn data_without_items_or_with_other_codes_are_refused() {
+        assert!(Trainer::new(&config(1, 1), None, 0, Backend::default()).is_err());
+        let mut config = config(1, 1);
+        config.architecture.code_dim = 3;
+        let mut trainer = Trainer::new(&config, None, 4, Backend::default()).unwrap();
+        let message = trainer.step(&data()).unwrap_err().to_string();
+        assert!(message.contains("expected 3 numbers") && message.contains("found 5"), "{message}");
+    }
+}

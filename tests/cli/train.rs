@@ -216,6 +216,44 @@ fn begins_with_the_weights_of_a_model() {
 }
 
 #[test]
+fn degrades_on_the_fly_from_a_dataset_or_from_views_and_a_bank() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let live = ["--set", "data.degradation=on-the-fly", "--set", "iterations=3"];
+    train(folder, "of-dataset", &live);
+    let (model, log) = result(folder, "of-dataset");
+    assert_eq!(losses(&log).len(), 3);
+    train(folder, "again", &[&live[..], &["--threads", "1"]].concat());
+    assert!((model, log) == result(folder, "again"), "the bytes differ");
+    let views = ["train", "config.toml", "--data", "dataset/gt", "-o", "of-views"];
+    let bank = ["--bank", "dataset/kernels.safetensors"];
+    succeed(folder, &[&views[..], &bank, &live].concat());
+    let message = fail(folder, &[&views[..], &bank].concat(), 1);
+    assert!(message.contains("data.degradation"), "{message}");
+    let message = fail(folder, &views, 1);
+    assert!(message.contains("is no dataset"), "{message}");
+}
+
+#[test]
+fn a_model_can_be_described_and_a_checkpoint_converted() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let checkpoint = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/discnet/5.pth");
+    let checkpoint = checkpoint.to_str().expect("the path is text");
+    let said = succeed(folder, &["convert", checkpoint, "model.safetensors"]);
+    assert!(said.contains("image+psf") && said.contains("55137"), "{said}");
+    assert_eq!(Model::load(&folder.join("model.safetensors")).unwrap().architecture().filter_size, 3);
+    let said = succeed(folder, &["info", "model.safetensors"]);
+    assert!(said.contains("features      4") && said.contains("filter-size   3"), "{said}");
+    let said = succeed(folder, &["info", "--json", checkpoint]);
+    let description: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(description["architecture"]["condition"], "image+psf");
+    fs::write(folder.join("other.pth"), "no checkpoint").unwrap();
+    assert!(fail(folder, &["info", "other.pth"], 1).contains("not a PyTorch checkpoint"));
+}
+
+#[test]
 fn refuses_to_mix_runs() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();

@@ -1,0 +1,149 @@
+//! Where `udc train` learns from: a dataset's files, or clean images degraded as they are drawn.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use anyhow::{Context as _, Result, bail};
+use rand::Rng as _;
+
+use udc::core::dataset::{CONFIG_FILE, Dataset, FormationConfig, Split};
+use udc::core::error::Result as CoreResult;
+use udc::core::fft::{Convolver, Otf};
+use udc::core::image::LinearImage;
+use udc::core::io;
+use udc::core::kernel_code::KernelBank;
+use udc::core::rng::Rng;
+use udc::core::tone::ToneCurve;
+use udc::synth::Formation;
+use udc::train::{Degradation, TrainConfig};
+
+/// Everything that samples are made of, opened once.
+pub(super) enum Source {
+    /// A dataset whose degraded images are read.
+    Stored(Dataset),
+    /// Clean images that are degraded as they are drawn, with the dataset that they are of, if any.
+    OnTheFly(Box<OnTheFly>, Option<Dataset>),
+}
+
+/// Clean images, kernels, and the model of image formation.
+pub(super) struct OnTheFly {
+    pub(super) scenes: Vec<PathBuf>,
+    pub(super) bank: KernelBank,
+    /// φ∘C.
+    pub(super) curve: ToneCurve,
+    bank_sha256: String,
+    formation: Formation,
+    plans: Mutex<BTreeMap<[usize; 2], Arc<Plan>>>,
+}
+
+/// The transforms for one size of scene.
+struct Plan {
+    convolver: Convolver,
+    otfs: Vec<Otf>,
+}
+
+impl Source {
+    /// Opens `data` as the configuration asks; `bank` degrades a folder of clean images.
+    pub(super) fn open(data: &Path, bank: Option<&Path>, config: &TrainConfig) -> Result<Self> {
+        let on_the_fly = config.data.degradation == Degradation::OnTheFly;
+        match bank {
+            Some(_) if !on_the_fly || data.join(CONFIG_FILE).is_file() => bail!(
+                "--bank goes with a folder of clean images and data.degradation = \"on-the-fly\"; a dataset has a \
+                 bank of its own"
+            ),
+            Some(bank) => Ok(Self::OnTheFly(OnTheFly::of_views(data, bank, config.seed)?.into(), None)),
+            None => {
+                let dataset = Dataset::open(data).context("opening the dataset")?;
+                Ok(if on_the_fly {
+                    Self::OnTheFly(OnTheFly::of_dataset(&dataset, config.seed)?.into(), Some(dataset))
+                } else {
+                    Self::Stored(dataset)
+                })
+            }
+        }
+    }
+
+    /// The dataset, unless a folder of clean images was named.
+    pub(super) fn dataset(&self) -> Option<&Dataset> {
+        match self {
+            Self::Stored(dataset) => Some(dataset),
+            Self::OnTheFly(_, dataset) => dataset.as_ref(),
+        }
+    }
+
+    /// Length of the kernel codes; 0 without any.
+    pub(super) fn code_dim(&self) -> usize {
+        match self {
+            Self::Stored(dataset) => dataset.code_dim(),
+            Self::OnTheFly(live, _) => live.bank.code_dim(),
+        }
+    }
+
+    /// Identity of the kernel bank, where there is one.
+    pub(super) fn bank_sha256(&self) -> Option<String> {
+        match self {
+            Self::Stored(dataset) => dataset.config.as_ref().map(|config| config.bank_sha256.clone()),
+            Self::OnTheFly(live, _) => Some(live.bank_sha256.clone()),
+        }
+    }
+}
+
+impl OnTheFly {
+    fn of_views(folder: &Path, bank: &Path, seed: u64) -> Result<Self> {
+        let scenes = io::expand_inputs(&[folder.to_owned()])?;
+        let config = FormationConfig::default();
+        Self::new(scenes, (io::read_bank(bank)?, io::bank_sha256(bank)?), config, seed)
+    }
+
+    fn of_dataset(dataset: &Dataset, seed: u64) -> Result<Self> {
+        let (Some(bank), Some(config)) = (dataset.bank.clone(), &dataset.config) else {
+            bail!(
+                "{} has kernel codes and no PSFs, so that nothing can be degraded on the fly; train with \
+                 data.degradation = \"stored\"",
+                dataset.root.display()
+            );
+        };
+        let mut scenes: Vec<PathBuf> =
+            dataset.split(Split::Train)?.iter().map(|triplet| dataset.root.join(&triplet.gt)).collect();
+        scenes.dedup();
+        Self::new(scenes, (bank, config.bank_sha256.clone()), dataset.formation.clone(), seed)
+    }
+
+    fn new(
+        scenes: Vec<PathBuf>,
+        (bank, bank_sha256): (KernelBank, String),
+        config: FormationConfig,
+        seed: u64,
+    ) -> Result<Self> {
+        let curve = config.curve()?;
+        let formation = Formation::new(config, seed)?;
+        Ok(Self { scenes, bank, curve, bank_sha256, formation, plans: Mutex::new(BTreeMap::new()) })
+    }
+
+    /// Degrades a clean image by a kernel; the noise is drawn anew every time.
+    pub(super) fn degrade(
+        &self,
+        scene: &LinearImage,
+        kernel: usize,
+        rng: &mut Rng,
+    ) -> CoreResult<LinearImage> {
+        let plan = self.plan([scene.height(), scene.width()])?;
+        let spectrum = plan.convolver.spectrum(&self.formation.scene(scene))?;
+        let irradiance = plan.convolver.convolve(&spectrum, &plan.otfs[kernel]);
+        self.formation.record(irradiance, &format!("on-the-fly/{:016x}", rng.next_u64()))
+    }
+
+    fn plan(&self, scene: [usize; 2]) -> CoreResult<Arc<Plan>> {
+        let mut plans = self.plans.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(plan) = plans.get(&scene) {
+            return Ok(Arc::clone(plan));
+        }
+        let psf = &self.bank.psfs[0];
+        let convolver = self.formation.convolver(scene, [psf.height(), psf.width()])?;
+        let otfs = self.bank.psfs.iter().map(|psf| convolver.otf(psf)).collect::<CoreResult<_>>()?;
+        let plan = Arc::new(Plan { convolver, otfs });
+        plans.insert(scene, Arc::clone(&plan));
+        Ok(plan)
+    }
+}
