@@ -14,7 +14,8 @@ use crate::core::error::{Error, Result};
 use crate::core::io::{self, LineLog};
 use crate::core::psf::hex;
 
-use super::scenes::Shard;
+use super::run::Synthesis;
+use super::scenes::{Scene, Shard};
 
 /// What to do about what is in the folder already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,8 +32,10 @@ pub enum Existing {
 #[derive(Debug)]
 pub(super) struct DatasetFolder {
     root: PathBuf,
+    list: PathBuf,
     log: LineLog,
-    finished: BTreeMap<String, BTreeSet<String>>,
+    /// Scenes and kernels.
+    finished: BTreeSet<(String, String)>,
 }
 
 impl DatasetFolder {
@@ -41,29 +44,23 @@ impl DatasetFolder {
     /// # Errors
     /// [`Error::Config`] when the folder holds a dataset and `existing` does not allow for it, or one made
     /// otherwise; [`Error::Io`] when the folder cannot be written.
-    pub(super) fn prepare(
-        root: &Path,
-        config: &DatasetConfig,
-        bank: &[u8],
-        shard: Shard,
-        existing: Existing,
-    ) -> Result<Self> {
+    pub(super) fn prepare(root: &Path, synthesis: &Synthesis, existing: Existing) -> Result<Self> {
+        let Synthesis { config, bank_bytes, scenes, shard, .. } = synthesis;
+        let shard = *shard;
         let list = root.join(TripletFiles::name(shard.index, shard.count));
         check_existing(root, config, &list, shard, existing)?;
         io::create_folder(root)?;
         if existing == Existing::Overwrite {
             remove_lists(root, shard)?;
         }
-        describe(root, config, bank, existing == Existing::Overwrite)?;
-        let triplets = if existing == Existing::Resume { finished_triplets(root, &list)? } else { Vec::new() };
-        // A run that was killed may have left half a line behind: the list is written anew.
-        let text: String = triplets.iter().map(|triplet| to_line(triplet) + "\n").collect();
-        io::write_atomically(&list, true, |file| file.write_all(text.as_bytes()))?;
-        let mut finished: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
-        for triplet in triplets {
-            finished.entry(triplet.id).or_default().insert(triplet.kernel);
+        describe(root, config, bank_bytes, existing == Existing::Overwrite)?;
+        let log = LineLog::open(&list)?;
+        let mut folder = Self { root: root.to_owned(), list, log, finished: BTreeSet::new() };
+        match existing {
+            Existing::Resume => folder.resume(scenes)?,
+            Existing::Refuse | Existing::Overwrite => folder.restart_list(&[])?,
         }
-        Ok(Self { root: root.to_owned(), log: LineLog::open(&list)?, finished })
+        Ok(folder)
     }
 
     pub(super) fn root(&self) -> &Path {
@@ -76,9 +73,34 @@ impl DatasetFolder {
         kernels.iter().try_for_each(|name| io::create_folder(&self.root.join("degraded").join(name)))
     }
 
+    /// Takes finished triplets up again; their scenes may have been divided anew since.
+    fn resume(&mut self, scenes: &[Scene]) -> Result<()> {
+        let by_id: BTreeMap<&str, &Scene> = scenes.iter().map(|scene| (scene.id.as_str(), scene)).collect();
+        let mut triplets = finished_triplets(&self.root, &self.list)?;
+        for triplet in &mut triplets {
+            if let Some(scene) = by_id.get(triplet.id.as_str()) {
+                triplet.split = scene.split;
+                triplet.source = scene.source.clone();
+            }
+        }
+        // A run that was killed may have left half a line behind: the list is written anew.
+        self.restart_list(&triplets)?;
+        for triplet in triplets {
+            self.finished.insert((triplet.id, triplet.kernel));
+        }
+        Ok(())
+    }
+
+    fn restart_list(&mut self, triplets: &[Triplet]) -> Result<()> {
+        let text: String = triplets.iter().map(|triplet| to_line(triplet) + "\n").collect();
+        io::write_atomically(&self.list, true, |file| file.write_all(text.as_bytes()))?;
+        self.log = LineLog::open(&self.list)?;
+        Ok(())
+    }
+
     /// Whether the triplet of a scene and a kernel is there and intact.
     pub(super) fn is_finished(&self, id: &str, kernel: &str) -> bool {
-        self.finished.get(id).is_some_and(|kernels| kernels.contains(kernel))
+        self.finished.contains(&(id.to_owned(), kernel.to_owned()))
     }
 
     /// Lists triplets as finished.

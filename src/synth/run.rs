@@ -101,7 +101,7 @@ impl Synthesis {
     ) -> Result<()> {
         let names: Vec<_> = (0..self.bank.len()).map(|index| self.bank.kernel_name(index)).collect();
         let formation = self.formation()?;
-        let folder = DatasetFolder::prepare(root, &self.config, &self.bank_bytes, self.shard, existing)?;
+        let folder = DatasetFolder::prepare(root, self, existing)?;
         folder.create_image_folders(&names)?;
         let bar = progress.bar((self.scenes.len() * names.len()) as u64, "images");
         let mut run = Run { synthesis: self, formation, folder, names, kernels: None };

@@ -53,7 +53,9 @@ struct Made {
 impl<'a> Run<'a> {
     /// The kernels that a scene has yet to be seen through.
     pub(super) fn unfinished(&self, scene: &Scene) -> Vec<usize> {
-        (0..self.names.len()).filter(|&index| !self.folder.is_finished(&scene.id, &self.names[index])).collect()
+        (0..self.names.len())
+            .filter(|&index| !self.folder.is_finished(&scene.id, &self.names[index]))
+            .collect()
     }
 
     /// Makes the images of a scene for the kernels `todo`, telling `on_images` how many more are done.

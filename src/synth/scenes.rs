@@ -1,6 +1,7 @@
 //! Lists the scenes of a dataset and divides them by source: no panorama is in two splits.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -30,6 +31,15 @@ pub enum Division {
     TestFraction(f64),
     /// All scenes are for one use.
     All(Split),
+}
+
+impl fmt::Display for Division {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TestFraction(fraction) => write!(f, "test-fraction {fraction}"),
+            Self::All(split) => write!(f, "all {}", split.name()),
+        }
+    }
 }
 
 /// One of several runs that make a dataset together.
@@ -204,8 +214,7 @@ mod tests {
     #[test]
     fn shards_share_the_scenes_out() {
         let all = scenes(5, Division::All(Split::Train), 0);
-        let parts: Vec<_> =
-            (0..4).flat_map(|index| Shard { index, count: 4 }.choose(all.clone())).collect();
+        let parts: Vec<_> = (0..4).flat_map(|index| Shard { index, count: 4 }.choose(all.clone())).collect();
         assert_eq!(parts.len(), all.len());
         assert!(all.iter().all(|scene| parts.contains(scene)));
     }
@@ -218,8 +227,7 @@ mod tests {
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
             std::fs::write(path, b"").unwrap();
         }
-        let message =
-            list_scenes(paths, Division::TestFraction(0.1), 0).unwrap_err().to_string();
+        let message = list_scenes(paths, Division::TestFraction(0.1), 0).unwrap_err().to_string();
         assert!(message.contains("both named x"), "{message}");
     }
 }

@@ -88,6 +88,11 @@ impl Convolver {
         CHANNELS * self.transform.spectrum_len() * size_of::<Complex64>()
     }
 
+    /// Bytes that stand between the two passes of the transform of one plane.
+    pub fn intermediate_bytes(&self) -> usize {
+        self.rows.extended * (self.columns.transform / 2 + 1) * size_of::<Complex64>()
+    }
+
     /// Transforms a PSF.
     ///
     /// # Errors
