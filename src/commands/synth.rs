@@ -1,16 +1,134 @@
 //! `udc synth`.
 
-use anyhow::Result;
+mod options;
+
+use std::path::PathBuf;
+
+use anyhow::{Context as _, Result};
 use clap::Args;
+use sha2::{Digest, Sha256};
+
+use udc::core::dataset::{BANK_FILE, DatasetConfig, FORMAT, Split, VERSION};
+use udc::core::io;
+use udc::core::psf::hex;
+use udc::restore::tiles::{format_bytes, parse_bytes};
+use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, list_scenes};
 
 use super::Session;
+use options::{FormationArgs, KernelArgs, SplitName, StorageArgs};
 
 /// Synthesise degraded images of clean scenes by the image formation model
+///
+/// Every scene is convolved with every kernel, noise is added, and the sum is clipped: C(x∗k + n) of the paper's
+/// Eq. 1. Images are stored linear; training and evaluation apply the tone mapping. Scenes of one panorama
+/// (named <panorama>_<nn>, as `udc crop` does) are never divided between training and testing.
 #[derive(Args, Debug)]
-pub(crate) struct SynthArgs {}
+#[command(after_help = "Examples:\n  udc synth views/ --bank bank.safetensors -o dataset\n  \
+    udc synth views/ --bank bank.safetensors --noise sensor:configs/sensor/phone-10bit.toml -o noisy\n  \
+    udc synth views/ --psf psf.exr --split test -o one-kernel\n  \
+    udc synth views/ --bank bank.safetensors -o dataset --shard 2/8 --resume")]
+pub(crate) struct SynthArgs {
+    /// Clean linear scenes: files, folders or patterns
+    #[arg(required = true, value_name = "GT")]
+    scenes: Vec<PathBuf>,
+    #[command(flatten)]
+    kernels: KernelArgs,
+    /// Folder for the dataset
+    #[arg(short, long, value_name = "DATASET")]
+    output: PathBuf,
+    #[command(flatten)]
+    formation: FormationArgs,
+    #[command(flatten)]
+    storage: StorageArgs,
+    /// Seed of the noise and of the division into training and testing
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    seed: u64,
+    /// Share of the panoramas that is kept for testing
+    #[arg(long, value_name = "SHARE", default_value_t = 0.15, conflicts_with = "split")]
+    test_fraction: f64,
+    /// Keep all scenes for one use
+    #[arg(long, value_enum)]
+    split: Option<SplitName>,
+    /// Make only the I-th of N parts; all parts may be made at the same time
+    #[arg(long, value_name = "I/N", default_value = "1/1")]
+    shard: Shard,
+    /// Go on with a dataset that was begun with the same flags; finished images are checked and kept
+    #[arg(long)]
+    resume: bool,
+    /// Memory that may be used
+    #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = parse_bytes)]
+    max_memory: u64,
+}
 
 impl SynthArgs {
-    pub(crate) fn run(self, _session: &Session) -> Result<()> {
-        todo!()
+    pub(crate) fn run(self, session: &Session) -> Result<()> {
+        let synthesis = self.plan()?;
+        let needs = synthesis.needs().context("planning the synthesis")?;
+        let ([height, width], count) = (needs.size, synthesis.scenes.len());
+        session.say(format_args!(
+            "{count} scenes of {height} × {width} through {} kernels: {} images, at most {} on disk and {} of \
+             memory",
+            synthesis.bank.len(),
+            needs.images,
+            format_bytes(needs.disk_bytes),
+            format_bytes(needs.memory.bytes)
+        ))?;
+        self.warn_of_one_source(session, &synthesis);
+        let existing = match (session.overwrite, self.resume) {
+            (true, _) => Existing::Overwrite,
+            (false, true) => Existing::Resume,
+            (false, false) => Existing::Refuse,
+        };
+        let mut made = 0;
+        synthesis
+            .run(&self.output, existing, &session.progress, |scene| {
+                made += scene.made;
+                session.detail(describe(scene));
+            })
+            .with_context(|| format!("synthesising {}", self.output.display()))?;
+        let kept = needs.images - made;
+        let kept = if kept == 0 { String::new() } else { format!(", {kept} were there") };
+        session.say(format_args!("{}: {made} images made{kept}", self.output.display()))
     }
+
+    fn plan(&self) -> Result<Synthesis> {
+        let (bank, bank_bytes) = self.kernels.read()?;
+        let formation = self.formation.resolve();
+        let division = match self.split {
+            Some(split) => Division::All(split.into()),
+            None => Division::TestFraction(self.test_fraction),
+        };
+        let scenes = list_scenes(io::expand_inputs(&self.scenes)?, division, self.seed)?;
+        let config = DatasetConfig {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            program: concat!("udc ", env!("CARGO_PKG_VERSION")).to_owned(),
+            bank: BANK_FILE.to_owned(),
+            bank_sha256: hex(&Sha256::digest(&bank_bytes)),
+            seed: self.seed,
+            division: division.to_string(),
+            image_format: self.storage.format.extension().to_owned(),
+            half: self.storage.half,
+            formation,
+        };
+        let scenes = self.shard.choose(scenes);
+        Ok(Synthesis { config, bank, bank_bytes, scenes, shard: self.shard, max_bytes: self.max_memory })
+    }
+
+    fn warn_of_one_source(&self, session: &Session, synthesis: &Synthesis) {
+        let untested = synthesis.scenes.iter().all(|scene| scene.split == Split::Train);
+        if self.split.is_none() && self.test_fraction > 0.0 && self.shard.count == 1 && untested {
+            session.warn(
+                "all scenes are of one panorama, so there is no test split; add scenes of another one, or name \
+                 files <panorama>_<nn>",
+            );
+        }
+    }
+}
+
+fn describe(scene: &SceneReport) -> String {
+    format!(
+        "{}: {} images of {} × {}, read in {:.0?}, computed in {:.0?}, written in {:.0?} (sums over threads)",
+        scene.id, scene.made, scene.size[0], scene.size[1], scene.reading, scene.computing, scene.writing
+    )
 }

@@ -77,6 +77,18 @@ impl KernelBank {
         Ok(Self { psfs, codes, basis, angles_deg })
     }
 
+    /// Keeps one PSF as a bank of one kernel at 0 degrees. Its code has no numbers: there is nothing to tell
+    /// it from.
+    ///
+    /// # Panics
+    /// Never: the parts fit together.
+    pub fn single(psf: Psf) -> Self {
+        let mean = Array1::from_vec(psf.as_slice().to_vec());
+        let components = Array2::zeros((0, mean.len()));
+        let basis = CodeBasis { mean, components, explained_variance: Array1::zeros(0) };
+        Self::new(vec![psf], Array2::zeros((1, 0)), basis, Some(vec![0.0])).expect("the parts fit together")
+    }
+
     /// Number of kernels, K.
     pub fn len(&self) -> usize {
         self.psfs.len()

@@ -1,7 +1,19 @@
 //! From clean scenes and kernels to degraded ones: the image formation model, Eq. 1.
+//!
+//! [`Formation`] is the model, for one scene and one PSF; [`Synthesis`] makes a dataset folder with it, every
+//! scene through every kernel of a bank.
 
+mod folder;
 mod formation;
+mod kernels;
 mod noise;
+mod run;
+mod scene_run;
+mod scenes;
 
+pub use folder::Existing;
 pub use formation::Formation;
+pub use kernels::MemoryPlan;
 pub use noise::add_noise;
+pub use run::{Needs, SceneReport, Synthesis};
+pub use scenes::{Division, Scene, Shard, list_scenes};

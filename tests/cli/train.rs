@@ -57,7 +57,7 @@ fn prepare(folder: &Path) {
         bank: "kernels.safetensors".to_owned(),
         bank_sha256: io::bank_sha256(&root.join("kernels.safetensors")).expect("the bank is there"),
         seed: 0,
-        test_fraction: 0.25,
+        division: "test-fraction 0.25".to_owned(),
         image_format: "npy".to_owned(),
         half: false,
         formation: FormationConfig::default(),

@@ -28,8 +28,8 @@ pub struct DatasetConfig {
     pub bank_sha256: String,
     /// Seed of the noise and of the split.
     pub seed: u64,
-    /// Share of the sources (panoramas) that are kept for testing.
-    pub test_fraction: f64,
+    /// How the sources (panoramas) were divided: `test-fraction 0.15`, `all train`.
+    pub division: String,
     /// Extension of the images: `exr` or `npy`.
     pub image_format: String,
     /// Whether the images are stored as half floats.

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use ndarray::{Array3, ArrayView2, ArrayView3};
 use rayon::prelude::*;
-use rustfft::num_complex::Complex32;
+use rustfft::num_complex::Complex64;
 
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, LinearImage};
@@ -24,11 +24,12 @@ use super::transform::{Transform, Window};
 /// larger than the image.
 ///
 /// # Accuracy
-/// f32 transforms: the error of a pixel is about 2⁻²⁴ · √log₂(samples) of the root mean square of the image.
+/// Transforms are 64-bit, so that a result is correct to the rounding of f32 even where a dark pixel stands
+/// beside highlights that are 10⁶ times as bright.
 pub struct Convolver {
-    pub(super) rows: AxisGeometry,
-    pub(super) columns: AxisGeometry,
-    pub(super) transform: Transform,
+    rows: AxisGeometry,
+    columns: AxisGeometry,
+    transform: Transform,
     boundary: Boundary,
 }
 
@@ -47,7 +48,7 @@ pub struct Spectrum {
 /// Half spectra of three channels, each `[kx][ky]` with kx in `0..=width / 2`.
 #[derive(Clone, Debug)]
 struct HalfSpectra {
-    channels: [Vec<Complex32>; CHANNELS],
+    channels: [Vec<Complex64>; CHANNELS],
 }
 
 impl Convolver {
@@ -84,7 +85,12 @@ impl Convolver {
 
     /// Bytes of one [`Otf`] or [`Spectrum`].
     pub fn spectrum_bytes(&self) -> usize {
-        CHANNELS * self.transform.spectrum_len() * size_of::<Complex32>()
+        CHANNELS * self.transform.spectrum_len() * size_of::<Complex64>()
+    }
+
+    /// Bytes that stand between the two passes of the transform of one plane.
+    pub fn intermediate_bytes(&self) -> usize {
+        self.rows.extended * (self.columns.transform / 2 + 1) * size_of::<Complex64>()
     }
 
     /// Transforms a PSF.
@@ -127,7 +133,7 @@ impl Convolver {
                 self.transform.forward(&[0..self.rows.extended], |row, samples| {
                     let source = plane.row(self.rows.source(row));
                     for (sample, &x) in samples.iter_mut().zip(&sources) {
-                        *sample = source[x];
+                        *sample = f64::from(source[x]);
                     }
                 })
             }),
@@ -161,7 +167,7 @@ impl Convolver {
         &self,
         image: &Spectrum,
         otf: &Otf,
-        response: impl Fn(Complex32, Complex32) -> Complex32 + Sync,
+        response: impl Fn(Complex64, Complex64) -> Complex64 + Sync,
     ) -> Array3<f32> {
         let mut out = Array3::zeros((CHANNELS, self.rows.scene, self.columns.scene));
         let slice = out.as_slice_mut().expect("new arrays are contiguous");
@@ -185,10 +191,10 @@ impl Convolver {
             let plane = planes.index_axis(ndarray::Axis(0), channel);
             let spectrum = self.transform.forward(&[top..top + height], |row, samples| {
                 for (sample, value) in samples[left..left + width].iter_mut().zip(plane.row(row - top)) {
-                    *sample = *value;
+                    *sample = f64::from(*value);
                 }
             });
-            let response = |x: Complex32, h: Complex32| x * h.conj();
+            let response = |x: Complex64, h: Complex64| x * h.conj();
             let product = self.product(&spectrum, otf.channel(channel), &response);
             self.transform.inverse(product, whole, &mut extended);
             self.transform.reuse(spectrum);
@@ -207,7 +213,7 @@ impl Convolver {
         &self,
         image: &Spectrum,
         otf: &Otf,
-        response: &(impl Fn(Complex32, Complex32) -> Complex32 + Sync),
+        response: &(impl Fn(Complex64, Complex64) -> Complex64 + Sync),
         out: &mut [f32],
     ) {
         let (height, width) = (self.rows.scene, self.columns.scene);
@@ -220,12 +226,12 @@ impl Convolver {
     }
 
     /// The columns of the product of two spectra, for [`Transform::inverse`].
-    pub(super) fn product<'a>(
+    fn product<'a>(
         &self,
-        spectrum: &'a [Complex32],
-        otf: &'a [Complex32],
-        response: &'a (impl Fn(Complex32, Complex32) -> Complex32 + Sync),
-    ) -> impl Fn(usize, &mut [Complex32]) + Sync {
+        spectrum: &'a [Complex64],
+        otf: &'a [Complex64],
+        response: &'a (impl Fn(Complex64, Complex64) -> Complex64 + Sync),
+    ) -> impl Fn(usize, &mut [Complex64]) + Sync {
         let (len, height) = (self.transform.spectrum_len(), self.transform.height());
         assert_eq!((spectrum.len(), otf.len()), (len, len), "spectra belong to this convolver");
         move |kx, column| {
@@ -237,7 +243,7 @@ impl Convolver {
         }
     }
 
-    pub(super) fn transform_kernel(&self, kernel: ArrayView2<'_, f32>) -> Vec<Complex32> {
+    fn transform_kernel(&self, kernel: ArrayView2<'_, f32>) -> Vec<Complex64> {
         let columns = self.columns.kernel_places();
         // A periodic kernel larger than the image wraps onto itself: several samples share a place.
         let mut sources = vec![Vec::new(); self.rows.transform];
@@ -249,14 +255,14 @@ impl Convolver {
             for &source in &sources[row] {
                 let source = kernel.row(source);
                 for &(sample, place) in &columns {
-                    samples[place] += source[sample];
+                    samples[place] += f64::from(source[sample]);
                 }
             }
         })
     }
 
-    fn each_channel(&self, plane: impl Fn(usize) -> Vec<Complex32> + Sync) -> HalfSpectra {
-        let mut channels: [Vec<Complex32>; CHANNELS] = Default::default();
+    fn each_channel(&self, plane: impl Fn(usize) -> Vec<Complex64> + Sync) -> HalfSpectra {
+        let mut channels: [Vec<Complex64>; CHANNELS] = Default::default();
         channels.par_iter_mut().enumerate().for_each(|(channel, out)| *out = plane(channel));
         HalfSpectra { channels }
     }
@@ -276,14 +282,14 @@ impl Convolver {
 
 impl Otf {
     /// The half spectrum of one channel, `[kx][ky]`.
-    pub fn channel(&self, channel: usize) -> &[Complex32] {
+    pub fn channel(&self, channel: usize) -> &[Complex64] {
         &self.planes.channels[channel]
     }
 }
 
 impl Spectrum {
     /// The half spectrum of one channel, `[kx][ky]`.
-    pub fn channel(&self, channel: usize) -> &[Complex32] {
+    pub fn channel(&self, channel: usize) -> &[Complex64] {
         &self.planes.channels[channel]
     }
 }
@@ -300,7 +306,7 @@ fn occupied_ranges(sources: &[Vec<usize>]) -> Vec<Range<usize>> {
     ranges
 }
 
-pub(super) fn require_size(what: &str, expected: [usize; 2], found: [usize; 2]) -> Result<()> {
+fn require_size(what: &str, expected: [usize; 2], found: [usize; 2]) -> Result<()> {
     if expected == found { Ok(()) } else { Err(Error::shape(what, describe(expected), describe(found))) }
 }
 

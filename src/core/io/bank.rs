@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 
 use super::array::write_array;
 use super::atomic::check_output;
-use super::container::{TensorData, floats, le_bytes, metadata_of, write_safetensors};
+use super::container::{TensorData, encode_safetensors, floats, le_bytes, metadata_of, write_safetensors};
 use super::format::read_all;
 use super::{WriteOptions, write_psf};
 use crate::core::error::{Error, Result};
@@ -40,6 +40,19 @@ pub fn write_bank(path: &Path, bank: &KernelBank, overwrite: bool) -> Result<()>
     let tensors = tensors_of(bank);
     let psf_sha256 = hex(&Sha256::digest(le_bytes(&tensors["psfs"].1)));
     write_safetensors(path, &tensors, &metadata_of_bank(bank, psf_sha256), overwrite)
+}
+
+/// The bytes of a kernel bank's file.
+///
+/// # Panics
+/// Never: memory takes all bytes.
+pub fn encode_bank(bank: &KernelBank) -> Vec<u8> {
+    let tensors = tensors_of(bank);
+    let psf_sha256 = hex(&Sha256::digest(le_bytes(&tensors["psfs"].1)));
+    let mut bytes = Vec::new();
+    encode_safetensors(&mut bytes, &tensors, &metadata_of_bank(bank, psf_sha256))
+        .expect("memory takes all bytes");
+    bytes
 }
 
 /// Writes a kernel bank as the published dataset is laid out: `<name>_psf_<i>.npy` `[H, W, 3]` and

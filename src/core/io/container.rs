@@ -5,6 +5,7 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
+use std::io::Write;
 use std::path::Path;
 
 use safetensors::{Dtype, SafeTensors};
@@ -30,15 +31,21 @@ pub fn write_safetensors(
     overwrite: bool,
 ) -> Result<()> {
     check_output(path, overwrite)?;
+    write_atomically(path, overwrite, |file| encode_safetensors(file, tensors, metadata))
+}
+
+pub(super) fn encode_safetensors(
+    file: &mut dyn Write,
+    tensors: &BTreeMap<String, TensorData<'_>>,
+    metadata: &BTreeMap<String, String>,
+) -> std::io::Result<()> {
     let header = header_of(tensors, metadata);
-    write_atomically(path, overwrite, |file| {
-        file.write_all(&(header.len() as u64).to_le_bytes())?;
-        file.write_all(&header)?;
-        for (_, values) in tensors.values() {
-            file.write_all(&le_bytes(values))?;
-        }
-        Ok(())
-    })
+    file.write_all(&(header.len() as u64).to_le_bytes())?;
+    file.write_all(&header)?;
+    for (_, values) in tensors.values() {
+        file.write_all(&le_bytes(values))?;
+    }
+    Ok(())
 }
 
 fn header_of(tensors: &BTreeMap<String, TensorData<'_>>, metadata: &BTreeMap<String, String>) -> Vec<u8> {

@@ -20,6 +20,7 @@ use super::format::{Encoding, Format};
 use super::guard::guarded;
 use super::{DomainTag, Pixels};
 use crate::core::error::{Error, Result};
+use crate::core::provenance::Provenance;
 
 pub(super) use write::encode;
 
@@ -52,6 +53,13 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
             .and_then(|json| serde_json::from_str(&json).ok()),
     };
     Ok((pixels, Encoding { format: Format::Exr, sample_type: sample_type.to_owned() }))
+}
+
+/// The provenance that the header at the start of `bytes` carries, if they are the start of an EXR file.
+pub(super) fn provenance_of_head(bytes: &[u8]) -> Option<Provenance> {
+    let (meta, _) = read_meta(bytes).ok()?;
+    let json = text_attribute(meta.headers.first()?, PROVENANCE_ATTRIBUTE)?;
+    serde_json::from_str(&json).ok()
 }
 
 /// The headers of all parts, and where they end.

@@ -30,7 +30,7 @@ use super::psf::Psf;
 
 pub use array::{read_array, write_array};
 pub use atomic::{check_output, write_atomically};
-pub use bank::{bank_sha256, read_bank, write_bank, write_published_bank};
+pub use bank::{bank_sha256, encode_bank, read_bank, write_bank, write_published_bank};
 pub use container::{TensorData, write_safetensors};
 pub use describe::{
     ArrayDescription, BankDescription, Description, ImageDescription, ModelDescription, PsfChannel,
@@ -43,6 +43,9 @@ pub use plain::{list_folder, read_bytes, read_code, read_text};
 
 /// The largest number of pixels an image may have: 16384 × 16384, four times the largest panorama in use.
 pub const MAX_PIXELS: usize = 1 << 28;
+
+/// Enough for the headers of an image with its provenance.
+const HEAD_BYTES: u64 = 1 << 18;
 
 /// What the numbers of a file mean, where the file says so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -119,6 +122,15 @@ pub fn read_pixels(path: &Path) -> Result<Pixels> {
 pub fn inspect_image(path: &Path) -> Result<(Pixels, Encoding)> {
     let (format, bytes) = format::read_recognised(path)?;
     decode_image(path, &bytes, format)
+}
+
+/// Reads the provenance of an image file without its pixels; formats other than EXR carry none.
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be read. A damaged file has no provenance: reading it says more.
+pub fn read_provenance(path: &Path) -> Result<Option<Provenance>> {
+    let head = plain::read_head(path, HEAD_BYTES)?;
+    Ok(exr::provenance_of_head(&head))
 }
 
 fn decode_image(path: &Path, bytes: &[u8], format: Format) -> Result<(Pixels, Encoding)> {

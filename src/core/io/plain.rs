@@ -1,6 +1,7 @@
 //! Reads the small files beside images: text, folder listings, kernel codes as NumPy vectors.
 
 use std::fs;
+use std::io::Read;
 use std::path::Path;
 
 use super::array::read_array;
@@ -24,6 +25,15 @@ pub fn read_text(path: &Path) -> Result<String> {
 /// [`Error::Io`] when the file cannot be read.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|error| Error::io("read", path, error))
+}
+
+/// Reads the first bytes of a file.
+pub(super) fn read_head(path: &Path, count: u64) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    fs::File::open(path)
+        .and_then(|file| file.take(count).read_to_end(&mut bytes))
+        .map_err(|error| Error::io("read", path, error))?;
+    Ok(bytes)
 }
 
 /// Lists the names in a folder, sorted.

@@ -1,0 +1,130 @@
+//! Keeps the transforms of a bank's PSFs for the size of scenes at hand, as far as memory allows.
+
+use std::borrow::Cow;
+
+use crate::core::error::{Error, Result};
+use crate::core::fft::{Convolver, Otf};
+use crate::core::image::CHANNELS;
+use crate::core::kernel_code::KernelBank;
+
+use super::Formation;
+
+/// How the work on scenes of one size fits into memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MemoryPlan {
+    /// OTFs that are computed once and kept; the others are computed for every scene.
+    pub cached_otfs: usize,
+    /// Degraded images that are made at the same time.
+    pub at_once: usize,
+    /// Bytes that are held at most.
+    pub bytes: u64,
+}
+
+impl MemoryPlan {
+    /// Plans the work on scenes of the convolver's size with K kernels, under `max_bytes`.
+    ///
+    /// Keeping OTFs saves more time than making images at once beyond the number of threads, so memory goes
+    /// first to one image for each thread, then to OTFs, then to further images.
+    ///
+    /// # Errors
+    /// [`Error::Config`] with the memory that is needed, when one image at a time does not fit.
+    pub fn new(convolver: &Convolver, bank: &KernelBank, threads: usize, max_bytes: u64) -> Result<Self> {
+        let kernels = bank.len();
+        let bytes = |cached, at_once| bytes_needed(convolver, bank, cached, at_once);
+        let fits = |cached, at_once| bytes(cached, at_once) <= max_bytes;
+        if !fits(0, 1) {
+            let [height, width] = convolver.image_size();
+            let needed = bytes(0, 1).div_ceil(1 << 20);
+            let reason = format!("scenes of {height} × {width} need {needed} MiB at least");
+            return Err(Error::config("max-memory", reason));
+        }
+        let at_once = (1..=threads.min(kernels)).rev().find(|&n| fits(0, n)).unwrap_or(1);
+        let cached_otfs = (0..=kernels).rev().find(|&n| fits(n, at_once)).unwrap_or(0);
+        let at_once = (at_once..=kernels).rev().find(|&n| fits(cached_otfs, n)).unwrap_or(at_once);
+        Ok(Self { cached_otfs, at_once, bytes: bytes(cached_otfs, at_once) })
+    }
+}
+
+fn bytes_needed(convolver: &Convolver, bank: &KernelBank, cached: usize, at_once: usize) -> u64 {
+    let float = size_of::<f32>();
+    let [height, width] = convolver.image_size();
+    let image = CHANNELS * height * width * float;
+    let spectrum = convolver.spectrum_bytes();
+    let psf = bank.psfs[0].as_slice().len() * float;
+    // PSFs, components and mean.
+    let bank_bytes = psf * (bank.len() + bank.code_dim() + 1);
+    // The scene as it was read and decoded, and its clipped copy.
+    let scene = 3 * image;
+    // The forward transform works on all channels at once.
+    let forward = CHANNELS * convolver.intermediate_bytes();
+    let transient_otf = if cached < bank.len() { spectrum } else { 0 };
+    // The planes, and the file made of them.
+    let each = convolver.intermediate_bytes() + 2 * image + transient_otf;
+    (bank_bytes + scene + spectrum + forward + cached * spectrum + at_once * each) as u64
+}
+
+/// The kernels of a bank, ready for scenes of one size.
+pub(super) struct Kernels<'a> {
+    pub(super) convolver: Convolver,
+    pub(super) plan: MemoryPlan,
+    bank: &'a KernelBank,
+    cached: Vec<Otf>,
+}
+
+impl<'a> Kernels<'a> {
+    pub(super) fn new(
+        formation: &Formation,
+        bank: &'a KernelBank,
+        size: [usize; 2],
+        max_bytes: u64,
+    ) -> Result<Self> {
+        let convolver = formation.convolver(size, [bank.psfs[0].height(), bank.psfs[0].width()])?;
+        let plan = MemoryPlan::new(&convolver, bank, rayon::current_num_threads(), max_bytes)?;
+        let psfs = &bank.psfs[..plan.cached_otfs];
+        let cached = psfs.iter().map(|psf| convolver.otf(psf)).collect::<Result<_>>()?;
+        Ok(Self { convolver, plan, bank, cached })
+    }
+
+    pub(super) fn otf(&self, index: usize) -> Result<Cow<'_, Otf>> {
+        match self.cached.get(index) {
+            Some(otf) => Ok(Cow::Borrowed(otf)),
+            None => Ok(Cow::Owned(self.convolver.otf(&self.bank.psfs[index])?)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::fft::Boundary;
+    use crate::core::kernel_code::CodeBasis;
+    use crate::core::psf::Psf;
+    use ndarray::{Array1, Array2, Array3};
+
+    fn bank(kernels: usize, size: usize) -> KernelBank {
+        let psf = Psf::from_energy(Array3::ones((3, size, size))).unwrap();
+        let values = 3 * size * size;
+        let basis = CodeBasis {
+            mean: Array1::zeros(values),
+            components: Array2::zeros((0, values)),
+            explained_variance: Array1::zeros(0),
+        };
+        KernelBank::new(vec![psf; kernels], Array2::zeros((kernels, 0)), basis, None).unwrap()
+    }
+
+    #[test]
+    fn less_memory_means_fewer_kept_transforms_then_an_error() {
+        let bank = bank(9, 64);
+        let convolver = Convolver::new([100, 100], [64, 64], Boundary::Zero).unwrap();
+        let plan = |max_bytes| MemoryPlan::new(&convolver, &bank, 2, max_bytes);
+        let all = plan(u64::MAX).unwrap();
+        assert_eq!((all.cached_otfs, all.at_once), (9, 9));
+        let less = plan(all.bytes * 2 / 3).unwrap();
+        assert!(less.cached_otfs > 0 && less.cached_otfs < 9 || less.at_once < 9);
+        assert!(less.bytes <= all.bytes * 2 / 3);
+        let least = plan(bytes_needed(&convolver, &bank, 0, 1)).unwrap();
+        assert_eq!((least.cached_otfs, least.at_once), (0, 1));
+        let message = plan(1 << 20).unwrap_err().to_string();
+        assert!(message.contains("max-memory") && message.contains("MiB"), "{message}");
+    }
+}

@@ -1,0 +1,127 @@
+//! Synthesises a dataset: every scene through every kernel, into a folder.
+
+use std::path::Path;
+use std::time::Duration;
+
+use crate::core::dataset::DatasetConfig;
+use crate::core::error::{Error, Result};
+use crate::core::image::{CHANNELS, Linear};
+use crate::core::io;
+use crate::core::kernel_code::KernelBank;
+use crate::core::progress::Progress;
+
+use super::Formation;
+use super::folder::{DatasetFolder, Existing};
+use super::kernels::MemoryPlan;
+use super::scene_run::Run;
+use super::scenes::{Scene, Shard};
+
+/// The size that EXR and NumPy headers stay below.
+const HEADER_BYTES: u64 = 1 << 14;
+
+/// A dataset that is to be made.
+pub struct Synthesis {
+    /// The resolved configuration, as `dataset.toml` will hold it.
+    pub config: DatasetConfig,
+    /// The kernels.
+    pub bank: KernelBank,
+    /// The bank's file.
+    pub bank_bytes: Vec<u8>,
+    /// The scenes of this run.
+    pub scenes: Vec<Scene>,
+    /// Which run of how many this is.
+    pub shard: Shard,
+    /// Memory that may be used.
+    pub max_bytes: u64,
+}
+
+/// What a synthesis will take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Needs {
+    /// Number of degraded images.
+    pub images: usize,
+    /// The first scene's height and width, which the others are assumed to have.
+    pub size: [usize; 2],
+    /// Memory and how it is used.
+    pub memory: MemoryPlan,
+    /// Bytes on disk at most.
+    pub disk_bytes: u64,
+}
+
+/// What happened to one scene.
+#[derive(Clone, Debug)]
+pub struct SceneReport {
+    /// The scene.
+    pub id: String,
+    /// Its height and width.
+    pub size: [usize; 2],
+    /// Images that were made; the others were there.
+    pub made: usize,
+    /// Time to read it and to write its ground truth.
+    pub reading: Duration,
+    /// Time for transforms, noise and clipping, on all threads together.
+    pub computing: Duration,
+    /// Time to encode and write the degraded images, on all threads together.
+    pub writing: Duration,
+}
+
+impl Synthesis {
+    /// Says what the synthesis will take, from the size of the first scene.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when the memory does not suffice; [`Error::Io`] or [`Error::Format`] when the scene
+    /// cannot be read.
+    pub fn needs(&self) -> Result<Needs> {
+        let Some(first) = self.scenes.first() else {
+            return Err(Error::config("scenes", "this shard has none; use fewer shards"));
+        };
+        let first = io::read_image::<Linear>(&first.path)?;
+        let size = [first.height(), first.width()];
+        let psf = &self.bank.psfs[0];
+        let convolver = self.formation()?.convolver(size, [psf.height(), psf.width()])?;
+        let memory = MemoryPlan::new(&convolver, &self.bank, rayon::current_num_threads(), self.max_bytes)?;
+        let sample_bytes = if self.config.half { 2 } else { 4 };
+        let image_bytes = (CHANNELS * size[0] * size[1] * sample_bytes) as u64 + HEADER_BYTES;
+        let images = self.scenes.len() * self.bank.len();
+        let disk_bytes = (images + self.scenes.len()) as u64 * image_bytes + self.bank_bytes.len() as u64;
+        Ok(Needs { images, size, memory, disk_bytes })
+    }
+
+    /// Makes the dataset in the folder `root`, telling `on_scene` of each scene as it is done.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when the folder must not be touched or memory does not suffice; [`Error::Interrupted`]
+    /// after an interrupt, whatever is finished staying; else of reading or writing a file.
+    pub fn run(
+        &self,
+        root: &Path,
+        existing: Existing,
+        progress: &Progress,
+        mut on_scene: impl FnMut(&SceneReport),
+    ) -> Result<()> {
+        let names: Vec<_> = (0..self.bank.len()).map(|index| self.bank.kernel_name(index)).collect();
+        let formation = self.formation()?;
+        let folder = DatasetFolder::prepare(root, self, existing)?;
+        folder.create_image_folders(&names)?;
+        let bar = progress.bar((self.scenes.len() * names.len()) as u64, "images");
+        let mut run = Run { synthesis: self, formation, folder, names, kernels: None };
+        for scene in &self.scenes {
+            let todo = run.unfinished(scene);
+            bar.inc((run.names.len() - todo.len()) as u64);
+            if !todo.is_empty() {
+                progress.check()?;
+                let report = run.make(scene, &todo, |images| {
+                    bar.inc(images as u64);
+                    progress.check()
+                })?;
+                on_scene(&report);
+            }
+        }
+        bar.finish_and_clear();
+        Ok(())
+    }
+
+    fn formation(&self) -> Result<Formation> {
+        Formation::new(self.config.formation.clone(), self.config.seed)
+    }
+}

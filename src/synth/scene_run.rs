@@ -1,0 +1,155 @@
+//! Makes all degraded images of one scene.
+
+use std::time::{Duration, Instant};
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::core::dataset::{FormationConfig, Triplet};
+use crate::core::error::Result;
+use crate::core::fft::Spectrum;
+use crate::core::image::{Linear, LinearImage};
+use crate::core::io::{self, WriteOptions};
+use crate::core::provenance::Provenance;
+
+use super::Formation;
+use super::folder::{DatasetFolder, sha256_of};
+use super::kernels::Kernels;
+use super::run::{SceneReport, Synthesis};
+use super::scenes::Scene;
+
+/// A synthesis at work.
+pub(super) struct Run<'a> {
+    pub(super) synthesis: &'a Synthesis,
+    pub(super) formation: Formation,
+    pub(super) folder: DatasetFolder,
+    /// The kernels' names, in the order of the bank.
+    pub(super) names: Vec<String>,
+    /// The kernels' transforms for scenes of the last size.
+    pub(super) kernels: Option<Kernels<'a>>,
+}
+
+/// What an image's provenance says.
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Origin<'a> {
+    scene: &'a str,
+    /// The key by which `udc crop` names a scene's origin.
+    panorama: &'a str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    kernel: Option<&'a str>,
+    bank_sha256: &'a str,
+    seed: u64,
+    formation: &'a FormationConfig,
+}
+
+/// One degraded image that has been written.
+struct Made {
+    triplet: Triplet,
+    computing: Duration,
+    writing: Duration,
+}
+
+impl<'a> Run<'a> {
+    /// The kernels that a scene has yet to be seen through.
+    pub(super) fn unfinished(&self, scene: &Scene) -> Vec<usize> {
+        (0..self.names.len())
+            .filter(|&index| !self.folder.is_finished(&scene.id, &self.names[index]))
+            .collect()
+    }
+
+    /// Makes the images of a scene for the kernels `todo`, telling `on_images` how many more are done.
+    pub(super) fn make(
+        &mut self,
+        scene: &Scene,
+        todo: &[usize],
+        mut on_images: impl FnMut(usize) -> Result<()>,
+    ) -> Result<SceneReport> {
+        let started = Instant::now();
+        let image = io::read_image::<Linear>(&scene.path)?;
+        let size = [image.height(), image.width()];
+        let kernels = self.take_kernels(size)?;
+        self.write_ground_truth(scene, &image)?;
+        let reading = started.elapsed();
+        let started = Instant::now();
+        let spectrum = kernels.convolver.spectrum(&self.formation.scene(&image))?;
+        let (mut computing, mut writing) = (started.elapsed(), Duration::ZERO);
+        drop(image);
+        for indices in todo.chunks(kernels.plan.at_once) {
+            let made = indices.par_iter().map(|&index| self.degrade(scene, &kernels, &spectrum, index));
+            let made: Vec<Made> = made.collect::<Result<_>>()?;
+            computing += made.iter().map(|made| made.computing).sum::<Duration>();
+            writing += made.iter().map(|made| made.writing).sum::<Duration>();
+            self.folder.record(made.into_iter().map(|made| made.triplet))?;
+            on_images(indices.len())?;
+        }
+        kernels.convolver.reuse(spectrum);
+        self.kernels = Some(kernels);
+        Ok(SceneReport { id: scene.id.clone(), size, made: todo.len(), reading, computing, writing })
+    }
+
+    /// The kernels' transforms for scenes of `size`: those of the last scene where they fit.
+    fn take_kernels(&mut self, size: [usize; 2]) -> Result<Kernels<'a>> {
+        match self.kernels.take() {
+            Some(kernels) if kernels.convolver.image_size() == size => Ok(kernels),
+            _ => Kernels::new(&self.formation, &self.synthesis.bank, size, self.synthesis.max_bytes),
+        }
+    }
+
+    fn write_ground_truth(&self, scene: &Scene, image: &LinearImage) -> Result<()> {
+        let ground_truth = self.formation.ground_truth(image);
+        let path = self.folder.root().join(self.ground_truth_path(scene));
+        io::write_image(&path, &ground_truth, &self.write_options(scene, None))
+    }
+
+    fn degrade(
+        &self,
+        scene: &Scene,
+        kernels: &Kernels<'_>,
+        spectrum: &Spectrum,
+        index: usize,
+    ) -> Result<Made> {
+        let name = &self.names[index];
+        let started = Instant::now();
+        let irradiance = kernels.convolver.convolve(spectrum, &*kernels.otf(index)?);
+        let image = self.formation.record(irradiance, &format!("{}/{name}", scene.id))?;
+        let computing = started.elapsed();
+        let started = Instant::now();
+        let degraded = format!("degraded/{name}/{}.{}", scene.id, self.synthesis.config.image_format);
+        let path = self.folder.root().join(&degraded);
+        io::write_image(&path, &image, &self.write_options(scene, Some(name)))?;
+        let triplet = Triplet {
+            id: scene.id.clone(),
+            split: scene.split,
+            gt: self.ground_truth_path(scene),
+            degraded,
+            kernel: name.clone(),
+            angle_deg: self.synthesis.bank.angles_deg.as_ref().map(|angles| angles[index]),
+            source: scene.source.clone(),
+            sha256: Some(sha256_of(&path)?),
+        };
+        Ok(Made { triplet, computing, writing: started.elapsed() })
+    }
+
+    fn ground_truth_path(&self, scene: &Scene) -> String {
+        format!("gt/{}.{}", scene.id, self.synthesis.config.image_format)
+    }
+
+    /// What is not listed is unfinished, so that a file of its name may be replaced.
+    fn write_options(&self, scene: &Scene, kernel: Option<&str>) -> WriteOptions {
+        let config = &self.synthesis.config;
+        let origin = Origin {
+            scene: &scene.id,
+            panorama: &scene.source,
+            kernel,
+            bank_sha256: &config.bank_sha256,
+            seed: config.seed,
+            formation: &config.formation,
+        };
+        WriteOptions {
+            half: config.half,
+            overwrite: true,
+            provenance: Some(Provenance::new("synth", &origin)),
+        }
+    }
+}

@@ -1,0 +1,233 @@
+//! Lists the scenes of a dataset and divides them by source: no panorama is in two splits.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use sha2::{Digest, Sha256};
+
+use crate::core::dataset::Split;
+use crate::core::error::{Error, Result};
+use crate::core::io;
+
+/// A clean image that a dataset is made of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Scene {
+    /// Its name in the dataset: the file's name without extension.
+    pub id: String,
+    /// The file.
+    pub path: PathBuf,
+    /// What it was cut from: the panorama.
+    pub source: String,
+    /// What it is reserved for.
+    pub split: Split,
+}
+
+/// How the sources are divided.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Division {
+    /// This share of the sources is for testing, at least one of two or more; the rest is for training.
+    TestFraction(f64),
+    /// All scenes are for one use.
+    All(Split),
+}
+
+impl fmt::Display for Division {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TestFraction(fraction) => write!(f, "test-fraction {fraction}"),
+            Self::All(split) => write!(f, "all {}", split.name()),
+        }
+    }
+}
+
+/// One of several runs that make a dataset together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// Which one, from 0.
+    pub index: usize,
+    /// How many there are.
+    pub count: usize,
+}
+
+impl Shard {
+    /// The only run.
+    pub const WHOLE: Self = Self { index: 0, count: 1 };
+
+    /// The scenes that this run is for: every `count`-th, so that sizes and sources are spread.
+    pub fn choose(self, scenes: Vec<Scene>) -> Vec<Scene> {
+        scenes.into_iter().skip(self.index).step_by(self.count).collect()
+    }
+}
+
+impl FromStr for Shard {
+    type Err = Error;
+
+    /// Reads `I/N`, with I from 1 to N.
+    fn from_str(text: &str) -> Result<Self> {
+        let parse = || {
+            let (index, count) = text.split_once('/')?;
+            let (index, count): (usize, usize) = (index.parse().ok()?, count.parse().ok()?);
+            (1..=count).contains(&index).then_some(Self { index: index - 1, count })
+        };
+        parse().ok_or_else(|| Error::config("shard", format!("expected I/N such as 2/8, found `{text}`")))
+    }
+}
+
+/// Names the scenes in `paths`, finds their sources and divides these.
+///
+/// A source is what `udc crop` wrote into the file as its panorama, else the file's name up to its last `_`.
+///
+/// # Errors
+/// [`Error::Config`] when two files have one name or the fraction is not within 0 and 1; [`Error::Io`] when a
+/// file cannot be read.
+pub fn list_scenes(paths: Vec<PathBuf>, division: Division, seed: u64) -> Result<Vec<Scene>> {
+    let mut scenes: BTreeMap<String, Scene> = BTreeMap::new();
+    for path in paths {
+        let id = stem(&path);
+        if let Some(other) = scenes.get(&id) {
+            let reason = format!(
+                "{} and {} are both named {id}; rename one of them",
+                other.path.display(),
+                path.display()
+            );
+            return Err(Error::config("scenes", reason));
+        }
+        let source = source_of(&path, &id)?;
+        scenes.insert(id.clone(), Scene { id, path, source, split: Split::Train });
+    }
+    let mut scenes: Vec<_> = scenes.into_values().collect();
+    divide(&mut scenes, division, seed)?;
+    Ok(scenes)
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn source_of(path: &Path, id: &str) -> Result<String> {
+    let provenance = io::read_provenance(path)?;
+    let panorama = provenance.as_ref().and_then(|provenance| provenance.config.get("panorama")?.as_str());
+    let by_name = || id.rsplit_once('_').map_or(id, |(source, _)| source);
+    Ok(panorama.unwrap_or_else(by_name).to_owned())
+}
+
+fn divide(scenes: &mut [Scene], division: Division, seed: u64) -> Result<()> {
+    let fraction = match division {
+        Division::All(split) => {
+            scenes.iter_mut().for_each(|scene| scene.split = split);
+            return Ok(());
+        }
+        Division::TestFraction(fraction) if (0.0..=1.0).contains(&fraction) => fraction,
+        Division::TestFraction(fraction) => {
+            let reason = format!("must be a share between 0 and 1, found {fraction}");
+            return Err(Error::config("test-fraction", reason));
+        }
+    };
+    let sources: BTreeSet<String> = scenes.iter().map(|scene| scene.source.clone()).collect();
+    let mut ranked: Vec<_> = sources.into_iter().map(|source| (rank(&source, seed), source)).collect();
+    ranked.sort_unstable();
+    let count = test_count(ranked.len(), fraction);
+    let tested: BTreeSet<_> = ranked.into_iter().take(count).map(|(_, source)| source).collect();
+    for scene in scenes {
+        scene.split = if tested.contains(&scene.source) { Split::Test } else { Split::Train };
+    }
+    Ok(())
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of the sources")]
+fn test_count(sources: usize, fraction: f64) -> usize {
+    let wanted = (sources as f64 * fraction).round() as usize;
+    match sources {
+        _ if fraction <= 0.0 => 0,
+        _ if fraction >= 1.0 => sources,
+        0 | 1 => 0,
+        _ => wanted.clamp(1, sources - 1),
+    }
+}
+
+/// A number that depends on the source and the seed only, so that a source's rank among the others stays.
+fn rank(source: &str, seed: u64) -> [u8; 32] {
+    let mut hash = Sha256::new();
+    hash.update(seed.to_le_bytes());
+    hash.update(source.as_bytes());
+    hash.finalize().into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scenes(sources: usize, division: Division, seed: u64) -> Vec<Scene> {
+        let mut scenes: Vec<_> = (0..3 * sources)
+            .map(|i| Scene {
+                id: format!("s{}_{i:02}", i / 3),
+                path: PathBuf::new(),
+                source: format!("s{}", i / 3),
+                split: Split::Val,
+            })
+            .collect();
+        divide(&mut scenes, division, seed).unwrap();
+        scenes
+    }
+
+    fn tested(scenes: &[Scene]) -> BTreeSet<&str> {
+        let tested = scenes.iter().filter(|scene| scene.split == Split::Test);
+        tested.map(|scene| scene.source.as_str()).collect()
+    }
+
+    #[test]
+    fn keeps_every_source_in_one_split() {
+        let scenes = scenes(20, Division::TestFraction(0.15), 4);
+        assert_eq!(tested(&scenes).len(), 3);
+        for scene in &scenes {
+            let expected = if tested(&scenes).contains(&*scene.source) { Split::Test } else { Split::Train };
+            assert_eq!(scene.split, expected);
+        }
+    }
+
+    #[test]
+    fn two_sources_are_enough_for_a_test_split() {
+        assert_eq!(tested(&scenes(2, Division::TestFraction(0.01), 0)).len(), 1);
+        assert_eq!(tested(&scenes(2, Division::TestFraction(0.99), 0)).len(), 1);
+        assert_eq!(tested(&scenes(1, Division::TestFraction(0.5), 0)).len(), 0);
+        assert_eq!(tested(&scenes(5, Division::TestFraction(0.0), 0)).len(), 0);
+        assert_eq!(tested(&scenes(5, Division::All(Split::Test), 0)).len(), 5);
+    }
+
+    #[test]
+    fn the_division_follows_the_seed_and_nothing_else() {
+        let divide = |seed| scenes(20, Division::TestFraction(0.3), seed);
+        assert_eq!(divide(1), divide(1));
+        assert_ne!(tested(&divide(1)), tested(&divide(2)));
+    }
+
+    #[test]
+    fn shards_are_read_from_one() {
+        assert_eq!("2/8".parse::<Shard>().unwrap(), Shard { index: 1, count: 8 });
+        for text in ["0/8", "9/8", "2", "a/b", "1/0"] {
+            assert!(text.parse::<Shard>().is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn shards_share_the_scenes_out() {
+        let all = scenes(5, Division::All(Split::Train), 0);
+        let parts: Vec<_> = (0..4).flat_map(|index| Shard { index, count: 4 }.choose(all.clone())).collect();
+        assert_eq!(parts.len(), all.len());
+        assert!(all.iter().all(|scene| parts.contains(scene)));
+    }
+
+    #[test]
+    fn refuses_two_files_of_one_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let paths: Vec<_> = ["a/x.npy", "b/x.exr"].map(|name| folder.path().join(name)).into();
+        for path in &paths {
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, b"").unwrap();
+        }
+        let message = list_scenes(paths, Division::TestFraction(0.1), 0).unwrap_err().to_string();
+        assert!(message.contains("both named x"), "{message}");
+    }
+}
