@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 use udc::core::dataset::{BANK_FILE, DatasetConfig, FORMAT, Split, VERSION};
 use udc::core::io;
 use udc::core::psf::hex;
-use udc::restore::tiles::{format_bytes, parse_bytes};
+use udc::restore::{format_bytes, parse_bytes};
 use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, list_scenes};
 
 use super::Session;

@@ -27,9 +27,9 @@ use super::transform::{Transform, Window};
 /// Transforms are 64-bit, so that a result is correct to the rounding of f32 even where a dark pixel stands
 /// beside highlights that are 10⁶ times as bright.
 pub struct Convolver {
-    rows: AxisGeometry,
-    columns: AxisGeometry,
-    transform: Transform,
+    pub(super) rows: AxisGeometry,
+    pub(super) columns: AxisGeometry,
+    pub(super) transform: Transform,
     boundary: Boundary,
 }
 
@@ -226,7 +226,7 @@ impl Convolver {
     }
 
     /// The columns of the product of two spectra, for [`Transform::inverse`].
-    fn product<'a>(
+    pub(super) fn product<'a>(
         &self,
         spectrum: &'a [Complex64],
         otf: &'a [Complex64],
@@ -243,7 +243,7 @@ impl Convolver {
         }
     }
 
-    fn transform_kernel(&self, kernel: ArrayView2<'_, f32>) -> Vec<Complex64> {
+    pub(super) fn transform_kernel(&self, kernel: ArrayView2<'_, f32>) -> Vec<Complex64> {
         let columns = self.columns.kernel_places();
         // A periodic kernel larger than the image wraps onto itself: several samples share a place.
         let mut sources = vec![Vec::new(); self.rows.transform];
@@ -306,7 +306,7 @@ fn occupied_ranges(sources: &[Vec<usize>]) -> Vec<Range<usize>> {
     ranges
 }
 
-fn require_size(what: &str, expected: [usize; 2], found: [usize; 2]) -> Result<()> {
+pub(super) fn require_size(what: &str, expected: [usize; 2], found: [usize; 2]) -> Result<()> {
     if expected == found { Ok(()) } else { Err(Error::shape(what, describe(expected), describe(found))) }
 }
 

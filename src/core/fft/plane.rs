@@ -1,7 +1,7 @@
 //! Convolves single planes: what iterative solvers need, one channel at a time and many times over.
 
 use ndarray::{Array2, ArrayView2};
-use rustfft::num_complex::Complex32;
+use rustfft::num_complex::Complex64;
 
 use super::Convolver;
 use super::convolver::require_size;
@@ -9,7 +9,7 @@ use super::transform::Window;
 use crate::core::error::Result;
 
 /// The half spectrum `[kx][ky]` of one plane or of one channel of a kernel, for one [`Convolver`].
-pub type PlaneSpectrum = Vec<Complex32>;
+pub type PlaneSpectrum = Vec<Complex64>;
 
 impl Convolver {
     /// Transforms one channel of a kernel about its centre.
@@ -30,7 +30,7 @@ impl Convolver {
         self.transform.forward(&[0..self.rows.extended], |row, samples| {
             let source = plane.row(self.rows.source(row));
             for (x, sample) in samples[..self.columns.extended].iter_mut().enumerate() {
-                *sample = source[self.columns.source(x)];
+                *sample = f64::from(source[self.columns.source(x)]);
             }
         })
     }
@@ -39,7 +39,7 @@ impl Convolver {
     ///
     /// # Panics
     /// When a spectrum is not of this convolver.
-    pub fn filter_plane(&self, spectrum: &[Complex32], filter: &[Complex32]) -> Array2<f32> {
+    pub fn filter_plane(&self, spectrum: &[Complex64], filter: &[Complex64]) -> Array2<f32> {
         let [height, width] = self.image_size();
         let window = Window { top: self.rows.lead, left: self.columns.lead, height, width };
         self.invert(spectrum, filter, |x, h| x * h, window)
@@ -49,7 +49,7 @@ impl Convolver {
     ///
     /// # Panics
     /// When the plane or the spectrum is not of this convolver.
-    pub fn convolve_plane(&self, plane: ArrayView2<'_, f32>, otf: &[Complex32]) -> Array2<f32> {
+    pub fn convolve_plane(&self, plane: ArrayView2<'_, f32>, otf: &[Complex64]) -> Array2<f32> {
         let spectrum = self.plane_spectrum(plane);
         let convolved = self.filter_plane(&spectrum, otf);
         self.transform.reuse(spectrum);
@@ -60,13 +60,13 @@ impl Convolver {
     ///
     /// # Panics
     /// When the plane or the spectrum is not of this convolver.
-    pub fn correlate_plane(&self, plane: ArrayView2<'_, f32>, otf: &[Complex32]) -> Array2<f32> {
+    pub fn correlate_plane(&self, plane: ArrayView2<'_, f32>, otf: &[Complex64]) -> Array2<f32> {
         let [height, width] = self.image_size();
         assert_eq!(plane.shape(), [height, width], "the plane has the images' size");
         let (top, left) = (self.rows.lead, self.columns.lead);
         let spectrum = self.transform.forward(&[top..top + height], |row, samples| {
             for (sample, value) in samples[left..left + width].iter_mut().zip(plane.row(row - top)) {
-                *sample = *value;
+                *sample = f64::from(*value);
             }
         });
         let whole = Window { top: 0, left: 0, height: self.rows.extended, width: self.columns.extended };
@@ -85,9 +85,9 @@ impl Convolver {
 
     fn invert(
         &self,
-        spectrum: &[Complex32],
-        filter: &[Complex32],
-        response: impl Fn(Complex32, Complex32) -> Complex32 + Sync,
+        spectrum: &[Complex64],
+        filter: &[Complex64],
+        response: impl Fn(Complex64, Complex64) -> Complex64 + Sync,
         window: Window,
     ) -> Array2<f32> {
         let mut out = Array2::zeros((window.height, window.width));

@@ -5,7 +5,7 @@
 //! then conjugate gradients on the pixels that are not held at zero, which never make the objective worse.
 
 use ndarray::{Array2, ArrayView1, ArrayView2, Zip};
-use rustfft::num_complex::Complex32;
+use rustfft::num_complex::Complex64;
 
 use super::objective::{Objective, sum_of_rows};
 use super::operator::Blur;
@@ -13,7 +13,7 @@ use super::{DeconvolutionConfig, noise, saturation};
 use crate::core::error::Result;
 
 /// Regularisation of the approximate inverse `H̄/(|H|² + ε)`: at most 1/(2√ε) ≈ 50 times a residual.
-const INVERSE_EPSILON: f32 = 1e-4;
+const INVERSE_EPSILON: f64 = 1e-4;
 
 /// Steps of the fixed-point iteration at most.
 const FIXED_POINT_STEPS: usize = 20;
@@ -109,7 +109,7 @@ fn iterate_fixed_point(objective: &Objective<'_>, explained: f64) -> State {
     best
 }
 
-fn approximate_inverse(blur: &Blur) -> Vec<Complex32> {
+fn approximate_inverse(blur: &Blur) -> Vec<Complex64> {
     blur.otf().0.iter().map(|h| h.conj() / (h.norm_sqr() + INVERSE_EPSILON)).collect()
 }
 

@@ -1,7 +1,7 @@
 //! Estimates how noisy a capture is, from its finest diagonal detail.
 
 use ndarray::{Array2, ArrayView2};
-use rustfft::num_complex::Complex32;
+use rustfft::num_complex::Complex64;
 use std::f64::consts::PI;
 
 /// The median of the modulus of a standard normal variable.
@@ -20,7 +20,7 @@ const MARGIN: f64 = 2.0;
 /// capture through any PSF that blurs.
 pub(super) fn estimate(
     capture: ArrayView2<'_, f32>,
-    (otf, column): (&[Complex32], usize),
+    (otf, column): (&[Complex64], usize),
     grid_width: usize,
     alpha: f32,
 ) -> f64 {
@@ -60,7 +60,7 @@ fn spread(plane: &Array2<f32>) -> Option<f64> {
 }
 
 /// The mean of |H|² over the frequencies of a diagonal Haar detail of blocks of `block` pixels.
-fn band_energy(otf: &[Complex32], column: usize, grid_width: usize, block: usize) -> f64 {
+fn band_energy(otf: &[Complex64], column: usize, grid_width: usize, block: usize) -> f64 {
     let response = |k: usize, samples: usize| {
         let half = PI * k as f64 / samples as f64;
         let smooth = if block == 1 { 1.0 } else { half.cos().powi(2) };

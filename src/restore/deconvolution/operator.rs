@@ -3,7 +3,7 @@
 
 use ndarray::{Array2, ArrayView2};
 
-use rustfft::num_complex::Complex32;
+use rustfft::num_complex::Complex64;
 
 use crate::core::error::Result;
 use crate::core::fft::{Boundary, Convolver, PlaneSpectrum, fast_length};
@@ -33,12 +33,12 @@ impl Blur {
     }
 
     /// Applies another filter, of the OTF's grid.
-    pub(super) fn filter(&self, x: &Array2<f32>, filter: &[Complex32]) -> Array2<f32> {
+    pub(super) fn filter(&self, x: &Array2<f32>, filter: &[Complex64]) -> Array2<f32> {
         self.convolver.convolve_plane(x.view(), filter)
     }
 
     /// The OTF, `[kx][ky]` with the length of a column.
-    pub(super) fn otf(&self) -> (&[Complex32], usize) {
+    pub(super) fn otf(&self) -> (&[Complex64], usize) {
         (&self.otf, self.convolver.transform_size()[0])
     }
 

@@ -1,7 +1,7 @@
 //! The spectra that the Wiener filters are made of: PSF, Laplacian and data on one periodic grid.
 
 use ndarray::{Array2, ArrayView2, arr2};
-use rustfft::num_complex::Complex32;
+use rustfft::num_complex::Complex64;
 
 use super::Border;
 use super::border::{extend, extended_size};
@@ -28,12 +28,12 @@ impl Spectral {
     }
 
     /// The transform H of the PSF.
-    pub(super) fn otf(&self) -> &[Complex32] {
+    pub(super) fn otf(&self) -> &[Complex64] {
         &self.otf
     }
 
     /// The transform Λ of the Laplacian.
-    pub(super) fn laplacian(&self) -> &[Complex32] {
+    pub(super) fn laplacian(&self) -> &[Complex64] {
         &self.laplacian
     }
 
@@ -48,10 +48,10 @@ impl Spectral {
     }
 
     /// `γₙ·H̄ / (γₙ·|H|² + γₓ·|Λ|²)`; zero where both vanish.
-    pub(super) fn wiener_filter(&self, noise_precision: f32, scene_precision: f32) -> PlaneSpectrum {
-        let filter = |(h, l): (&Complex32, &Complex32)| {
+    pub(super) fn wiener_filter(&self, noise_precision: f64, scene_precision: f64) -> PlaneSpectrum {
+        let filter = |(h, l): (&Complex64, &Complex64)| {
             let precision = noise_precision * h.norm_sqr() + scene_precision * l.norm_sqr();
-            if precision > 0.0 { h.conj() * (noise_precision / precision) } else { Complex32::default() }
+            if precision > 0.0 { h.conj() * (noise_precision / precision) } else { Complex64::default() }
         };
         self.otf.iter().zip(&self.laplacian).map(filter).collect()
     }
@@ -62,7 +62,7 @@ impl Spectral {
     }
 
     /// Filters a spectrum and transforms it back to the whole grid.
-    pub(super) fn inverse(&self, spectrum: &[Complex32], filter: &[Complex32]) -> Array2<f32> {
+    pub(super) fn inverse(&self, spectrum: &[Complex64], filter: &[Complex64]) -> Array2<f32> {
         self.convolver.filter_plane(spectrum, filter)
     }
 }

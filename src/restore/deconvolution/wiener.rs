@@ -1,7 +1,7 @@
 //! Restores a plane by the Wiener–Hunt filter.
 
 use ndarray::{Array2, ArrayView2, s};
-use rustfft::num_complex::Complex32;
+use rustfft::num_complex::Complex64;
 
 use super::spectral::Spectral;
 use super::{DeconvolutionConfig, saturation};
@@ -18,7 +18,7 @@ pub(super) fn restore(
     config: &DeconvolutionConfig,
 ) -> Result<Array2<f32>> {
     let spectral = Spectral::new([plane.nrows(), plane.ncols()], psf, config.border)?;
-    let filter = spectral.wiener_filter(1.0, config.balance);
+    let filter = spectral.wiener_filter(1.0, f64::from(config.balance));
     let plane = if config.mask_saturated {
         fill_saturated(plane, &spectral, &filter, saturation::level(config.saturation))
     } else {
@@ -31,14 +31,14 @@ pub(super) fn restore(
 pub(super) fn fill_saturated(
     plane: ArrayView2<'_, f32>,
     spectral: &Spectral,
-    filter: &[Complex32],
+    filter: &[Complex64],
     level: f32,
 ) -> Array2<f32> {
     let mut filled = plane.to_owned();
     if !saturation::any(plane, level) {
         return filled;
     }
-    let again: Vec<Complex32> = filter.iter().zip(spectral.otf()).map(|(g, h)| g * h).collect();
+    let again: Vec<Complex64> = filter.iter().zip(spectral.otf()).map(|(g, h)| g * h).collect();
     for _ in 0..saturation::FILL_ROUNDS {
         let predicted = apply(spectral, filled.view(), &again);
         filled = saturation::fill(plane, level, &predicted);
@@ -46,7 +46,7 @@ pub(super) fn fill_saturated(
     filled
 }
 
-fn apply(spectral: &Spectral, plane: ArrayView2<'_, f32>, filter: &[Complex32]) -> Array2<f32> {
+fn apply(spectral: &Spectral, plane: ArrayView2<'_, f32>, filter: &[Complex64]) -> Array2<f32> {
     let restored = spectral.inverse(&spectral.transform(plane), filter);
     restored.slice(s![..plane.nrows(), ..plane.ncols()]).to_owned()
 }

@@ -3,7 +3,7 @@
 use ndarray::{Array2, ArrayView2, s};
 use rand_distr::{Distribution, Gamma, StandardNormal};
 use rayon::prelude::*;
-use rustfft::num_complex::Complex32;
+use rustfft::num_complex::Complex64;
 
 use super::spectral::Spectral;
 use super::{DeconvolutionConfig, saturation, wiener};
@@ -22,7 +22,7 @@ const MAX_SAMPLES: usize = 200;
 const THRESHOLD: f64 = 1e-4;
 
 /// The weight of the first, rough filter that fills saturated pixels in.
-const FILL_BALANCE: f32 = 1e-2;
+const FILL_BALANCE: f64 = 1e-2;
 
 /// The two quadratic norms that the precisions are drawn from.
 #[derive(Clone, Copy, Default)]
@@ -59,14 +59,14 @@ pub(super) fn restore(
     for (filter, data) in filter.iter_mut().zip(&data) {
         *filter *= data;
     }
-    let whole = vec![Complex32::new(1.0, 0.0); data.len()];
+    let whole = vec![Complex64::new(1.0, 0.0); data.len()];
     let restored = spectral.inverse(&filter, &whole);
     Ok(restored.slice(s![..plane.nrows(), ..plane.ncols()]).to_owned())
 }
 
 /// The mean over the chain of the filters `γₙ·H̄ / (γₙ|H|² + γₓ|Λ|²)`.
-fn mean_filter(spectral: &Spectral, data: &[Complex32], seed: &str) -> Result<PlaneSpectrum> {
-    let mut sum = vec![Complex32::default(); data.len()];
+fn mean_filter(spectral: &Spectral, data: &[Complex64], seed: &str) -> Result<PlaneSpectrum> {
+    let mut sum = vec![Complex64::default(); data.len()];
     let (mut noise, mut scene) = (1.0_f64, 1.0_f64);
     let mut kept = 0_usize;
     for iteration in 0..MAX_SAMPLES {
@@ -79,34 +79,29 @@ fn mean_filter(spectral: &Spectral, data: &[Complex32], seed: &str) -> Result<Pl
             continue;
         }
         kept += 1;
-        let change = accumulate(&mut sum, &spectral.wiener_filter(1.0, ratio(scene, noise)), kept);
+        let change = accumulate(&mut sum, &spectral.wiener_filter(1.0, scene / noise), kept);
         if iteration >= MIN_SAMPLES && change < THRESHOLD {
             break;
         }
     }
     #[expect(clippy::cast_precision_loss, reason = "a chain has at most 200 samples")]
-    let scale = 1.0 / kept as f32;
+    let scale = 1.0 / kept as f64;
     sum.iter_mut().for_each(|value| *value *= scale);
     Ok(sum)
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "the filter is computed in f32")]
-fn ratio(scene: f64, noise: f64) -> f32 {
-    (scene / noise) as f32
-}
-
 /// Adds a filter to the sum; the part of itself by which the mean of `kept` filters has moved.
 #[expect(clippy::cast_precision_loss, reason = "a chain has at most 200 samples")]
-fn accumulate(sum: &mut [Complex32], filter: &[Complex32], kept: usize) -> f64 {
-    let previous = (kept - 1).max(1) as f32;
-    let current = kept as f32;
+fn accumulate(sum: &mut [Complex64], filter: &[Complex64], kept: usize) -> f64 {
+    let previous = (kept - 1).max(1) as f64;
+    let current = kept as f64;
     let (mut moved, mut size) = (0.0, 0.0);
     for (sum, value) in sum.iter_mut().zip(filter) {
         let before = *sum / previous;
         *sum += value;
         let now = *sum / current;
-        moved += f64::from((now - before).norm_sqr());
-        size += f64::from(now.norm_sqr());
+        moved += (now - before).norm_sqr();
+        size += now.norm_sqr();
     }
     (moved / size.max(f64::MIN_POSITIVE)).sqrt()
 }
@@ -120,14 +115,14 @@ fn draw_precision(shape: f64, norm: f64, rng: &mut rng::Rng) -> Result<f64> {
 }
 
 /// Draws a scene x | γ and takes the norms of it; every column of the spectrum has random numbers of its own.
-fn sample_norms(spectral: &Spectral, data: &[Complex32], precisions: [f64; 2], label: &str) -> Norms {
+fn sample_norms(spectral: &Spectral, data: &[Complex64], precisions: [f64; 2], label: &str) -> Norms {
     let height = spectral.height();
     let columns: Vec<Norms> = data
         .par_chunks(height)
         .enumerate()
         .map(|(kx, data)| {
             let mut rng = rng::stream(0, &format!("{label}/{kx}"));
-            let of_column = |spectrum: &[Complex32]| spectrum[kx * height..][..height].to_vec();
+            let of_column = |spectrum: &[Complex64]| spectrum[kx * height..][..height].to_vec();
             let (otf, laplacian) = (of_column(spectral.otf()), of_column(spectral.laplacian()));
             let mut norms = Norms::default();
             for ((y, h), l) in data.iter().zip(otf).zip(laplacian) {
@@ -154,26 +149,25 @@ impl Norms {
     }
 }
 
-fn norm(z: Complex32) -> f64 {
-    f64::from(z.norm_sqr())
+fn norm(z: Complex64) -> f64 {
+    z.norm_sqr()
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "spectra are kept in f32")]
 fn draw_scene(
-    y: Complex32,
-    h: Complex32,
-    l: Complex32,
+    y: Complex64,
+    h: Complex64,
+    l: Complex64,
     [noise, scene]: [f64; 2],
     spectral: &Spectral,
     rng: &mut rng::Rng,
-) -> Complex32 {
+) -> Complex64 {
     let precision = noise * norm(h) + scene * norm(l);
     if precision <= 0.0 {
-        return Complex32::default();
+        return Complex64::default();
     }
     let samples = (spectral.height() * spectral.width()) as f64;
     // Complex noise of variance 1/precision in the unitary transform, `samples` times that in ours.
     let spread = (0.5 * samples / precision).sqrt();
     let (re, im): (f64, f64) = (StandardNormal.sample(rng), StandardNormal.sample(rng));
-    h.conj() * y * (noise / precision) as f32 + Complex32::new((re * spread) as f32, (im * spread) as f32)
+    h.conj() * y * (noise / precision) + Complex64::new(re * spread, im * spread)
 }
