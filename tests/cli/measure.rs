@@ -33,7 +33,10 @@ fn write_bracket(folder: &Path, scene: &Array3<f32>) {
 fn fuses_a_bracket_to_the_scene() {
     let folder = tempdir().unwrap();
     write_bracket(folder.path(), &scene(3));
-    let out = succeed(folder.path(), &["fuse", "--exposures", "1,1/32,1/768", "a.npy", "b.npy", "c.npy", "-o", "o.exr"]);
+    let out = succeed(
+        folder.path(),
+        &["fuse", "--exposures", "1,1/32,1/768", "a.npy", "b.npy", "c.npy", "-o", "o.exr"],
+    );
     assert!(out.contains("o.exr: 60 × 64") && out.contains("from 1/768"), "{out}");
     let fused = read_pixels(&folder.path().join("o.exr")).unwrap().planes;
     assert!(fused.iter().zip(&scene(3)).all(|(a, b)| (a / b - 1.0).abs() < 1e-5));
@@ -145,7 +148,8 @@ fn refuses_a_display_file_with_a_typing_error() {
 #[test]
 fn refuses_a_grid_that_aliases_and_names_one_that_would_do() {
     let folder = tempdir().unwrap();
-    std::fs::write(folder.path().join("panel.toml"), format!("{DISPLAY}[sampling]\ngrid-pitch-um = 20\n")).unwrap();
+    std::fs::write(folder.path().join("panel.toml"), format!("{DISPLAY}[sampling]\ngrid-pitch-um = 20\n"))
+        .unwrap();
     let message = fail(folder.path(), &["psf", "--display", "panel.toml", "-o", "psf.exr"], 1);
     assert!(message.contains("sampling.grid-pitch-um") && message.contains("would do"), "{message}");
 }

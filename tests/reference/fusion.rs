@@ -14,7 +14,8 @@ fn fixture(name: &str) -> PathBuf {
 /// Half a step of 14 bits of the exposure that was used, over its time.
 #[test]
 fn is_within_the_rounding_of_the_exposure_used() {
-    let pictures = (0..3).map(|k| read_pixels(&fixture(&format!("exposure_{k}.npy"))).unwrap().planes).collect();
+    let pictures =
+        (0..3).map(|k| read_pixels(&fixture(&format!("exposure_{k}.npy"))).unwrap().planes).collect();
     let truth = read_pixels(&fixture("truth.npy")).unwrap().planes;
     let fused = fuse(&Bracket::new(pictures, &EXPOSURES).unwrap(), &FuseConfig::default()).unwrap();
     let mut used = [0; 3];
