@@ -1,6 +1,6 @@
 //! Analytic truth: convolution, in image space and by its laws.
 
-use ndarray::{Array3, ArrayView2};
+use ndarray::{Array3, ArrayView2, Axis};
 use rand::Rng as _;
 use udc::core::fft::{Boundary, Convolver};
 use udc::core::image::LinearImage;
@@ -173,7 +173,10 @@ fn correlation_is_the_transpose_of_convolution() {
             let convolver = Convolver::new(scene, kernel, boundary).unwrap();
             let otf = convolver.otf(&psf).unwrap();
             let forward = convolver.convolve(&convolver.spectrum(&x).unwrap(), &otf);
-            let back = convolver.correlate(y.view(), &otf).unwrap();
+            let mut back = Array3::zeros(y.dim());
+            for (c, mut plane) in back.outer_iter_mut().enumerate() {
+                plane.assign(&convolver.correlate_plane(y.index_axis(Axis(0), c), otf.channel(c)));
+            }
             let product = |a: &Array3<f32>, b: ndarray::ArrayView3<'_, f32>| -> f64 {
                 a.iter().zip(b.iter()).map(|(a, b)| f64::from(a * b)).sum()
             };
@@ -203,11 +206,6 @@ fn refuses_images_and_psfs_of_another_size() {
     let convolver = Convolver::new([8, 8], [5, 5], Boundary::Zero).unwrap();
     assert!(convolver.spectrum(&random_image([8, 9], "x")).is_err());
     assert!(convolver.otf(&random_psf([5, 6], "psf")).is_err());
-    assert!(
-        convolver
-            .correlate(random_planes([9, 8], "y").view(), &convolver.otf(&random_psf([5, 5], "p")).unwrap())
-            .is_err()
-    );
     assert!(Convolver::new([0, 8], [5, 5], Boundary::Zero).is_err());
 }
 

@@ -1,8 +1,10 @@
 //! Convolution of images with PSFs through spectra that are computed once.
 
+#![expect(clippy::needless_pass_by_value, reason = "views of arrays are values")]
+
 use std::ops::Range;
 
-use ndarray::{Array3, ArrayView2, ArrayView3};
+use ndarray::{Array3, ArrayView2};
 use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
 
@@ -12,6 +14,7 @@ use crate::core::psf::Psf;
 
 use super::Boundary;
 use super::geometry::AxisGeometry;
+use super::plane::PlaneSpectrum;
 use super::transform::{Transform, Window};
 
 /// Convolves images of one size with PSFs of one size.
@@ -36,19 +39,13 @@ pub struct Convolver {
 /// The optical transfer function: the transform of a PSF about its centre, for one [`Convolver`].
 #[derive(Clone, Debug)]
 pub struct Otf {
-    planes: HalfSpectra,
+    channels: [PlaneSpectrum; CHANNELS],
 }
 
 /// The transform of an image with its border, for one [`Convolver`].
 #[derive(Clone, Debug)]
 pub struct Spectrum {
-    planes: HalfSpectra,
-}
-
-/// Half spectra of three channels, each `[kx][ky]` with kx in `0..=width / 2`.
-#[derive(Clone, Debug)]
-struct HalfSpectra {
-    channels: [Vec<Complex64>; CHANNELS],
+    channels: [PlaneSpectrum; CHANNELS],
 }
 
 impl Convolver {
@@ -83,6 +80,11 @@ impl Convolver {
         [self.rows.transform, self.columns.transform]
     }
 
+    /// The boundary of this convolver.
+    pub fn boundary(&self) -> Boundary {
+        self.boundary
+    }
+
     /// Bytes of one [`Otf`] or [`Spectrum`].
     pub fn spectrum_bytes(&self) -> usize {
         CHANNELS * self.transform.spectrum_len() * size_of::<Complex64>()
@@ -99,17 +101,7 @@ impl Convolver {
     /// [`Error::Shape`] when the PSF is not of this convolver's size.
     pub fn otf(&self, psf: &Psf) -> Result<Otf> {
         require_size("PSF", self.psf_size(), [psf.height(), psf.width()])?;
-        Ok(Otf { planes: self.each_channel(|channel| self.transform_kernel(psf.channel(channel))) })
-    }
-
-    /// Transforms a real kernel that is no PSF, the same for every channel: a derivative, a Laplacian.
-    ///
-    /// # Errors
-    /// [`Error::Shape`] when the kernel is not of the PSFs' size.
-    pub fn otf_of_kernel(&self, kernel: ArrayView2<'_, f32>) -> Result<Otf> {
-        require_size("kernel", self.psf_size(), [kernel.nrows(), kernel.ncols()])?;
-        let plane = self.transform_kernel(kernel);
-        Ok(Otf { planes: HalfSpectra { channels: [plane.clone(), plane.clone(), plane] } })
+        Ok(Otf { channels: each_channel(|channel| self.transform_kernel(psf.channel(channel))) })
     }
 
     /// Transforms an image with its border.
@@ -117,111 +109,39 @@ impl Convolver {
     /// # Errors
     /// [`Error::Shape`] when the image is not of this convolver's size.
     pub fn spectrum(&self, image: &LinearImage) -> Result<Spectrum> {
-        self.spectrum_of_planes(image.planes())
-    }
-
-    /// Transforms planes `[3, height, width]` with their border.
-    ///
-    /// # Errors
-    /// [`Error::Shape`] when the planes are not of this convolver's size.
-    pub fn spectrum_of_planes(&self, planes: ArrayView3<'_, f32>) -> Result<Spectrum> {
-        self.require_planes(planes.dim())?;
-        let sources: Vec<usize> = (0..self.columns.extended).map(|x| self.columns.source(x)).collect();
-        Ok(Spectrum {
-            planes: self.each_channel(|channel| {
-                let plane = planes.index_axis(ndarray::Axis(0), channel);
-                self.transform.forward(&[0..self.rows.extended], |row, samples| {
-                    let source = plane.row(self.rows.source(row));
-                    for (sample, &x) in samples.iter_mut().zip(&sources) {
-                        *sample = f64::from(source[x]);
-                    }
-                })
-            }),
-        })
+        require_size("image", self.image_size(), [image.height(), image.width()])?;
+        Ok(Spectrum { channels: each_channel(|channel| self.plane_spectrum(image.channel(channel))) })
     }
 
     /// Convolves: the product of both transforms, back to planes `[3, height, width]`.
+    ///
+    /// # Panics
+    /// When the spectrum or the OTF is of another convolver.
     pub fn convolve(&self, image: &Spectrum, otf: &Otf) -> Array3<f32> {
-        self.filter(image, otf, |x, h| x * h)
+        let [height, width] = self.image_size();
+        let mut out = Array3::zeros((CHANNELS, height, width));
+        self.convolve_into(image, otf, out.as_slice_mut().expect("new arrays are contiguous"));
+        out
     }
 
     /// Convolves into planes `[3, height, width]` that exist already.
     ///
     /// # Panics
-    /// When `out` has another length.
+    /// When `out` has another length, or the spectrum or the OTF is of another convolver.
     pub fn convolve_into(&self, image: &Spectrum, otf: &Otf, out: &mut [f32]) {
-        self.filter_into(image, otf, &|x, h| x * h, out);
+        let [height, width] = self.image_size();
+        assert_eq!(out.len(), CHANNELS * height * width, "the output has the image's size");
+        let window = Window { top: self.rows.lead, left: self.columns.lead, height, width };
+        let spectra = image.channels.iter().zip(&otf.channels);
+        for ((spectrum, otf), out) in spectra.zip(out.chunks_exact_mut(height * width)) {
+            self.transform.inverse(self.product(spectrum, otf, &|x, h| x * h), window, out);
+        }
     }
 
     /// Takes a spectrum that is no longer needed, so that the next one is written in its place.
     pub fn reuse(&self, spectrum: Spectrum) {
-        for channel in spectrum.planes.channels {
+        for channel in spectrum.channels {
             self.transform.reuse(channel);
-        }
-    }
-
-    /// Applies `response(image, otf)` at every frequency and returns the planes `[3, height, width]`.
-    ///
-    /// The response must be that of a real filter: conjugate when both arguments are.
-    pub fn filter(
-        &self,
-        image: &Spectrum,
-        otf: &Otf,
-        response: impl Fn(Complex64, Complex64) -> Complex64 + Sync,
-    ) -> Array3<f32> {
-        let mut out = Array3::zeros((CHANNELS, self.rows.scene, self.columns.scene));
-        let slice = out.as_slice_mut().expect("new arrays are contiguous");
-        self.filter_into(image, otf, &response, slice);
-        out
-    }
-
-    /// Applies the transpose of the convolution: `⟨A x, y⟩ = ⟨x, Aᵀ y⟩`, with A the convolution including its
-    /// boundary.
-    ///
-    /// # Errors
-    /// [`Error::Shape`] when the planes are not of this convolver's size.
-    pub fn correlate(&self, planes: ArrayView3<'_, f32>, otf: &Otf) -> Result<Array3<f32>> {
-        self.require_planes(planes.dim())?;
-        let (top, left) = (self.rows.lead, self.columns.lead);
-        let (height, width) = (self.rows.scene, self.columns.scene);
-        let whole = Window { top: 0, left: 0, height: self.rows.extended, width: self.columns.extended };
-        let mut extended = vec![0.0; whole.height * whole.width];
-        let mut out = Array3::zeros((CHANNELS, height, width));
-        for (channel, mut out) in out.outer_iter_mut().enumerate() {
-            let plane = planes.index_axis(ndarray::Axis(0), channel);
-            let spectrum = self.transform.forward(&[top..top + height], |row, samples| {
-                for (sample, value) in samples[left..left + width].iter_mut().zip(plane.row(row - top)) {
-                    *sample = f64::from(*value);
-                }
-            });
-            let response = |x: Complex64, h: Complex64| x * h.conj();
-            let product = self.product(&spectrum, otf.channel(channel), &response);
-            self.transform.inverse(product, whole, &mut extended);
-            self.transform.reuse(spectrum);
-            // The border was copied from the scene; its share returns to the pixels it came from.
-            for (y, row) in extended.chunks_exact(whole.width).enumerate() {
-                let mut target = out.row_mut(self.rows.source(y));
-                for (x, value) in row.iter().enumerate() {
-                    target[self.columns.source(x)] += value;
-                }
-            }
-        }
-        Ok(out)
-    }
-
-    fn filter_into(
-        &self,
-        image: &Spectrum,
-        otf: &Otf,
-        response: &(impl Fn(Complex64, Complex64) -> Complex64 + Sync),
-        out: &mut [f32],
-    ) {
-        let (height, width) = (self.rows.scene, self.columns.scene);
-        assert_eq!(out.len(), CHANNELS * height * width, "the output has the image's size");
-        let window = Window { top: self.rows.lead, left: self.columns.lead, height, width };
-        for (channel, out) in out.chunks_exact_mut(height * width).enumerate() {
-            let product = self.product(image.channel(channel), otf.channel(channel), response);
-            self.transform.inverse(product, window, out);
         }
     }
 
@@ -243,7 +163,7 @@ impl Convolver {
         }
     }
 
-    pub(super) fn transform_kernel(&self, kernel: ArrayView2<'_, f32>) -> Vec<Complex64> {
+    pub(super) fn transform_kernel(&self, kernel: ArrayView2<'_, f32>) -> PlaneSpectrum {
         let columns = self.columns.kernel_places();
         // A periodic kernel larger than the image wraps onto itself: several samples share a place.
         let mut sources = vec![Vec::new(); self.rows.transform];
@@ -260,38 +180,26 @@ impl Convolver {
             }
         })
     }
-
-    fn each_channel(&self, plane: impl Fn(usize) -> Vec<Complex64> + Sync) -> HalfSpectra {
-        let mut channels: [Vec<Complex64>; CHANNELS] = Default::default();
-        channels.par_iter_mut().enumerate().for_each(|(channel, out)| *out = plane(channel));
-        HalfSpectra { channels }
-    }
-
-    fn require_planes(&self, (channels, height, width): (usize, usize, usize)) -> Result<()> {
-        if channels != CHANNELS {
-            return Err(Error::shape("image", "3 channels", channels.to_string()));
-        }
-        require_size("image", self.image_size(), [height, width])
-    }
-
-    /// The boundary of this convolver.
-    pub fn boundary(&self) -> Boundary {
-        self.boundary
-    }
 }
 
 impl Otf {
     /// The half spectrum of one channel, `[kx][ky]`.
     pub fn channel(&self, channel: usize) -> &[Complex64] {
-        &self.planes.channels[channel]
+        &self.channels[channel]
     }
 }
 
 impl Spectrum {
     /// The half spectrum of one channel, `[kx][ky]`.
     pub fn channel(&self, channel: usize) -> &[Complex64] {
-        &self.planes.channels[channel]
+        &self.channels[channel]
     }
+}
+
+fn each_channel<T: Default + Send>(make: impl Fn(usize) -> T + Sync) -> [T; CHANNELS] {
+    let mut channels: [T; CHANNELS] = Default::default();
+    channels.par_iter_mut().enumerate().for_each(|(channel, out)| *out = make(channel));
+    channels
 }
 
 fn occupied_ranges(sources: &[Vec<usize>]) -> Vec<Range<usize>> {

@@ -82,6 +82,9 @@ impl AxisGeometry {
 
 /// The length of at least `needed` whose transform is fast: a product of 2, 3 and 5, and from 64 on a
 /// multiple of 16, which the vectorised butterflies want (1200 = 2⁴·3·5² takes half the time of 1250 = 2·5⁴).
+///
+/// # Panics
+/// Never for lengths below half of `usize`: there is a power of two above.
 pub fn fast_length(needed: usize) -> usize {
     let step = if needed >= 64 { 16 } else { 1 };
     let first = needed.max(1).div_ceil(step) * step;

@@ -1,5 +1,7 @@
 //! Convolves single planes: what iterative solvers need, one channel at a time and many times over.
 
+#![expect(clippy::needless_pass_by_value, reason = "views of arrays are values")]
+
 use ndarray::{Array2, ArrayView2};
 use rustfft::num_complex::Complex64;
 
@@ -27,10 +29,12 @@ impl Convolver {
     /// When the plane is not of the images' size.
     pub fn plane_spectrum(&self, plane: ArrayView2<'_, f32>) -> PlaneSpectrum {
         assert_eq!(plane.shape(), self.image_size(), "the plane has the images' size");
-        self.transform.forward(&[0..self.rows.extended], |row, samples| {
+        let sources: Vec<usize> = (0..self.columns.extended).map(|x| self.columns.source(x)).collect();
+        let rows = 0..self.rows.extended;
+        self.transform.forward(std::slice::from_ref(&rows), |row, samples| {
             let source = plane.row(self.rows.source(row));
-            for (x, sample) in samples[..self.columns.extended].iter_mut().enumerate() {
-                *sample = f64::from(source[self.columns.source(x)]);
+            for (sample, &x) in samples.iter_mut().zip(&sources) {
+                *sample = f64::from(source[x]);
             }
         })
     }
@@ -64,7 +68,8 @@ impl Convolver {
         let [height, width] = self.image_size();
         assert_eq!(plane.shape(), [height, width], "the plane has the images' size");
         let (top, left) = (self.rows.lead, self.columns.lead);
-        let spectrum = self.transform.forward(&[top..top + height], |row, samples| {
+        let rows = top..top + height;
+        let spectrum = self.transform.forward(std::slice::from_ref(&rows), |row, samples| {
             for (sample, value) in samples[left..left + width].iter_mut().zip(plane.row(row - top)) {
                 *sample = f64::from(*value);
             }
