@@ -50,7 +50,7 @@ fn bytes_needed(convolver: &Convolver, bank: &KernelBank, cached: usize, at_once
     let [height, width] = convolver.image_size();
     let image = CHANNELS * height * width * float;
     let spectrum = convolver.spectrum_bytes();
-    let psf = bank.psfs[0].as_slice().len() * float;
+    let psf = size_of_val(bank.psfs[0].as_slice());
     // PSFs, components and mean.
     let bank_bytes = psf * (bank.len() + bank.code_dim() + 1);
     // The scene as it was read and decoded, and its clipped copy.
@@ -115,7 +115,7 @@ mod tests {
     #[test]
     fn less_memory_means_fewer_kept_transforms_then_an_error() {
         let bank = bank(9, 64);
-        let convolver = Convolver::new([100, 100], [64, 64], Boundary::Zero).unwrap();
+        let convolver: Convolver = Convolver::new([100, 100], [64, 64], Boundary::Zero).unwrap();
         let plan = |max_bytes| MemoryPlan::new(&convolver, &bank, 2, max_bytes);
         let all = plan(u64::MAX).unwrap();
         assert_eq!((all.cached_otfs, all.at_once), (9, 9));

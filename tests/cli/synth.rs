@@ -1,1 +1,252 @@
 //! The command line: synth.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use ndarray::Array3;
+use udc::core::dataset::{Dataset, NoiseConfig, Split};
+use udc::core::image::{Linear, LinearImage};
+use udc::core::io::{self, WriteOptions};
+use udc::core::psf::Psf;
+
+use super::common::{fail, succeed};
+
+/// A scratch folder with five scenes of two panoramas in `views/`, a PSF and a bank of three kernels.
+fn scratch() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("views")).unwrap();
+    for (index, name) in ["park_01", "park_02", "park_03", "hall_01", "hall_02"].iter().enumerate() {
+        let planes = Array3::from_shape_fn((3, 20, 24), |(c, y, x)| {
+            let lamp = if (y, x) == (5 + index, 7) { 2000.0 } else { 0.0 };
+            lamp + 0.1 * (c + 1) as f32 + 0.01 * ((y * 24 + x * (index + 3)) % 17) as f32
+        });
+        let image = LinearImage::from_planes(planes).unwrap();
+        let path = folder.path().join(format!("views/{name}.npy"));
+        io::write_image(&path, &image, &WriteOptions::default()).unwrap();
+    }
+    let energy = Array3::from_shape_fn((3, 16, 16), |(c, y, x)| {
+        let (dy, dx) = (y as f32 - 8.0, x as f32 - 8.0);
+        (-(dy * dy + (2.0 + c as f32) * dx * dx) / 6.0).exp() + 1e-3
+    });
+    let psf = Psf::from_energy(energy).unwrap();
+    io::write_psf(&folder.path().join("psf.npy"), &psf, &WriteOptions::default()).unwrap();
+    succeed(folder.path(), &["codes", "psf.npy", "--angles=-3,0,3", "--dim", "2", "-o", "bank.safetensors"]);
+    folder
+}
+
+fn synth(folder: &Path, output: &str, more: &[&str]) -> String {
+    let mut args = vec!["synth", "views", "--bank", "bank.safetensors", "-o", output];
+    args.extend(more);
+    succeed(folder, &args)
+}
+
+fn files_below(folder: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() { files.extend(files_below(&path)) } else { files.push(path) }
+    }
+    files.sort();
+    files
+}
+
+/// Names below `folder` and contents of all files.
+fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let read = |path: PathBuf| (path.strip_prefix(folder).unwrap().to_owned(), fs::read(&path).unwrap());
+    files_below(folder).into_iter().map(read).collect()
+}
+
+#[test]
+fn writes_a_dataset_that_opens_and_keeps_panoramas_together() {
+    let folder = scratch();
+    let said = synth(folder.path(), "dataset", &[]);
+    assert!(said.contains("5 scenes of 20 × 24 through 3 kernels: 15 images"), "{said}");
+    let dataset = Dataset::open(&folder.path().join("dataset")).unwrap();
+    assert_eq!(dataset.triplets.len(), 15);
+    assert_eq!(dataset.kernel_names(), ["r-03", "r+00", "r+03"]);
+    let test = dataset.split(Split::Test).unwrap();
+    let train = dataset.split(Split::Train).unwrap();
+    assert!(
+        test.iter().all(|t| t.source == test[0].source) && train.iter().all(|t| t.source == train[0].source)
+    );
+    assert_ne!(test[0].source, train[0].source);
+    let triplet = test[0];
+    assert_eq!(dataset.code(triplet).unwrap().len(), 2);
+    let (truth, degraded) =
+        (dataset.read_ground_truth(triplet).unwrap(), dataset.read_degraded(triplet).unwrap());
+    assert!(
+        (truth.max() - 500.0).abs() < 1e-3 && degraded.max() < 500.0,
+        "{} {}",
+        truth.max(),
+        degraded.max()
+    );
+}
+
+#[test]
+fn one_and_two_threads_write_the_same_bytes() {
+    let folder = scratch();
+    let flags = ["--noise", "sensor", "--boundary", "reflect", "--seed", "7"];
+    synth(folder.path(), "one", &[&flags[..], &["--threads", "1"]].concat());
+    synth(folder.path(), "two", &[&flags[..], &["--threads", "2"]].concat());
+    let (one, two) = (contents(&folder.path().join("one")), contents(&folder.path().join("two")));
+    assert!(one.len() > 15, "{} files", one.len());
+    assert!(one == two, "different bytes");
+}
+
+#[test]
+fn shards_make_the_same_images_as_one_run() {
+    let folder = scratch();
+    synth(folder.path(), "whole", &["--noise", "gaussian:0.01"]);
+    for shard in ["2/3", "1/3", "3/3"] {
+        synth(folder.path(), "parts", &["--noise", "gaussian:0.01", "--shard", shard]);
+    }
+    let (whole, parts) = (folder.path().join("whole"), folder.path().join("parts"));
+    assert_eq!(Dataset::open(&whole).unwrap().triplets, Dataset::open(&parts).unwrap().triplets);
+    let images = |root: &Path| contents(&root.join("degraded"));
+    assert!(images(&whole) == images(&parts), "different bytes");
+    let message = fail(
+        folder.path(),
+        &[
+            "synth",
+            "views",
+            "--bank",
+            "bank.safetensors",
+            "-o",
+            "parts",
+            "--noise",
+            "gaussian:0.01",
+            "--shard",
+            "1/2",
+        ],
+        1,
+    );
+    assert!(message.contains("other shards"), "{message}");
+}
+
+#[test]
+fn resumes_where_a_killed_run_left_off() {
+    let folder = scratch();
+    synth(folder.path(), "whole", &[]);
+    synth(folder.path(), "killed", &[]);
+    let killed = folder.path().join("killed");
+    // What a kill may leave: half a line, files that are not listed, and, say, a damaged disk.
+    let list = killed.join("triplets.jsonl");
+    let text = fs::read_to_string(&list).unwrap();
+    let lines: Vec<_> = text.lines().collect();
+    fs::write(&list, format!("{}\n{}", lines[..8].join("\n"), &lines[8][..20])).unwrap();
+    let damaged = killed.join("degraded/r+00").join(format!("{}.exr", "hall_01"));
+    let mut bytes = fs::read(&damaged).unwrap();
+    let last = bytes.len() - 1;
+    bytes[last] ^= 1;
+    fs::write(&damaged, bytes).unwrap();
+    fs::remove_file(killed.join("gt/park_03.exr")).unwrap();
+    let said = synth(folder.path(), "killed", &["--resume"]);
+    assert!(said.contains("8 images made, 7 were there"), "{said}");
+    let dataset = Dataset::open(&killed).unwrap();
+    assert_eq!(dataset.triplets, Dataset::open(&folder.path().join("whole")).unwrap().triplets);
+    let images = |name: &str| contents(&folder.path().join(name).join("degraded"));
+    assert!(images("whole") == images("killed"), "different bytes");
+}
+
+#[test]
+fn refuses_to_resume_with_other_flags_or_to_replace_a_dataset() {
+    let folder = scratch();
+    synth(folder.path(), "dataset", &[]);
+    let before = contents(&folder.path().join("dataset"));
+    let base = ["synth", "views", "--bank", "bank.safetensors", "-o", "dataset"];
+    let message = fail(folder.path(), &base, 1);
+    assert!(message.contains("--resume") && message.contains("--overwrite"), "{message}");
+    let other = [&base[..], &["--resume", "--x-max", "400", "--noise", "gaussian:1"]].concat();
+    let message = fail(folder.path(), &other, 1);
+    assert!(message.contains("formation.noise, formation.x-max"), "{message}");
+    assert!(before == contents(&folder.path().join("dataset")), "the dataset was touched");
+    synth(folder.path(), "dataset", &["--overwrite", "--x-max", "400"]);
+    let dataset = Dataset::open(&folder.path().join("dataset")).unwrap();
+    assert!((dataset.formation.x_max - 400.0).abs() < 1e-6);
+}
+
+#[test]
+fn a_single_psf_makes_a_dataset_without_codes() {
+    let folder = scratch();
+    succeed(
+        folder.path(),
+        &[
+            "synth", "views", "--psf", "psf.npy", "-o", "dataset", "--split", "test", "--preset", "released",
+            "--format", "npy", "--half",
+        ],
+    );
+    let dataset = Dataset::open(&folder.path().join("dataset")).unwrap();
+    assert_eq!((dataset.kernel_names().len(), dataset.code_dim()), (1, 0));
+    let test = dataset.split(Split::Test).unwrap();
+    assert_eq!(test.len(), 5);
+    assert!(dataset.formation.clip_ground_truth);
+    let message = dataset.code(test[0]).unwrap_err().to_string();
+    assert!(message.contains("have no codes"), "{message}");
+    let message = dataset.split(Split::Train).unwrap_err().to_string();
+    assert!(message.contains("no train split (only test)"), "{message}");
+}
+
+/// The stored image is C(x∗k): recomputed here for the first scene and the unrotated kernel.
+#[test]
+fn stores_what_the_formation_model_says() {
+    let folder = scratch();
+    synth(folder.path(), "dataset", &[]);
+    let scene = io::read_image::<Linear>(&folder.path().join("views/park_01.npy")).unwrap();
+    let psf = io::read_psf(&folder.path().join("psf.npy")).unwrap();
+    let dataset = Dataset::open(&folder.path().join("dataset")).unwrap();
+    let formation = udc::synth::Formation::new(dataset.formation.clone(), 0).unwrap();
+    let expected = formation.degrade(&scene, &psf, "").unwrap();
+    let found = io::read_image::<Linear>(&folder.path().join("dataset/degraded/r+00/park_01.exr")).unwrap();
+    for (found, expected) in found.as_slice().iter().zip(expected.as_slice()) {
+        assert!((found - expected).abs() <= 1e-6 * expected.abs().max(1.0), "{found} {expected}");
+    }
+}
+
+#[test]
+fn says_what_is_wrong_with_its_flags() {
+    let folder = scratch();
+    let base = ["synth", "views", "-o", "out"];
+    let with = |more: &[&str]| fail(folder.path(), &[&base[..], more].concat(), 2);
+    assert!(with(&[]).contains("--bank"));
+    let bank = ["--bank", "bank.safetensors"];
+    let with = |more: &[&str], code| fail(folder.path(), &[&base[..], &bank, more].concat(), code);
+    assert!(with(&["--noise", "gausian:1"], 2).contains("gaussian:SIGMA"));
+    assert!(with(&["--noise", "gaussian:-1"], 2).contains("0 or more"));
+    assert!(with(&["--noise", "sensor:missing.toml"], 2).contains("missing.toml"));
+    fs::write(folder.path().join("sensor.toml"), "full-wel-e = 3.0\n").unwrap();
+    assert!(with(&["--noise", "sensor:sensor.toml"], 2).contains("full-wel-e"));
+    assert!(with(&["--shard", "3/2"], 2).contains("I/N"));
+    assert!(with(&["--boundary", "wrap"], 2).contains("replicate"));
+    assert!(with(&["--x-max", "-5"], 2).contains("-5") || with(&["--x-max=-5"], 1).contains("x-max"));
+    assert!(with(&["--test-fraction", "1.5"], 1).contains("test-fraction"));
+    assert!(with(&["--max-memory", "100kB"], 1).contains("MiB at least"));
+    let psf = fail(folder.path(), &["synth", "views", "--bank", "psf.npy", "-o", "out"], 1);
+    assert!(psf.contains("psf.npy"), "{psf}");
+    assert!(!folder.path().join("out").exists(), "partial output");
+}
+
+#[test]
+fn refuses_a_folder_that_holds_something_else() {
+    let folder = scratch();
+    let message = fail(folder.path(), &["synth", "views", "--bank", "bank.safetensors", "-o", "views"], 1);
+    assert!(message.contains("holds no dataset"), "{message}");
+    assert_eq!(files_below(&folder.path().join("views")).len(), 5);
+}
+
+#[test]
+fn less_memory_gives_the_same_images() {
+    let folder = scratch();
+    synth(folder.path(), "rich", &[]);
+    synth(folder.path(), "poor", &["--max-memory", "150kB"]);
+    let images = |name: &str| contents(&folder.path().join(name).join("degraded"));
+    assert!(images("rich") == images("poor"), "different bytes");
+}
+
+#[test]
+fn the_shipped_sensor_file_is_read() {
+    let folder = scratch();
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/sensor/phone-10bit.toml");
+    synth(folder.path(), "dataset", &["--noise", &format!("sensor:{}", file.display())]);
+    let dataset = Dataset::open(&folder.path().join("dataset")).unwrap();
+    assert!(matches!(dataset.formation.noise, NoiseConfig::Sensor(_)));
+}
