@@ -1,5 +1,7 @@
 //! The command line: synth.
 
+#![expect(clippy::unwrap_used, reason = "a test fails where it unwraps")]
+
 use std::fs;
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,9 @@
 //! Analytic truth: convolution, in image space and by its laws.
 
+#![expect(clippy::unwrap_used, reason = "a test fails where it unwraps")]
+#![expect(clippy::needless_pass_by_value, reason = "views of arrays are values")]
+#![expect(clippy::cast_sign_loss, reason = "positions are checked to be inside")]
+
 use ndarray::{Array3, ArrayView2, Axis};
 use rand::Rng as _;
 use udc::core::fft::{Boundary, Convolver};

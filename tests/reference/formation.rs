@@ -1,5 +1,7 @@
 //! Reference vectors: degraded images of scenes with highlights up to 4000, odd and even PSFs, x_max = 500.
 
+#![expect(clippy::unwrap_used, reason = "a test fails where it unwraps")]
+
 use std::path::{Path, PathBuf};
 
 use udc::core::dataset::FormationConfig;

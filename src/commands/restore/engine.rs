@@ -8,9 +8,7 @@ use udc::core::io::read_psf;
 use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
 use udc::network::Model;
-use udc::restore::deconvolution::{
-    Border, DeconvolutionConfig, Method, deconvolution_bytes, deconvolve,
-};
+use udc::restore::deconvolution::{Border, DeconvolutionConfig, Method, deconvolution_bytes, deconvolve};
 use udc::restore::{Conditioning, NetworkRestorer, Tiling, format_bytes, restore_tiled};
 
 use super::files::AnyImage;

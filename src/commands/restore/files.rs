@@ -127,7 +127,10 @@ fn read_bracket(inputs: &[PathBuf], times: &[f64]) -> Result<Capture> {
     for path in inputs {
         let picture = read_pixels(path)?;
         if picture.domain == Some(DomainTag::ToneMapped) {
-            bail!("{} holds tone-mapped values, which add up to nothing; use the linear pictures", path.display());
+            bail!(
+                "{} holds tone-mapped values, which add up to nothing; use the linear pictures",
+                path.display()
+            );
         }
         pictures.push(picture.planes);
     }

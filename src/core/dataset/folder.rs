@@ -162,8 +162,11 @@ fn read_list(path: &Path) -> Result<Vec<Triplet>> {
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     lines
         .map(|(index, line)| {
-            serde_json::from_str(line)
-                .map_err(|error| Error::format(path, format!("line {} is no triplet: {error}", index + 1)))
+            serde_json::from_str(line).map_err(|error| {
+                let number = index + 1;
+                let reason = "after an interrupted synthesis, finish it with `udc synth --resume`";
+                Error::format(path, format!("line {number} is no triplet ({error}); {reason}"))
+            })
         })
         .collect()
 }

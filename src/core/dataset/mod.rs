@@ -191,8 +191,10 @@ impl Dataset {
             None => Ok(()),
             Some(first) => {
                 let count = missing.len();
-                let reason =
-                    format!("{count} of its images are missing, the first is {first}; copy them back");
+                let reason = format!(
+                    "{count} of its images are missing, the first is {first}; put them there, or make a dataset \
+                     of the clean images with `udc synth`"
+                );
                 Err(Error::format(&self.root, reason))
             }
         }
@@ -210,3 +212,6 @@ fn not_a_dataset(root: &Path) -> String {
         "no such dataset folder".to_owned()
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -93,7 +93,9 @@ impl DeconvolutionConfig {
     }
 
     fn validate(&self) -> Result<()> {
-        for (key, value) in [("balance", self.balance), ("alpha", self.alpha), ("saturation", self.saturation)] {
+        for (key, value) in
+            [("balance", self.balance), ("alpha", self.alpha), ("saturation", self.saturation)]
+        {
             if !(value.is_finite() && value > 0.0) {
                 return Err(Error::config(key, format!("must be a positive number, found {value}")));
             }
