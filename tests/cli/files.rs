@@ -10,8 +10,10 @@ fn fixture(name: &str) -> String {
 }
 
 fn names(folder: &Path) -> Vec<String> {
-    let mut names: Vec<String> =
-        folder.read_dir().unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    let entries = folder.read_dir().expect("the folder can be listed");
+    let mut names: Vec<String> = entries
+        .map(|entry| entry.expect("the folder can be listed").file_name().to_string_lossy().into_owned())
+        .collect();
     names.sort();
     names
 }

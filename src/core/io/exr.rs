@@ -1,4 +1,5 @@
-//! Reads and writes OpenEXR images: channels by name, data placed in the display window.
+//! Reads and writes OpenEXR images: channels by name, data placed in the display window, numbers as they are
+//! (unlike in other formats, integers are not scaled).
 //!
 //! Blocks are decoded and encoded on the shared thread pool, a wave at a time, so that beside the file and the
 //! planes only a few blocks are in memory.

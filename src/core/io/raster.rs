@@ -18,6 +18,9 @@ use crate::core::error::{Error, Result};
 /// The most memory a decoder may take beside the image: a frame of [`MAX_PIXELS`] at 16 bits.
 const MAX_DECODER_BYTES: u64 = MAX_PIXELS as u64 * 8;
 
+/// Bytes of image per byte of file that PNG and TIFF do not reach: LZW ends near 2730, deflate at 1032.
+const MAX_RATIO: u64 = 4096;
+
 /// Decodes an image; grey stays one plane, integers are divided by their type's maximum.
 pub(super) fn decode(path: &Path, bytes: &[u8], format: Format) -> Result<(Pixels, Encoding)> {
     let image = guarded(|| decode_dynamic(bytes, format)).map_err(|reason| Error::format(path, reason))?;
@@ -41,6 +44,13 @@ fn decode_dynamic(bytes: &[u8], format: Format) -> Result<DynamicImage, String> 
     let pixels = u64::from(width) * u64::from(height);
     if pixels == 0 || pixels > MAX_PIXELS as u64 {
         return Err(format!("declares {width} × {height} pixels; the limit is 1 to {MAX_PIXELS}"));
+    }
+    let reachable = (bytes.len() as u64).saturating_mul(MAX_RATIO);
+    if matches!(format, Format::Png | Format::Tiff) && decoder.total_bytes() > reachable {
+        let length = bytes.len();
+        return Err(format!(
+            "is truncated or damaged: {width} × {height} pixels do not fit in its {length} bytes"
+        ));
     }
     DynamicImage::from_decoder(decoder).map_err(damaged)
 }

@@ -15,7 +15,7 @@ use crate::core::image::{LinearImage, ToneMappedImage};
 fn scene(height: usize, width: usize) -> LinearImage {
     let planes = Array3::from_shape_fn((3, height, width), |(c, y, x)| {
         let i = (c * height + y) * width + x;
-        ((i * 7919) % 1013) as f32 * 2f32.powi((i % 23) as i32 - 12)
+        ((i * 7919) % 1013) as f32 * ((i % 23) as f32 - 12.0).exp2()
     });
     LinearImage::from_planes(planes).unwrap()
 }

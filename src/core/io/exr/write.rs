@@ -2,7 +2,7 @@
 
 use std::io::Cursor;
 
-use ::exr::block::chunk::Chunk;
+use ::exr::block::chunk::{Chunk, CompressedBlock};
 use ::exr::block::writer::{ChunkWriter, ChunksWriter};
 use ::exr::block::{BlockIndex, UncompressedBlock};
 use ::exr::compression::Compression;
@@ -18,18 +18,32 @@ use super::{DOMAIN_ATTRIBUTE, PROVENANCE_ATTRIBUTE, WAVE};
 use crate::core::io::Contents;
 use crate::core::io::npy::check_half;
 
+/// Blocks that are compressed on trial.
+const SAMPLE_BLOCKS: usize = 8;
+/// Compression must save this share to be worth its time: computed floats hardly shrink, and deflating them takes
+/// twenty times longer than writing them.
+const WORTHWHILE_SAVING: f64 = 0.2;
+
 /// Encodes one grey (`Y`) or three colour planes.
 pub(in crate::core::io) fn encode(contents: &Contents<'_>, half: bool) -> Result<Vec<u8>, String> {
     if half {
         check_half(&contents.planes)?;
     }
-    let header = header_of(contents, half)?;
+    let mut header = header_of(contents, half)?;
+    if !compresses_well(&header, &contents.planes).map_err(cannot_encode)? {
+        header = with_compression(header, Compression::Uncompressed);
+    }
     let mut file = Cursor::new(Vec::new());
     ::exr::block::write(&mut file, [header].into_iter().collect(), true, |meta, writer| {
         write_blocks(&meta, writer, &contents.planes)
     })
-    .map_err(|error| format!("cannot be encoded: {error}"))?;
+    .map_err(cannot_encode)?;
     Ok(file.into_inner())
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "an adapter for `map_err`")]
+fn cannot_encode(error: ::exr::error::Error) -> String {
+    format!("cannot be encoded: {error}")
 }
 
 fn header_of(contents: &Contents<'_>, half: bool) -> Result<Header, String> {
@@ -41,14 +55,39 @@ fn header_of(contents: &Contents<'_>, half: bool) -> Result<Header, String> {
     };
     let sample_type = if half { SampleType::F16 } else { SampleType::F32 };
     let channels = names.iter().map(|name| ChannelDescription::named(*name, sample_type)).collect();
-    let mut header = Header::new(Text::from(""), (width, height), channels).with_encoding(
-        Compression::ZIP16,
-        BlockDescription::ScanLines,
-        LineOrder::Increasing,
-    );
+    let header = Header::new(Text::from(""), (width, height), channels);
+    let mut header = with_compression(header, Compression::ZIP16);
     header.own_attributes = layer_attributes(contents);
     header.shared_attributes = image_attributes(contents, width, height);
     Ok(header)
+}
+
+fn with_compression(header: Header, compression: Compression) -> Header {
+    header.with_encoding(compression, BlockDescription::ScanLines, LineOrder::Increasing)
+}
+
+/// Whether a few blocks, spread over the image, shrink enough.
+fn compresses_well(header: &Header, planes: &ArrayView3<'_, f32>) -> ::exr::error::Result<bool> {
+    let headers = std::slice::from_ref(header);
+    let indices: Vec<_> = ::exr::block::enumerate_ordered_header_block_indices(headers).collect();
+    let sizes = indices
+        .par_iter()
+        .step_by(indices.len().div_ceil(SAMPLE_BLOCKS))
+        .map(|(_, index)| {
+            let block = block_of(*index, header, planes);
+            let before = block.data.len();
+            Ok((before, compressed_length(&block.compress_to_chunk(headers)?)))
+        })
+        .collect::<::exr::error::Result<Vec<_>>>()?;
+    let (before, after) = sizes.iter().fold((0, 0), |sum, size| (sum.0 + size.0, sum.1 + size.1));
+    Ok(after as f64 <= (1.0 - WORTHWHILE_SAVING) * before as f64)
+}
+
+fn compressed_length(chunk: &Chunk) -> usize {
+    match &chunk.compressed_block {
+        CompressedBlock::ScanLine(block) => block.compressed_pixels_le.len(),
+        other => unreachable!("scan-line headers make scan-line blocks, not {other:?}"),
+    }
 }
 
 fn layer_attributes(contents: &Contents<'_>) -> LayerAttributes {
@@ -83,7 +122,7 @@ fn write_blocks(
     for wave in indices.chunks(WAVE) {
         let chunks = wave
             .par_iter()
-            .map(|(_, index)| block_of(*index, meta, planes).compress_to_chunk(&meta.headers))
+            .map(|(_, index)| block_of(*index, &meta.headers[0], planes).compress_to_chunk(&meta.headers))
             .collect::<::exr::error::Result<Vec<Chunk>>>()?;
         for ((position, _), chunk) in wave.iter().zip(chunks) {
             writer.write_chunk(*position, chunk)?;
@@ -93,8 +132,8 @@ fn write_blocks(
 }
 
 /// Lays out a block: line by line, in each the channels in alphabetical order, which is B, G, R.
-fn block_of(index: BlockIndex, meta: &MetaData, planes: &ArrayView3<'_, f32>) -> UncompressedBlock {
-    let channels = &meta.headers[0].channels;
+fn block_of(index: BlockIndex, header: &Header, planes: &ArrayView3<'_, f32>) -> UncompressedBlock {
+    let channels = &header.channels;
     let Vec2(left, top) = index.pixel_position;
     let Vec2(width, height) = index.pixel_size;
     let mut data = Vec::with_capacity(width * height * channels.bytes_per_pixel);

@@ -143,6 +143,22 @@ fn domain_exposure_and_provenance_travel_with_the_image() {
     );
 }
 
+/// A flat image shrinks; random mantissas do not, and reading them must not depend on it.
+#[test]
+fn compresses_only_what_shrinks() {
+    let bytes = |planes: &Array3<f32>| {
+        let contents = Contents { planes: planes.view(), domain: None, exposure_s: None, provenance: None };
+        crate::core::io::exr::encode(&contents, false).unwrap()
+    };
+    let flat = Array3::from_elem((3, 64, 64), 0.25);
+    assert!(bytes(&flat).len() < 64 * 64 * 3);
+    let mut rng = crate::core::rng::stream(1, "mantissas");
+    let noise = Array3::from_shape_simple_fn((3, 64, 64), || rand::RngExt::random::<f32>(&mut rng));
+    let bytes = bytes(&noise);
+    assert!(bytes.len() >= 64 * 64 * 3 * 4);
+    assert_eq!(decode(&bytes).unwrap(), noise);
+}
+
 /// Attributes are kept in hash maps whose order differs from one to the next, blocks are encoded in parallel.
 #[test]
 fn the_same_image_gives_the_same_bytes_on_any_number_of_threads() {
