@@ -12,7 +12,7 @@ use crate::core::psf::Psf;
 pub const CODE_DIM: usize = 5;
 
 /// Values that one thread sums at a time; fixed, so that sums do not depend on the number of threads.
-const CHUNK: usize = 1 << 14;
+pub(super) const CHUNK: usize = 1 << 14;
 
 /// A first coefficient below this share of its component's largest one is zero up to the rounding of f32.
 const TIE: f64 = 1e-6;

@@ -4,13 +4,10 @@ use ndarray::{Array2, Axis};
 use rayon::prelude::*;
 
 use super::eigen::{Eigen, decompose};
-use super::pca::{centred_gram, recentre, to_f32};
+use super::pca::{CHUNK, centred_gram, recentre, to_f32};
 use crate::core::error::{Error, Result};
 use crate::core::kernel_code::{KernelBank, KernelCode};
 use crate::core::psf::Psf;
-
-/// Values that one thread sums at a time; fixed, so that sums do not depend on the number of threads.
-const CHUNK: usize = 1 << 14;
 
 /// The code of a PSF and what the code leaves out.
 #[derive(Clone, Debug, PartialEq)]

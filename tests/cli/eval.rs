@@ -3,9 +3,12 @@
 use std::path::Path;
 
 use ndarray::{Array3, ArrayD};
-use serde_json::Value;
-use udc::core::image::ToneMappedImage;
+use serde_json::{Value, json};
+use udc::codes::make_rotated_bank;
+use udc::core::dataset::{DatasetConfig, FORMAT, FormationConfig, VERSION};
+use udc::core::image::{LinearImage, ToneMappedImage};
 use udc::core::io::{self, WriteOptions};
+use udc::core::psf::Psf;
 
 use super::common::{fail, succeed, udc};
 
@@ -94,5 +97,94 @@ fn says_what_to_measure_when_nothing_is_named() {
     assert!(fail(scratch.path(), &["eval", "-o", "results"], 2).contains("--restored"));
     let said = fail(scratch.path(), &["eval", "missing", "-o", "results"], 1);
     assert!(said.contains("missing"), "{said}");
+    assert!(!scratch.path().join("results").exists());
+}
+
+fn write_linear(path: &Path, size: usize, light: impl Fn(usize, usize) -> f32) {
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let image = LinearImage::from_planes(Array3::from_shape_fn((3, size, size), |(_, y, x)| light(y, x)));
+    io::write_image(path, &image.unwrap(), &WriteOptions::default()).unwrap();
+}
+
+/// A dataset of one scene of 24 × 24 pixels in each split, seen through two kernels.
+fn write_dataset(root: &Path) {
+    std::fs::create_dir(root).unwrap();
+    let energy = Array3::from_shape_fn((3, 9, 9), |(c, y, x)| 1.0 / (1.0 + (c + y * x) as f32));
+    let bank = make_rotated_bank(&Psf::from_energy(energy).unwrap(), &[-3.0, 0.0, 3.0, 7.0, 11.0, 20.0], 5);
+    let bank_file = root.join("kernels.safetensors");
+    io::write_bank(&bank_file, &bank.unwrap(), false).unwrap();
+    let config = DatasetConfig {
+        format: FORMAT.to_owned(),
+        version: VERSION,
+        program: "udc".to_owned(),
+        bank: "kernels.safetensors".to_owned(),
+        bank_sha256: io::bank_sha256(&bank_file).unwrap(),
+        seed: 1,
+        test_fraction: 0.5,
+        image_format: "exr".to_owned(),
+        half: false,
+        formation: FormationConfig::default(),
+    };
+    std::fs::write(root.join("dataset.toml"), toml::to_string(&config).unwrap()).unwrap();
+    let mut lines = String::new();
+    for (id, split) in [("street", "test"), ("room", "train")] {
+        write_linear(&root.join(format!("gt/{id}.exr")), 24, |y, x| ((y * 5 + x * 3) % 7) as f32);
+        for (kernel, angle) in [("r-03", -3.0), ("r+00", 0.0)] {
+            let degraded = format!("degraded/{kernel}/{id}.exr");
+            write_linear(&root.join(&degraded), 24, |y, x| ((y * 5 + x * 3) % 7) as f32 * 0.9 + 0.1);
+            let line = json!({
+                "id": id, "split": split, "gt": format!("gt/{id}.exr"), "degraded": degraded, "kernel": kernel,
+                "angle_deg": angle, "source": id, "sha256": null,
+            });
+            lines += &format!("{line}\n");
+        }
+    }
+    std::fs::write(root.join("triplets.jsonl"), lines).unwrap();
+}
+
+#[test]
+fn measures_models_and_the_degraded_images_of_a_dataset() {
+    let scratch = tempfile::tempdir().unwrap();
+    write_dataset(&scratch.path().join("dataset"));
+    let networks = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/discnet");
+    for name in ["1.pth", "2.pth"] {
+        std::fs::copy(networks.join(name), scratch.path().join(name)).unwrap();
+    }
+    let said = succeed(
+        scratch.path(),
+        &["eval", "dataset", "--model", "1.pth", "--model", "2.pth", "-o", "results"],
+    );
+    let json = results(scratch.path());
+    let names: Vec<_> =
+        json["methods"].as_array().unwrap().iter().map(|m| m["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["degraded", "1.pth", "2.pth"]);
+    assert_eq!(json["method"], "1.pth");
+    assert_eq!(json["images"].as_array().unwrap().len(), 2, "only the test split is measured");
+    assert_eq!(json["images"][0]["kernel"], "r-03");
+    assert_eq!(json["methods"][0]["kernels"]["r-03"], json["methods"][0]["kernels"]["r+00"]);
+    assert!(
+        said.contains("PSNR (dB) by kernel") && said.contains("| method | r-03 | r+00 | mean |"),
+        "{said}"
+    );
+
+    succeed(scratch.path(), &["eval", "dataset", "--split", "train", "--limit", "1", "-o", "baseline"]);
+    let csv = std::fs::read_to_string(scratch.path().join("baseline/metrics.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 2);
+    assert!(csv.lines().nth(1).unwrap().starts_with("degraded,room,r-03,"), "{csv}");
+}
+
+#[test]
+fn refuses_a_dataset_without_the_split_and_a_model_that_is_none() {
+    let scratch = tempfile::tempdir().unwrap();
+    write_dataset(&scratch.path().join("dataset"));
+    let said = fail(scratch.path(), &["eval", "dataset", "--split", "val", "-o", "results"], 1);
+    assert!(said.contains("no val split"), "{said}");
+    std::fs::copy(
+        scratch.path().join("dataset/kernels.safetensors"),
+        scratch.path().join("bank.safetensors"),
+    )
+    .unwrap();
+    let said = fail(scratch.path(), &["eval", "dataset", "--model", "bank.safetensors", "-o", "results"], 1);
+    assert!(said.contains("bank.safetensors"), "{said}");
     assert!(!scratch.path().join("results").exists());
 }

@@ -7,12 +7,17 @@ use anyhow::{Context as _, Result, bail};
 use udc::core::dataset::{Dataset, Split, Triplet};
 use udc::core::error;
 use udc::core::io::DomainTag;
+use udc::core::progress::Progress;
 use udc::core::tone::ToneCurve;
 use udc::eval::{self, EvalConfig, Evaluation, FolderPairs, Label, Method, Sample};
 use udc::network::Model;
+use udc::restore::{Conditioning, NetworkRestorer, Tiling, restore_tiled};
 
 use super::super::Session;
 use super::Pictures;
+
+/// Memory that one restoration may take; larger images are restored in tiles, with the same result.
+const MEMORY_BYTES: u64 = 2 << 30;
 
 /// Inputs that have been opened and found to fit together.
 pub(super) enum Subject {
@@ -135,9 +140,13 @@ impl ModelRun<'_> {
         let ground_truth = curve.tone_map(&self.dataset.read_ground_truth(triplet)?);
         let mut images = vec![degraded.clone()];
         for (_, model) in self.models {
-            let uses_code = model.architecture().condition.uses_code();
-            let code = uses_code.then(|| self.dataset.code(triplet)).transpose()?;
-            images.push(model.restore(&degraded, code.as_ref())?);
+            let code = match model.architecture().condition.uses_code() {
+                true => Conditioning::Code(self.dataset.code(triplet)?),
+                false => Conditioning::None,
+            };
+            let restorer = NetworkRestorer::new(model, code)?;
+            let tiling = Tiling::within(degraded.height(), degraded.width(), MEMORY_BYTES, &restorer)?;
+            images.push(restore_tiled(&degraded, &tiling, &restorer, &Progress::default())?);
         }
         Ok(Sample { ground_truth, images })
     }
