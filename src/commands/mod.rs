@@ -1,5 +1,6 @@
 //! The command line: global flags, one file per subcommand, and what all of them share.
 
+mod bench;
 mod codes;
 mod completions;
 mod convert;
@@ -78,6 +79,7 @@ enum Command {
     Restore(restore::RestoreArgs),
     Eval(eval::EvalArgs),
     Report(report::ReportArgs),
+    Bench(bench::BenchArgs),
     Info(info::InfoArgs),
     Convert(convert::ConvertArgs),
     Completions(completions::CompletionsArgs),
@@ -152,6 +154,7 @@ impl Command {
             Self::Restore(args) => args.run(session),
             Self::Eval(args) => args.run(session),
             Self::Report(args) => args.run(session),
+            Self::Bench(args) => args.run(session),
             Self::Info(args) => args.run(session),
             Self::Convert(args) => args.run(session),
             Self::Completions(args) => args.run(session),

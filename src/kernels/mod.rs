@@ -24,6 +24,7 @@
 //! the number of threads, bit for bit; they do differ in rounding between instruction sets.
 #![expect(unsafe_code, reason = "vector instructions and unchecked reads of the inner loops")]
 
+pub mod benchmark;
 pub mod convolution;
 mod direct;
 pub mod dynamic_filter;

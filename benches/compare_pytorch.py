@@ -1,0 +1,185 @@
+#!/usr/bin/env python3
+"""Runs the shapes of `udc bench` in PyTorch too and prints both times and their ratio, in one run.
+
+    python benches/compare_pytorch.py [--udc target/release/udc] [--threads 2] [--seconds 0.5]
+
+PyTorch must be installed; nothing else is needed. Times are the best of several calls. The dynamic filter
+is timed as it is usually written (filters stored, features unfolded), the whole network with it.
+"""
+
+import argparse
+import re
+import subprocess
+import sys
+import time
+
+try:
+    import torch
+    import torch.nn.functional as F
+except ModuleNotFoundError:
+    sys.exit("PyTorch is not installed: `pip install torch`, then run this again")
+
+SIZE = 5  # of the dynamic filters
+SLOPE = 0.2
+
+
+def best(call, seconds):
+    call()
+    begun, shortest = time.perf_counter(), float("inf")
+    while time.perf_counter() - begun < seconds or shortest == float("inf"):
+        start = time.perf_counter()
+        call()
+        shortest = min(shortest, time.perf_counter() - start)
+    return shortest
+
+
+def tensor(*shape):
+    return torch.randn(*shape).contiguous(memory_format=torch.channels_last)
+
+
+def convolution(inputs, outputs, side, stride=1):
+    x, weight, bias = tensor(1, inputs, side, side), tensor(outputs, inputs, 3, 3), torch.randn(outputs)
+    return lambda: F.leaky_relu(F.conv2d(x, weight, bias, stride, 1), SLOPE)
+
+
+def convolution_gradient(inputs, outputs, images, side, stride, wanted):
+    x = tensor(images, inputs, side, side).requires_grad_(wanted == "input")
+    weight = tensor(outputs, inputs, 3, 3).requires_grad_(wanted == "weights")
+    output = F.conv2d(x, weight, None, stride, 1)
+    gradient = torch.randn_like(output)
+    target = x if wanted == "input" else weight
+    return lambda: torch.autograd.grad(output, target, gradient, retain_graph=True)
+
+
+def up(inputs, channels, side):
+    x, skip = tensor(1, inputs, side, side), tensor(1, channels, 2 * side, 2 * side)
+    weight, bias = tensor(4 * channels, inputs, 3, 3), torch.randn(4 * channels)
+    return lambda: F.leaky_relu(F.pixel_shuffle(F.conv2d(x, weight, bias, 1, 1), 2), SLOPE) + skip
+
+
+def apply_filter(condition, features, weight, bias, slope):
+    items, channels, height, width = features.shape
+    filters = F.prelu(F.conv2d(condition, weight, bias), slope)
+    filters = filters.view(items, channels, SIZE * SIZE, height, width)
+    padded = F.pad(features, [SIZE // 2] * 4, mode="replicate")
+    windows = F.unfold(padded, SIZE).view(items, channels, SIZE * SIZE, height, width)
+    return (filters * windows).sum(2)
+
+
+def dynamic_filter(channels, images, side, with_gradient):
+    condition, features = tensor(images, channels, side, side), tensor(images, channels, side, side)
+    weight = torch.randn(channels * SIZE * SIZE, channels, 1, 1)
+    bias, slope = torch.randn(channels * SIZE * SIZE), torch.tensor([SLOPE])
+    if not with_gradient:
+        return lambda: apply_filter(condition, features, weight, bias, slope)
+    inputs = [t.requires_grad_() for t in (condition, features, weight, bias, slope)]
+    output = apply_filter(*inputs)
+    gradient = torch.randn_like(output)
+    return lambda: torch.autograd.grad(output, inputs, gradient, retain_graph=True)
+
+
+class Layers(torch.nn.Module):
+    """DISCNet with n = 32 channels, image and code as conditions, filters at three scales."""
+
+    def __init__(self, n=32, code=5):
+        super().__init__()
+        self.encoders = torch.nn.ModuleList(self.encoder(i, n) for i in (3, 3 + code))
+        self.generators = torch.nn.ModuleList(self.generator(n << k) for k in range(3))
+        self.ups = torch.nn.ModuleList(torch.nn.Conv2d(n << (k + 1), 4 * (n << k), 3, 1, 1) for k in range(2))
+        self.refine = torch.nn.ModuleList(self.residuals(n << k) for k in range(2))
+        self.last = torch.nn.Conv2d(n, 3, 3, 1, 1)
+
+    @staticmethod
+    def residuals(channels):
+        return torch.nn.ModuleList(torch.nn.Conv2d(channels, channels, 3, 1, 1) for _ in range(4))
+
+    def encoder(self, inputs, n):
+        scale = lambda i, k: torch.nn.Conv2d(i, n << k, 3, 1 if k == 0 else 2, 1)
+        inputs = [inputs, n, 2 * n]
+        return torch.nn.ModuleList(
+            torch.nn.ModuleList([scale(inputs[k], k), self.residuals(n << k)]) for k in range(3)
+        )
+
+    def generator(self, channels):
+        first, head = torch.nn.Conv2d(channels, channels, 3, 1, 1), torch.nn.Conv2d(channels, 25 * channels, 1)
+        slopes = torch.nn.PReLU(init=SLOPE), torch.nn.PReLU(init=SLOPE)
+        return torch.nn.ModuleList([first, slopes[0], self.residuals(channels), head, slopes[1]])
+
+    @staticmethod
+    def refined(x, layers):
+        for first, second in zip(layers[::2], layers[1::2]):
+            x = x + second(F.leaky_relu(first(x), SLOPE))
+        return x
+
+    def encode(self, encoder, x):
+        features = []
+        for convolution, residuals in encoder:
+            x = self.refined(F.leaky_relu(convolution(x), SLOPE), residuals)
+            features.append(x)
+        return features
+
+    def forward(self, image, code):
+        features = self.encode(self.encoders[0], image)
+        conditions = self.encode(self.encoders[1], torch.cat([code, image], 1))
+        skips = []
+        for feature, condition, (first, slope, residuals, head, last) in zip(
+            features, conditions, self.generators
+        ):
+            condition = self.refined(slope(first(condition)), residuals)
+            skips.append(apply_filter(condition, feature, head.weight, head.bias, last.weight))
+        x = skips[2]
+        for k in (1, 0):
+            x = F.leaky_relu(F.pixel_shuffle(self.ups[k](x), 2), SLOPE) + skips[k]
+            x = self.refined(x, self.refine[k])
+        return F.leaky_relu(self.last(x), SLOPE) + image
+
+
+def network(side):
+    layers = Layers().to(memory_format=torch.channels_last)
+    image, code = tensor(1, 3, side, side), tensor(1, 5, side, side)
+    return lambda: layers(image, code)
+
+
+def in_pytorch(name):
+    """The call that does in PyTorch what a line of `udc bench` names."""
+    numbers = [int(number) for number in re.findall(r"\d+", name.replace("3×3", "").replace("²", ""))]
+    if name.startswith("network"):
+        return network(numbers[0])
+    if name.startswith("up"):
+        return up(*numbers)
+    if name.startswith("dynamic filter"):
+        channels, *rest = numbers
+        images, side = rest if len(rest) == 2 else (1, rest[0])
+        return dynamic_filter(channels, images, side, "backward" in name)
+    stride = 2 if "stride 2" in name else 1
+    if "stride 2" in name:
+        numbers.remove(2)
+    for wanted in ("input", "weights"):
+        if f"to {wanted}" in name:
+            inputs, outputs, images, side = numbers
+            return convolution_gradient(inputs, outputs, images, side, stride, wanted)
+    inputs, outputs, side = numbers
+    return convolution(inputs, outputs, side, stride)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--udc", default="target/release/udc", help="the program to compare with")
+    parser.add_argument("--threads", type=int, default=torch.get_num_threads())
+    parser.add_argument("--seconds", type=float, default=0.5, help="spent on each operation")
+    arguments = parser.parse_args()
+    torch.set_num_threads(arguments.threads)
+    command = [arguments.udc, "--threads", str(arguments.threads), "bench", "--patience", str(arguments.seconds)]
+    lines = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
+    print(f"{lines[0]}; PyTorch {torch.__version__}")
+    print(f"{'':44} {'udc ms':>10} {'PyTorch ms':>11} {'ratio':>7}")
+    for line in lines[1:]:
+        name, ms = re.match(r"(.*?):?\s+([\d.]+) ms", line).groups()
+        gradient = "backward" in name or " to " in name
+        with torch.set_grad_enabled(gradient):
+            theirs = best(in_pytorch(name), arguments.seconds) * 1e3
+        print(f"{name:44} {float(ms):10.2f} {theirs:11.2f} {theirs / float(ms):6.1f}×")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+//! `udc bench`: how fast this machine runs the network, and how near that is to what it can do.
+
+use std::time::Duration;
+
+use anyhow::{Result, anyhow};
+use clap::Args;
+use ndarray::Array3;
+
+use udc::core::image::ToneMappedImage;
+use udc::core::kernel_code::KernelCode;
+use udc::kernels::{Isa, benchmark, peak};
+use udc::network::{Architecture, Backend, Initialisation, Model, Origin, Parameters, weights::Weights};
+
+use super::Session;
+
+/// Time the network's operations and the whole network on this machine
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Example: udc bench --size 256 --size 800
+UDC_SIMD=avx512|avx2|portable forces an instruction set; GFLOP/s count the sums as written down, so that \
+Winograd's convolutions can exceed the peak")]
+pub(crate) struct BenchArgs {
+    /// Side of the images that the whole network restores
+    #[arg(long, value_name = "PIXELS", default_values_t = [256, 800], value_parser = clap::value_parser!(u32).range(1..))]
+    size: Vec<u32>,
+    /// Time only the operations whose names contain this
+    #[arg(long, value_name = "TEXT", default_value = "")]
+    only: String,
+    /// Seconds spent on each operation
+    #[arg(long, value_name = "S", default_value_t = 0.5)]
+    patience: f64,
+}
+
+impl BenchArgs {
+    pub(crate) fn run(self, session: &Session) -> Result<()> {
+        Isa::forced().map_err(|reason| anyhow!("UDC_SIMD: {reason}"))?;
+        if !self.patience.is_finite() || self.patience < 0.0 {
+            return Err(anyhow!("--patience: must be a number of seconds, found {}", self.patience));
+        }
+        let patience = Duration::from_secs_f64(self.patience);
+        let threads = rayon::current_num_threads();
+        let peak = peak::measure(Isa::current()) * threads as f64;
+        session.say(format!(
+            "{}, {threads} threads, peak {:.0} GFLOP/s of multiply-adds",
+            Isa::current().name(),
+            peak / 1e9
+        ))?;
+        let mut outcome = Ok(());
+        benchmark::run(&self.only, patience, |timing| {
+            let speed = timing.operations / timing.seconds;
+            let (ms, share) = (timing.seconds * 1e3, speed / peak * 100.0);
+            let line = format!("{:44} {ms:9.2} ms {:7.0} GFLOP/s {share:5.0} %", timing.name, speed / 1e9);
+            if outcome.is_ok() {
+                outcome = session.say(line);
+            }
+        });
+        outcome?;
+        self.size.iter().try_for_each(|side| time_network(session, *side as usize, patience))
+    }
+}
+
+/// Times the whole network, with random weights, on one image.
+fn time_network(session: &Session, side: usize, patience: Duration) -> Result<()> {
+    let architecture = Architecture::default();
+    let parameters = Parameters::random(&architecture, Initialisation::Released, 0);
+    let macs = architecture.macs(side, side);
+    let code = KernelCode::zeros(architecture.code_dim);
+    let weights = Weights { architecture, parameters, origin: Origin::default() };
+    let model = Model::new(&weights, Backend::default());
+    let image = ToneMappedImage::from_planes(Array3::from_elem((3, side, side), 0.5))?;
+    model.restore(&image, Some(&code))?;
+    let seconds = benchmark::best_time(patience, || {
+        model.restore(&image, Some(&code)).expect("the same image was restored before");
+    });
+    let speed = 2.0 * macs as f64 / seconds / 1e9;
+    let memory = model.working_bytes(side, side) >> 20;
+    session.say(format!("network @{side}²: {:.1} ms, {speed:.0} GFLOP/s, {memory} MiB", seconds * 1e3))
+}
