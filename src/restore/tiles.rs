@@ -184,13 +184,13 @@ pub fn restore_tiled(
 /// Reads a number of bytes with its unit: `2GiB`, `500MB`, `750 MiB`, `1073741824`.
 ///
 /// # Errors
-/// [`Error::Config`] when the text is no such number.
+/// [`Error::Unsupported`] when the text is no such number.
 pub fn parse_bytes(text: &str) -> Result<u64> {
     let text = text.trim();
     let unit_at = text.find(|c: char| c != '.' && !c.is_ascii_digit()).unwrap_or(text.len());
     let (number, unit) = text.split_at(unit_at);
     let refuse = || {
-        Error::config("max-memory", format!("expected a size such as 2GiB, 500MB or 750MiB, found `{text}`"))
+        Error::Unsupported(format!("expected a size such as 2GiB, 500MB or 750MiB, found `{text}`"))
     };
     let factor: u64 = match unit.trim().to_ascii_lowercase().as_str() {
         "" | "b" => 1,

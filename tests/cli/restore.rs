@@ -1,1 +1,246 @@
-//! The command line: restore.
+//! `udc restore`.
+
+use std::path::{Path, PathBuf};
+
+use ndarray::{Array3, ArrayD};
+use udc::codes::make_rotated_bank;
+use udc::core::image::{Linear, LinearImage, ToneMapped, ToneMappedImage};
+use udc::core::io::{self, WriteOptions};
+use udc::core::psf::Psf;
+
+use super::common::{fail, succeed, udc};
+
+fn fixture(name: &str) -> String {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name).to_str().unwrap().to_owned()
+}
+
+/// The network of the fixture, which reads image and code; 4 features, single scale.
+fn model() -> String {
+    fixture("discnet/1.pth")
+}
+
+fn code() -> String {
+    fixture("discnet/1_code.npy")
+}
+
+fn write_scene(path: &Path, height: usize, width: usize) {
+    let value = |(c, y, x): (usize, usize, usize)| {
+        let wave = ((y as f32) * 0.31 + c as f32).sin() * ((x as f32) * 0.17).cos();
+        0.4 + 0.3 * wave + if (y / 20 + x / 30) % 5 == 0 { 6.0 } else { 0.0 }
+    };
+    let planes = Array3::from_shape_fn((3, height, width), value);
+    io::write_image(path, &LinearImage::from_planes(planes).unwrap(), &WriteOptions::default()).unwrap();
+}
+
+fn psf() -> Psf {
+    let energy = |(c, y, x): (usize, usize, usize)| {
+        let (dy, dx) = (y as f32 - 10.0, x as f32 - 10.0);
+        (-(dy * dy + dx * dx) / (1.0 + c as f32)).exp() + 0.002 * (1.0 + dx / 20.0)
+    };
+    Psf::from_energy(Array3::from_shape_fn((3, 21, 21), energy)).unwrap()
+}
+
+/// A scratch folder with a scene of 48 × 56, a PSF and a bank with codes of 5 numbers.
+fn scratch() -> tempfile::TempDir {
+    let scratch = tempfile::tempdir().unwrap();
+    write_scene(&scratch.path().join("scene.exr"), 48, 56);
+    io::write_psf(&scratch.path().join("psf.exr"), &psf(), &WriteOptions::default()).unwrap();
+    let angles = [-12.0, -8.0, -4.0, 0.0, 4.0, 8.0, 12.0];
+    let bank = make_rotated_bank(&psf(), &angles, 5).unwrap();
+    io::write_bank(&scratch.path().join("bank.safetensors"), &bank, false).unwrap();
+    scratch
+}
+
+fn largest_difference(a: &ToneMappedImage, b: &ToneMappedImage) -> f32 {
+    a.as_slice().iter().zip(b.as_slice()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+#[test]
+fn restores_as_the_published_network_does() {
+    let scratch = tempfile::tempdir().unwrap();
+    let input = fixture("discnet/1_input.npy");
+    let arguments =
+        ["restore", &input, "--model", &model(), "--code", &code(), "--domain", "tone-mapped", "-o", "out.npy"];
+    assert!(succeed(scratch.path(), &arguments).contains("out.npy"));
+    let restored = io::read_image::<ToneMapped>(&scratch.path().join("out.npy")).unwrap();
+    let expected = io::read_image::<ToneMapped>(Path::new(&fixture("discnet/1_output.npy"))).unwrap();
+    assert!(largest_difference(&restored, &expected) < 1e-5);
+    assert!(fail(scratch.path(), &arguments, 1).contains("--overwrite"));
+}
+
+/// A few roundings of f32 in another order: 1e-5, as against other software.
+#[test]
+fn tiles_change_nothing() {
+    let scratch = tempfile::tempdir().unwrap();
+    write_scene(&scratch.path().join("scene.exr"), 205, 270);
+    let (model, code) = (model(), code());
+    let restore = |output: &str, more: &[&str]| {
+        let common = ["restore", "scene.exr", "--model", &model, "--code", &code, "-o", output];
+        succeed(scratch.path(), &[&common, &["--output-domain", "tone-mapped"][..], more].concat());
+        io::read_image::<ToneMapped>(&scratch.path().join(output)).unwrap()
+    };
+    let whole = restore("whole.exr", &[]);
+    let tiled = restore("tiled.exr", &["--tile", "64"]);
+    assert!(largest_difference(&whole, &tiled) < 1e-5, "{}", largest_difference(&whole, &tiled));
+}
+
+#[test]
+fn finds_the_code_by_angle_and_by_psf() {
+    let scratch = scratch();
+    let common = ["restore", "scene.exr", "--model", &model(), "--bank", "bank.safetensors"];
+    let restore = |output: &str, more: &[&str]| {
+        succeed(scratch.path(), &[&common, more, &["-o", output][..]].concat());
+        io::read_image::<Linear>(&scratch.path().join(output)).unwrap()
+    };
+    let of_angle = restore("angle.exr", &["--angle", "0"]);
+    let of_psf = restore("psf-code.exr", &["--psf", "psf.exr"]);
+    let between = restore("between.exr", &["--angle", "-5.5"]);
+    let close = |a: &LinearImage, b: &LinearImage| {
+        a.as_slice().iter().zip(b.as_slice()).all(|(a, b)| (a - b).abs() <= 1e-3 * (b.abs() + 0.1))
+    };
+    assert!(close(&of_angle, &of_psf));
+    assert!(!close(&of_angle, &between));
+}
+
+#[test]
+fn says_which_flags_a_code_needs() {
+    let scratch = scratch();
+    let model = model();
+    let say = |more: &[&str], status: i32| {
+        let common = ["restore", "scene.exr", "--model", &model, "-o", "out.exr"];
+        fail(scratch.path(), &[&common, more].concat(), status)
+    };
+    let without = say(&[], 1);
+    assert!(without.contains("--bank BANK with --angle A") && without.contains("--code"), "{without}");
+    assert!(say(&["--bank", "bank.safetensors"], 1).contains("add --angle A"));
+    assert!(say(&["--psf", "psf.exr"], 1).contains("add --bank BANK"));
+    assert!(say(&["--angle", "3"], 2).contains("--bank"));
+    assert!(say(&["--bank", "bank.safetensors", "--angle", "45"], 1).contains("45"));
+    assert!(!scratch.path().join("out.exr").exists());
+}
+
+#[test]
+fn refuses_a_model_of_another_kind() {
+    let scratch = scratch();
+    let said = fail(scratch.path(), &["restore", "scene.exr", "--model", "bank.safetensors", "-o", "o.exr"], 1);
+    assert!(said.contains("bank.safetensors") && said.contains("kernel-bank"), "{said}");
+    let said = fail(
+        scratch.path(),
+        &["restore", "scene.exr", "--model", &model(), "--bank", &model(), "--angle", "0", "-o", "o.exr"],
+        1,
+    );
+    assert!(said.contains("1.pth"), "{said}");
+}
+
+#[test]
+fn deconvolves_by_every_method() {
+    let scratch = scratch();
+    for method in ["wiener", "wiener-orieux", "richardson-lucy", "constrained"] {
+        let output = format!("{method}.exr");
+        succeed(
+            scratch.path(),
+            &["restore", "scene.exr", "--method", method, "--psf", "psf.exr", "-o", &output],
+        );
+        let restored = io::read_image::<Linear>(&scratch.path().join(&output)).unwrap();
+        assert_eq!((restored.height(), restored.width()), (48, 56), "{method}");
+    }
+    let said = fail(scratch.path(), &["restore", "scene.exr", "--method", "constrained", "-o", "o.exr"], 2);
+    assert!(said.contains("--psf"), "{said}");
+}
+
+#[test]
+fn gives_the_same_bytes_with_one_and_two_threads() {
+    let scratch = scratch();
+    for method in ["wiener-orieux", "constrained"] {
+        let bytes = |threads: &str| {
+            let output = format!("{method}-{threads}.npy");
+            let common = ["restore", "scene.exr", "--method", method, "--psf", "psf.exr"];
+            succeed(scratch.path(), &[&common[..], &["--threads", threads, "-o", &output]].concat());
+            std::fs::read(scratch.path().join(output)).unwrap()
+        };
+        assert!(bytes("1") == bytes("2"), "{method}");
+    }
+}
+
+#[test]
+fn does_the_others_when_one_file_of_a_folder_is_corrupt() {
+    let scratch = scratch();
+    let folder = scratch.path().join("captures");
+    std::fs::create_dir(&folder).unwrap();
+    for name in ["a.exr", "c.exr"] {
+        write_scene(&folder.join(name), 20, 24);
+    }
+    let bytes = std::fs::read(folder.join("a.exr")).unwrap();
+    std::fs::write(folder.join("b.exr"), &bytes[..bytes.len() / 2]).unwrap();
+    let mut broken = ArrayD::from_elem(vec![8, 8, 3], 0.5f32);
+    broken[[3, 4, 1]] = f32::NAN;
+    io::write_array(&folder.join("d.npy"), &broken, false).unwrap();
+
+    let output = udc(
+        scratch.path(),
+        &["restore", "captures", "--method", "wiener", "--psf", "psf.exr", "-o", "restored"],
+    );
+    assert_eq!(output.status.code(), Some(1));
+    let said = String::from_utf8_lossy(&output.stderr);
+    let last = said.lines().last().unwrap();
+    assert!(last.contains("2 of 4 images") && last.contains("b.exr") && last.contains("d.npy"), "{said}");
+    assert!(last.contains("NaN"), "{said}");
+    let mut done: Vec<_> = std::fs::read_dir(scratch.path().join("restored"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    done.sort();
+    assert_eq!(done, ["a.exr", "c.exr"]);
+}
+
+#[test]
+fn restores_a_bracket_as_its_fused_image() {
+    let scratch = scratch();
+    let scene = io::read_image::<Linear>(&scratch.path().join("scene.exr")).unwrap();
+    for (name, time) in [("long.exr", 1.0), ("middle.exr", 0.25), ("short.exr", 0.0625)] {
+        let picture: LinearImage = scene.map_values(|v| (v * time).min(1.0));
+        io::write_image(&scratch.path().join(name), &picture, &WriteOptions::default()).unwrap();
+    }
+    let how = ["--method", "wiener", "--psf", "psf.exr"];
+    let bracket = ["restore", "--exposures", "1,1/4,1/16", "long.exr", "middle.exr", "short.exr"];
+    succeed(scratch.path(), &[&bracket, &how[..], &["-o", "bracket.exr"]].concat());
+    succeed(scratch.path(), &[&["restore", "scene.exr"][..], &how, &["-o", "single.exr"]].concat());
+    let [a, b] =
+        ["bracket.exr", "single.exr"].map(|name| io::read_image::<Linear>(&scratch.path().join(name)).unwrap());
+    let worst = a.as_slice().iter().zip(b.as_slice()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(worst < 1e-3, "{worst}");
+}
+
+#[test]
+fn asks_for_the_domain_where_the_file_is_silent() {
+    let scratch = scratch();
+    succeed(scratch.path(), &["tonemap", "scene.exr", "-o", "scene.png"]);
+    let restore = ["restore", "scene.png", "--method", "wiener", "--psf", "psf.exr", "-o", "out.png"];
+    let said = fail(scratch.path(), &restore, 1);
+    assert!(said.contains("--domain tone-mapped"), "{said}");
+    succeed(scratch.path(), &[&restore[..], &["--domain", "tone-mapped"]].concat());
+    let said = fail(
+        scratch.path(),
+        &["restore", "scene.exr", "--method", "wiener", "--psf", "psf.exr", "-o", "linear.png"],
+        1,
+    );
+    assert!(said.contains("--output-domain tone-mapped"), "{said}");
+    succeed(scratch.path(), &["tonemap", "scene.exr", "-o", "mapped.exr"]);
+    let said = fail(
+        scratch.path(),
+        &["restore", "mapped.exr", "--domain", "linear", "--method", "wiener", "--psf", "psf.exr", "-o", "o.exr"],
+        1,
+    );
+    assert!(said.contains("--domain tone-mapped"), "{said}");
+}
+
+#[test]
+fn refuses_too_little_memory_naming_what_would_do() {
+    let scratch = scratch();
+    let common = ["restore", "scene.exr", "-o", "o.exr", "--max-memory", "100kB"];
+    for how in [["--method", "constrained", "--psf", "psf.exr"], ["--model", &model(), "--code", &code()]] {
+        let said = fail(scratch.path(), &[&common[..], &how].concat(), 1);
+        assert!(said.contains("allow at least"), "{said}");
+    }
+    assert!(fail(scratch.path(), &["restore", "x", "--max-memory", "lots"], 2).contains("2GiB"));
+}
