@@ -13,6 +13,16 @@
 //! Still captures through a panel whose PSF does not change over the exposure; processing on the CPU.
 //! Out of scope: video, autofocus, panel design.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::float_cmp,
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "tests compare what must be equal to the bit, and count in small numbers"
+    )
+)]
+
 pub mod codes;
 pub mod core;
 pub mod crop;

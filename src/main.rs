@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 
+#[expect(clippy::print_stderr, reason = "errors are reported here and nowhere else")]
 fn main() -> ExitCode {
     let cli = commands::Cli::parse();
     match cli.run() {

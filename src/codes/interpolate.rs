@@ -8,6 +8,9 @@ use crate::core::kernel_code::{KernelBank, KernelCode};
 /// # Errors
 /// [`Error::Unsupported`] when the bank was not made by rotation; [`Error::Config`] when the angle lies
 /// outside of the bank's range.
+///
+/// # Panics
+/// Never: the angle was found to lie within the bank's range.
 pub fn interpolate_code(bank: &KernelBank, angle_deg: f64) -> Result<KernelCode> {
     let Some(angles) = &bank.angles_deg else {
         return Err(Error::Unsupported(

@@ -29,6 +29,9 @@ const TIE: f64 = 1e-6;
 /// # Errors
 /// [`Error::Shape`] when the PSFs differ in size; [`Error::Config`] when `dim` is zero or more than the set
 /// has directions: K − 1, or fewer when PSFs of the set repeat or combine to one another.
+///
+/// # Panics
+/// Never: the arrays are made contiguous here.
 pub fn make_bank(psfs: Vec<Psf>, angles_deg: Option<Vec<f64>>, dim: usize) -> Result<KernelBank> {
     check_sizes(&psfs)?;
     let mean = mean_of(&psfs);

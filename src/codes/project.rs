@@ -42,6 +42,9 @@ impl Projection {
 ///
 /// # Errors
 /// [`Error::Shape`] when the PSF has another size than the kernels of the bank.
+///
+/// # Panics
+/// Never: a bank holds a kernel, and its mean is contiguous.
 pub fn project(bank: &KernelBank, psf: &Psf) -> Result<Projection> {
     let kernel = &bank.psfs[0];
     if kernel.planes().dim() != psf.planes().dim() {

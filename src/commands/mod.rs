@@ -1,4 +1,5 @@
 //! The command line: global flags, one file per subcommand, and what all of them share.
+#![expect(clippy::print_stderr, reason = "this is where the program talks to its user")]
 
 mod bench;
 mod codes;

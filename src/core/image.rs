@@ -94,6 +94,9 @@ impl<D: Domain> Image<D> {
     }
 
     /// All values in `[3, height, width]` order.
+    ///
+    /// # Panics
+    /// Never: images are kept C-contiguous.
     pub fn as_slice(&self) -> &[f32] {
         self.planes.as_slice().expect("images are kept C-contiguous")
     }

@@ -68,6 +68,9 @@ impl Psf {
     }
 
     /// All values in `[3, height, width]` order.
+    ///
+    /// # Panics
+    /// Never: PSFs are kept C-contiguous.
     pub fn as_slice(&self) -> &[f32] {
         self.planes.as_slice().expect("PSFs are kept C-contiguous")
     }

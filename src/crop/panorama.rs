@@ -93,7 +93,7 @@ fn split(position: f64) -> (i64, f64) {
 }
 
 /// The row that continues the grid across a pole, and the half turn that this takes.
-#[expect(clippy::cast_possible_wrap, clippy::cast_sign_loss, reason = "sides of an image are far below 2⁶³")]
+#[expect(clippy::cast_sign_loss, reason = "sides of an image are far below 2⁶³")]
 #[expect(clippy::cast_possible_truncation, reason = "the row lies within the image")]
 fn over_the_pole(row: i64, height: usize) -> (usize, i64) {
     let height = height as i64;
@@ -104,7 +104,6 @@ fn over_the_pole(row: i64, height: usize) -> (usize, i64) {
     }
 }
 
-#[expect(clippy::cast_possible_wrap, clippy::cast_sign_loss, reason = "sides of an image are far below 2⁶³")]
 #[expect(clippy::cast_possible_truncation, reason = "the column lies within the image")]
 fn wrap(column: i64, width: usize) -> usize {
     column.rem_euclid(width as i64) as usize

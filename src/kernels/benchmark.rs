@@ -72,8 +72,7 @@ fn values(len: usize) -> Vec<f32> {
 
 fn forward(time: Time<'_>, name: &str, geometry: Geometry, side: usize) {
     let shape = Shape::new(1, side, side, geometry.inputs);
-    let convolution =
-        Convolution::new(geometry, &values(geometry.weight_len()), &values(geometry.outputs));
+    let convolution = Convolution::new(geometry, &values(geometry.weight_len()), &values(geometry.outputs));
     let (input, out) = (values(shape.len()), convolution.output_shape(shape));
     let mut output = vec![0.0; out.len()];
     let name = format!("{name} {}→{} @{side}²", geometry.inputs, geometry.outputs);

@@ -50,6 +50,9 @@ impl Convolution {
     ///
     /// # Shapes
     /// weight `[4·channels, inputs, 3, 3]`, bias `[4·channels]`; output `[images, 2·height, 2·width, channels]`.
+    ///
+    /// # Panics
+    /// When the number of biases is no multiple of four.
     pub fn up(isa: Isa, inputs: usize, weight: &[f32], bias: &[f32]) -> Self {
         let geometry = Geometry::three_by_three(inputs, bias.len());
         check_parameters(geometry, weight, bias);
@@ -61,6 +64,9 @@ impl Convolution {
 
     /// Packs the convolution that takes gradients of outputs to those of inputs: stride 1, weights flipped
     /// and transposed, no bias.
+    ///
+    /// # Panics
+    /// When the stride is not 1.
     pub fn transposed(isa: Isa, geometry: Geometry, weight: &[f32]) -> Self {
         let Geometry { inputs, outputs, side, stride } = geometry;
         assert_eq!(stride, 1, "stride of a convolution whose transpose is one");

@@ -33,6 +33,9 @@ pub struct Parameters {
 
 /// Takes the gradient of a convolution's outputs to that of its inputs, of shape `shape`, and finishes it
 /// (convolutions of stride 2 know [`Finish::Leak`] of slope 1 only).
+///
+/// # Panics
+/// When a convolution of stride 2 is to be finished by anything but slope 1.
 pub fn input_gradient(
     geometry: Geometry,
     weight: &[f32],

@@ -23,6 +23,9 @@ pub struct Gated {
 ///
 /// # Equation
 /// `gradient · (sign > 0 ? 1 : slope)`; slope: `Σ gradient · min(sign, 0)`.
+///
+/// # Panics
+/// When the slices differ in length.
 pub fn gate(gradient: &[f32], sign: &[f32], slope: f32, channels: usize) -> Gated {
     assert_eq!(gradient.len(), sign.len(), "a gradient and the signs it is gated by");
     let mut gated = vec![0.0; gradient.len()];

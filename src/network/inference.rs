@@ -140,6 +140,10 @@ impl<'a> Builder<'a> {
         Convolution::new(Geometry { inputs, outputs: bias.len(), side: 3, stride }, weight, bias)
     }
 
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one inner loop's state; a struct would be taken apart at once"
+    )]
     fn convolution(
         &mut self,
         name: &str,

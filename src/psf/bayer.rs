@@ -203,6 +203,7 @@ mod tests {
         })
     }
 
+    #[expect(clippy::reversed_empty_ranges, reason = "negative ends count from the far side")]
     fn error(found: &Array3<f32>, expected: &Array3<f32>) -> f32 {
         let inner = s![.., 4..-4, 4..-4];
         let difference = &found.slice(inner) - &expected.slice(inner);

@@ -221,6 +221,9 @@ impl Fused {
 /// # Errors
 /// [`Error::Config`] for levels out of range, exposure times that contradict the pictures, and mosaics without
 /// pattern; [`Error::Shape`] for a pattern given with three channels.
+///
+/// # Panics
+/// Never: a bracket has at least three exposures.
 pub fn fuse(bracket: &Bracket, config: &FuseConfig) -> Result<Fused> {
     config.check()?;
     let frames = scaled_frames(bracket, config)?;

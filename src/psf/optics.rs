@@ -50,7 +50,7 @@ impl Optics {
     /// [`Error::Config`] when a length is out of range or the source cannot be focused.
     pub fn new(config: &OpticsConfig) -> Result<Self> {
         let source = config.source_distance_m;
-        if !(source > 0.0) {
+        if source.is_nan() || source <= 0.0 {
             return Err(Error::config(
                 "optics.source-distance-m",
                 format!("must be positive (or inf), found {source}"),

@@ -227,6 +227,9 @@ impl Field {
     }
 
     /// The field at a point of the display plane, along the panel's own axes, in metres from the axis.
+    ///
+    /// # Panics
+    /// Never: the raster is contiguous.
     pub fn at(&self, y_m: f64, x_m: f64) -> Complex64 {
         let (top, weights_y) = self.weights(0, y_m);
         let (left, weights_x) = self.weights(1, x_m);

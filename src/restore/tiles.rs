@@ -189,9 +189,8 @@ pub fn parse_bytes(text: &str) -> Result<u64> {
     let text = text.trim();
     let unit_at = text.find(|c: char| c != '.' && !c.is_ascii_digit()).unwrap_or(text.len());
     let (number, unit) = text.split_at(unit_at);
-    let refuse = || {
-        Error::Unsupported(format!("expected a size such as 2GiB, 500MB or 750MiB, found `{text}`"))
-    };
+    let refuse =
+        || Error::Unsupported(format!("expected a size such as 2GiB, 500MB or 750MiB, found `{text}`"));
     let factor: u64 = match unit.trim().to_ascii_lowercase().as_str() {
         "" | "b" => 1,
         "k" | "kb" => 1000,

@@ -120,7 +120,7 @@ fn write_dataset(root: &Path) {
         bank: "kernels.safetensors".to_owned(),
         bank_sha256: io::bank_sha256(&bank_file).unwrap(),
         seed: 1,
-        test_fraction: 0.5,
+        division: "test-fraction 0.5".to_owned(),
         image_format: "exr".to_owned(),
         half: false,
         formation: FormationConfig::default(),

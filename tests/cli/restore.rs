@@ -59,8 +59,18 @@ fn largest_difference(a: &ToneMappedImage, b: &ToneMappedImage) -> f32 {
 fn restores_as_the_published_network_does() {
     let scratch = tempfile::tempdir().unwrap();
     let input = fixture("discnet/1_input.npy");
-    let arguments =
-        ["restore", &input, "--model", &model(), "--code", &code(), "--domain", "tone-mapped", "-o", "out.npy"];
+    let arguments = [
+        "restore",
+        &input,
+        "--model",
+        &model(),
+        "--code",
+        &code(),
+        "--domain",
+        "tone-mapped",
+        "-o",
+        "out.npy",
+    ];
     assert!(succeed(scratch.path(), &arguments).contains("out.npy"));
     let restored = io::read_image::<ToneMapped>(&scratch.path().join("out.npy")).unwrap();
     let expected = io::read_image::<ToneMapped>(Path::new(&fixture("discnet/1_output.npy"))).unwrap();
@@ -122,7 +132,8 @@ fn says_which_flags_a_code_needs() {
 #[test]
 fn refuses_a_model_of_another_kind() {
     let scratch = scratch();
-    let said = fail(scratch.path(), &["restore", "scene.exr", "--model", "bank.safetensors", "-o", "o.exr"], 1);
+    let said =
+        fail(scratch.path(), &["restore", "scene.exr", "--model", "bank.safetensors", "-o", "o.exr"], 1);
     assert!(said.contains("bank.safetensors") && said.contains("kernel-bank"), "{said}");
     let said = fail(
         scratch.path(),
@@ -205,8 +216,8 @@ fn restores_a_bracket_as_its_fused_image() {
     let bracket = ["restore", "--exposures", "1,1/4,1/16", "long.exr", "middle.exr", "short.exr"];
     succeed(scratch.path(), &[&bracket, &how[..], &["-o", "bracket.exr"]].concat());
     succeed(scratch.path(), &[&["restore", "scene.exr"][..], &how, &["-o", "single.exr"]].concat());
-    let [a, b] =
-        ["bracket.exr", "single.exr"].map(|name| io::read_image::<Linear>(&scratch.path().join(name)).unwrap());
+    let [a, b] = ["bracket.exr", "single.exr"]
+        .map(|name| io::read_image::<Linear>(&scratch.path().join(name)).unwrap());
     let worst = a.as_slice().iter().zip(b.as_slice()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(worst < 1e-3, "{worst}");
 }
@@ -228,7 +239,18 @@ fn asks_for_the_domain_where_the_file_is_silent() {
     succeed(scratch.path(), &["tonemap", "scene.exr", "-o", "mapped.exr"]);
     let said = fail(
         scratch.path(),
-        &["restore", "mapped.exr", "--domain", "linear", "--method", "wiener", "--psf", "psf.exr", "-o", "o.exr"],
+        &[
+            "restore",
+            "mapped.exr",
+            "--domain",
+            "linear",
+            "--method",
+            "wiener",
+            "--psf",
+            "psf.exr",
+            "-o",
+            "o.exr",
+        ],
         1,
     );
     assert!(said.contains("--domain tone-mapped"), "{said}");

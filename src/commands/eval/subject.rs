@@ -22,7 +22,7 @@ const MEMORY_BYTES: u64 = 2 << 30;
 /// Inputs that have been opened and found to fit together.
 pub(super) enum Subject {
     /// Models, by name, on triplets of a dataset.
-    Models { dataset: Dataset, models: Vec<(String, Model)>, triplets: Vec<Triplet> },
+    Models { dataset: Box<Dataset>, models: Vec<(String, Model)>, triplets: Vec<Triplet> },
     /// Pairs of files, and what the undeclared ones hold.
     Folders { name: String, pairs: FolderPairs, domain: Option<DomainTag> },
 }
@@ -34,7 +34,7 @@ impl Subject {
         split: Split,
         limit: Option<usize>,
     ) -> Result<Self> {
-        let dataset = Dataset::open(root)?;
+        let dataset = Box::new(Dataset::open(root)?);
         let load = |path: &PathBuf| Ok((name_of(path), Model::load(path)?));
         let models: Vec<(String, Model)> = models.iter().map(load).collect::<error::Result<_>>()?;
         for (name, model) in &models {

@@ -36,6 +36,9 @@ impl CubicSpline {
     }
 
     /// The value at row `y`, column `x`; zero outside of the rectangle that the samples span.
+    ///
+    /// # Panics
+    /// Never: the coefficients are kept C-contiguous.
     pub fn sample(&self, y: f64, x: f64) -> f64 {
         let (height, width) = self.coefficients.dim();
         let (Some(rows), Some(columns)) = (Support::at(y, height), Support::at(x, width)) else {

@@ -14,7 +14,6 @@ use crate::kernels::simd::{Isa, Kernel, Simd};
 
 /// Weights packed `[tap][panel of inputs][output][input of the panel]`.
 pub(crate) struct Weights {
-    isa: Isa,
     geometry: Geometry,
     vectors: usize,
     packed: AlignedBuffer,
@@ -35,12 +34,7 @@ impl Weights {
             let panel_start = (tap * (padded / panel) + input / panel) * outputs * panel;
             to[panel_start + output * panel + input % panel] = *value;
         }
-        Self { isa, geometry, vectors, packed }
-    }
-
-    /// The instruction set that the weights are packed for.
-    pub(crate) fn isa(&self) -> Isa {
-        self.isa
+        Self { geometry, vectors, packed }
     }
 }
 

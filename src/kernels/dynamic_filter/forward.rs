@@ -149,6 +149,10 @@ impl Kernel for FilterRows<'_> {
 
 /// Adds what one tap contributes to the outputs of a tile.
 #[inline(always)]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "one inner loop's state; a struct would be taken apart at once"
+)]
 unsafe fn add_tap<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,
     filter: &DynamicFilter,

@@ -16,7 +16,7 @@ pub(crate) use portable::Portable;
 pub(crate) use x86::{Avx2, Avx512};
 
 /// The environment variable that forces an instruction set: `avx512`, `avx2` or `portable`.
-pub const FORCE_VARIABLE: &str = "UDC_SIMD";
+const FORCE_VARIABLE: &str = "UDC_SIMD";
 
 /// Operations on vectors of [`Simd::LANES`] floats; the implementor proves that the CPU has them.
 pub(crate) trait Simd: Copy + Send + Sync + 'static {

@@ -61,6 +61,9 @@ impl Network {
     }
 
     /// Appends a convolution, a leaky rectifier of slope `slope` (1 for none), and the addition of a tensor.
+    ///
+    /// # Panics
+    /// When the convolution reads another number of channels than `x` has.
     pub fn convolution(
         &mut self,
         input: Tensor,
@@ -86,6 +89,9 @@ impl Network {
     }
 
     /// Appends a dynamic filter.
+    ///
+    /// # Panics
+    /// When the filter is made for another number of channels.
     pub fn dynamic_filter(&mut self, condition: Tensor, features: Tensor, filter: DynamicFilter) -> Tensor {
         let spec = self.tensors[condition.0];
         assert_eq!(spec.channels, filter.channels(), "channels that a dynamic filter reads");

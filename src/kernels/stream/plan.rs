@@ -27,6 +27,9 @@ pub struct Plan<'a> {
 
 impl<'a> Plan<'a> {
     /// Plans a run on images of `height` × `width`, multiples of [`Network::reduction`], with `threads`.
+    ///
+    /// # Panics
+    /// When a side is no multiple of [`Network::reduction`].
     pub fn new(network: &'a Network, height: usize, width: usize, threads: usize) -> Self {
         let reduction = network.reduction();
         assert!(

@@ -19,6 +19,9 @@ impl Plan<'_> {
     ///
     /// # Errors
     /// Whatever `proceed`, asked before each portion of rows with the number of input rows done, returns.
+    ///
+    /// # Panics
+    /// When there is not one source for each input of the network.
     pub fn run<E>(
         &self,
         sources: &[Source<'_>],

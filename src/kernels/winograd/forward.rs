@@ -98,7 +98,7 @@ impl<W: Fn(usize, usize) -> [f32; 9]> Kernel for PackPanel<'_, W> {
                 let mut g = [[0.0f64; PACKED_TOGETHER]; 9];
                 for together in 0..PACKED_TOGETHER {
                     let weight = (self.weight)(lane + together, input);
-                    (0..9).for_each(|k| g[k][together] = f64::from(weight[k]));
+                    g.iter_mut().zip(weight).for_each(|(g, tap)| g[together] = f64::from(tap));
                 }
                 let transformed = weight_transform(&g);
                 for (point, values) in transformed.iter().enumerate() {
@@ -355,6 +355,10 @@ impl Strip<'_> {
 
     /// Step 5, vertical: Aᵀ over the six rows of sums, then bias and [`Finish`], to where the output lies.
     #[inline(always)]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one inner loop's state; a struct would be taken apart at once"
+    )]
     unsafe fn invert_columns<S: Simd>(
         self,
         simd: S,

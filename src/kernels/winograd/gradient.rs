@@ -161,6 +161,10 @@ struct Segment {
 impl Segment {
     /// Vertical step for the inputs: one row of Bᵀ over six rows, for each column that the tiles see.
     #[inline(always)]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one inner loop's state; a struct would be taken apart at once"
+    )]
     unsafe fn inputs<S: Simd>(
         self,
         simd: S,
@@ -193,6 +197,10 @@ impl Segment {
 
     /// Vertical step for the gradients: one row of A over four rows.
     #[inline(always)]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one inner loop's state; a struct would be taken apart at once"
+    )]
     unsafe fn gradients<S: Simd>(
         self,
         simd: S,
@@ -262,6 +270,10 @@ unsafe fn gradient_point<S: Simd, const POINT: usize>(
 
 /// Horizontal step for the inputs: `to` is where the row's first tile goes and how far the points are apart.
 #[inline(always)]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "one inner loop's state; a struct would be taken apart at once"
+)]
 unsafe fn input_points<S: Simd>(
     simd: S,
     tiles: usize,
@@ -284,6 +296,10 @@ unsafe fn input_points<S: Simd>(
 
 /// Horizontal step for the gradients.
 #[inline(always)]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "one inner loop's state; a struct would be taken apart at once"
+)]
 unsafe fn gradient_points<S: Simd>(
     simd: S,
     tiles: usize,

@@ -69,7 +69,7 @@ fn band_energy(otf: &[Complex64], column: usize, grid_width: usize, block: usize
     for (kx, spectrum) in otf.chunks_exact(column).enumerate() {
         let along_x = response(kx, grid_width);
         for (h, along_y) in spectrum.iter().zip(&along_y) {
-            energy += along_x * along_y * f64::from(h.norm_sqr());
+            energy += along_x * along_y * h.norm_sqr();
             weight += along_x * along_y;
         }
     }

@@ -153,6 +153,10 @@ fn norm(z: Complex64) -> f64 {
     z.norm_sqr()
 }
 
+#[expect(
+    clippy::too_many_arguments,
+    reason = "one inner loop's state; a struct would be taken apart at once"
+)]
 fn draw_scene(
     y: Complex64,
     h: Complex64,
