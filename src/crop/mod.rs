@@ -23,7 +23,7 @@ const SUBSAMPLES_PER_TEXEL: f64 = 1.5;
 /// Renders a view without aliasing.
 ///
 /// Each output pixel is the mean of the panorama over the pixel's area, taken with a grid of bilinear
-/// subsamples that follows the pixel's footprint on the panorama; see [`Panorama::sample`]. A view finer than
+/// subsamples that follows the pixel's footprint on the panorama; see `Panorama::sample`. A view finer than
 /// the panorama is bilinear interpolation alone.
 ///
 /// # Panics

@@ -1,6 +1,6 @@
 //! From a bracket of exposures or a display layout to a point spread function.
 //!
-//! Two ways lead there. Measured: [`fuse`] makes one linear image of a bracket, [`measure`] cuts the PSF out
+//! Two ways lead there. Measured: [`fuse()`] makes one linear image of a bracket, [`measure`] cuts the PSF out
 //! of it. Simulated: [`display`] describes panel, lens and sensor, [`propagate`] sends light through them.
 
 pub mod bayer;

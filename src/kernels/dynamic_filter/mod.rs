@@ -12,7 +12,7 @@
 //! which stay in the first-level cache. The weights are packed `[tap][panel][input][channel of the panel]`.
 //!
 //! # Sizes
-//! Tiles of [`tile_pixels`] pixels: enough to reuse a tap's weights (4 KB at 32 channels, 64 KB at 128), few
+//! Tiles of `tile_pixels` pixels: enough to reuse a tap's weights (4 KB at 32 channels, 64 KB at 128), few
 //! enough that conditions and outputs stay cached.
 //!
 //! # Error

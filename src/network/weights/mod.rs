@@ -109,7 +109,7 @@ pub fn write(path: &Path, weights: &Weights, overwrite: bool) -> Result<()> {
 /// Rewrites a weight file of any readable kind as a model file.
 ///
 /// # Errors
-/// Those of [`read`] and [`write`]; [`Error::Config`] when the output is not named `.safetensors`.
+/// Those of [`read()`] and [`write()`]; [`Error::Config`] when the output is not named `.safetensors`.
 pub fn convert(input: &Path, output: &Path, overwrite: bool) -> Result<()> {
     if output.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("safetensors")) {
         let reason = format!("models are written as .safetensors, which {} is not", output.display());
