@@ -124,7 +124,18 @@ impl Demo<'_> {
 
     fn synthesise_train_and_measure(&self) -> Result<()> {
         let seed = self.seed.to_string();
-        self.run(&["synth", "@scenes", "--bank", "@bank.safetensors", "-o", "@dataset", "--seed", &seed])?;
+        self.run(&[
+            "synth",
+            "@scenes",
+            "--bank",
+            "@bank.safetensors",
+            "-o",
+            "@dataset",
+            "--seed",
+            &seed,
+            "--test-fraction",
+            "0.34",
+        ])?;
         let seed = format!("seed={seed}");
         self.run(&["train", "@training.toml", "--data", "@dataset", "-o", "@run", "--set", &seed])?;
         let model = "@run/model.safetensors";
