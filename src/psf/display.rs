@@ -100,19 +100,33 @@ impl SpectrumConfig {
         [&self.red, &self.green, &self.blue]
     }
 
-    /// The shortest wavelength of any channel that has a weight, in metres.
+    /// Each wavelength that has a weight, once, with its weight in each channel.
+    pub fn lines(&self) -> Vec<(f64, [f64; 3])> {
+        let mut lines: Vec<(f64, [f64; 3])> = Vec::new();
+        for (channel, list) in self.channels().into_iter().enumerate() {
+            for &(wavelength_nm, weight) in list.iter().filter(|(_, weight)| *weight > 0.0) {
+                let known = lines.iter_mut().find(|(known, _)| known.to_bits() == wavelength_nm.to_bits());
+                match known {
+                    Some((_, weights)) => weights[channel] += weight,
+                    None => {
+                        let mut weights = [0.0; 3];
+                        weights[channel] = weight;
+                        lines.push((wavelength_nm, weights));
+                    }
+                }
+            }
+        }
+        lines
+    }
+
+    /// The shortest wavelength that has a weight, in metres.
     pub fn shortest_m(&self) -> f64 {
-        self.wavelengths_m().fold(f64::INFINITY, f64::min)
+        self.lines().iter().map(|(wavelength_nm, _)| wavelength_nm * 1e-9).fold(f64::INFINITY, f64::min)
     }
 
-    /// The longest wavelength of any channel that has a weight, in metres.
+    /// The longest wavelength that has a weight, in metres.
     pub fn longest_m(&self) -> f64 {
-        self.wavelengths_m().fold(0.0, f64::max)
-    }
-
-    fn wavelengths_m(&self) -> impl Iterator<Item = f64> {
-        let lines = self.channels().into_iter().flatten().filter(|(_, weight)| *weight > 0.0);
-        lines.map(|(wavelength_nm, _)| wavelength_nm * 1e-9)
+        self.lines().iter().map(|(wavelength_nm, _)| wavelength_nm * 1e-9).fold(0.0, f64::max)
     }
 }
 

@@ -65,38 +65,62 @@ const MEMORY_LIMIT_BYTES: usize = 2 << 30;
 pub fn simulate_psf(config: &DisplayConfig, progress: &Progress) -> Result<SimulatedPsf> {
     config.check()?;
     let bench = Bench::new(config)?;
-    let spectrum = config.spectrum.channels();
-    let count: usize = spectrum.iter().map(|lines| lines.len()).sum();
-    let bar = progress.bar(count as u64, "wavelengths");
+    let lines = config.spectrum.lines();
+    let bar = progress.bar(lines.len() as u64, "wavelengths");
     let size = config.sensor.size_px;
-    let mut planes = Array3::zeros((3, size, size));
-    let mut light = [ChannelLight::default(); 3];
-    for (channel, lines) in spectrum.into_iter().enumerate() {
-        let mut sum = Array2::<f64>::zeros((size, size));
-        let (mut passed, mut total_weight) = (0.0, 0.0);
-        for &(wavelength_nm, weight) in lines.iter().filter(|(_, weight)| *weight > 0.0) {
-            progress.check()?;
-            let (image, through) = bench.image(wavelength_nm * 1e-9);
-            sum.scaled_add(weight, &image);
-            passed += weight * through;
-            total_weight += weight;
-            bar.inc(1);
-        }
-        light[channel] = ChannelLight {
-            transmitted: passed / total_weight / bench.pupil_area_m2,
-            outside: (1.0 - sum.sum() / passed).max(0.0),
-        };
-        #[expect(clippy::cast_possible_truncation, reason = "PSFs are kept in 32 bit")]
-        planes.index_axis_mut(Axis(0), channel).assign(&sum.mapv(|v| (v / passed) as f32));
+    let mut channels = [0, 1, 2].map(|_| ChannelSum::new(size));
+    for (wavelength_nm, weights) in lines {
+        progress.check()?;
+        let (image, through) = bench.image(wavelength_nm * 1e-9);
+        channels.iter_mut().zip(weights).for_each(|(channel, weight)| channel.add(weight, &image, through));
+        bar.inc(1);
     }
     bar.finish_and_clear();
+    let mut planes = Array3::zeros((3, size, size));
+    for (mut plane, channel) in planes.outer_iter_mut().zip(&channels) {
+        plane.assign(&channel.shares());
+    }
     Ok(SimulatedPsf {
         psf: Psf::from_energy(planes)?,
-        light,
+        light: [0, 1, 2].map(|index| channels[index].light(bench.pupil_area_m2)),
         optics: bench.optics,
         grid: bench.grid,
         memory_bytes: bench.memory_bytes(),
     })
+}
+
+/// The light of one channel, summed over its wavelengths.
+struct ChannelSum {
+    image: Array2<f64>,
+    passed: f64,
+    weight: f64,
+}
+
+impl ChannelSum {
+    fn new(size: usize) -> Self {
+        Self { image: Array2::zeros((size, size)), passed: 0.0, weight: 0.0 }
+    }
+
+    fn add(&mut self, weight: f64, image: &Array2<f64>, through: f64) {
+        if weight > 0.0 {
+            self.image.scaled_add(weight, image);
+            self.passed += weight * through;
+            self.weight += weight;
+        }
+    }
+
+    /// Each pixel's share of what passes the panel.
+    #[expect(clippy::cast_possible_truncation, reason = "PSFs are kept in 32 bit")]
+    fn shares(&self) -> Array2<f32> {
+        self.image.mapv(|light| (light / self.passed) as f32)
+    }
+
+    fn light(&self, pupil_area_m2: f64) -> ChannelLight {
+        ChannelLight {
+            transmitted: self.passed / self.weight / pupil_area_m2,
+            outside: (1.0 - self.image.sum() / self.passed).max(0.0),
+        }
+    }
 }
 
 /// What all wavelengths share: geometry, grid, pupil and the display's orders.

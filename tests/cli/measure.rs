@@ -12,7 +12,12 @@ use crate::common::{fail, succeed};
 const EXPOSURES: [(&str, f32); 3] = [("a.npy", 1.0), ("b.npy", 1.0 / 32.0), ("c.npy", 1.0 / 768.0)];
 
 fn write(folder: &Path, name: &str, planes: Array3<f32>) {
-    write_pixels(&folder.join(name), &Pixels::of_planes(planes), PixelOptions::default()).unwrap();
+    write_pixels(
+        &folder.join(name),
+        &Pixels::of_planes(planes),
+        PixelOptions { overwrite: true, ..PixelOptions::default() },
+    )
+    .unwrap();
 }
 
 /// A point source of brightness 700 at row 33, column 30 on a level of 0.01, with one sidelobe.
@@ -63,7 +68,7 @@ fn fuses_a_mosaic() {
     let args = ["fuse", "a.npy", "b.npy", "c.npy", "-o", "o.npy", "--bayer", "rggb"];
     succeed(folder.path(), &args);
     assert_eq!(read_pixels(&folder.path().join("o.npy")).unwrap().planes.dim(), (3, 64, 60));
-    let message = fail(folder.path(), &args[..6], 1);
+    let message = fail(folder.path(), &["fuse", "a.npy", "b.npy", "c.npy", "-o", "grey.npy"], 1);
     assert!(message.contains("bayer") && message.contains("rggb"), "{message}");
 }
 
@@ -141,7 +146,7 @@ fn refuses_a_display_file_with_a_typing_error() {
     let folder = tempdir().unwrap();
     std::fs::write(folder.path().join("panel.toml"), format!("{DISPLAY}pitch-mm = 3\n")).unwrap();
     let message = fail(folder.path(), &["psf", "--display", "panel.toml", "-o", "psf.exr"], 1);
-    assert!(message.contains("line 7") && message.contains("pitch-mm"), "{message}");
+    assert!(message.contains("line 8") && message.contains("pitch-mm"), "{message}");
     assert!(!folder.path().join("psf.exr").exists());
 }
 

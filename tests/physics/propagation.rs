@@ -6,7 +6,9 @@ use std::path::PathBuf;
 use ndarray::{Array2, Array3, ArrayView2};
 use udc::core::io::{PixelOptions, Pixels, write_pixels};
 use udc::core::progress::Progress;
-use udc::psf::display::{LayoutConfig, LayoutKind, OpticsConfig, RegionConfig, SamplingConfig};
+use udc::psf::display::{
+    LayoutConfig, LayoutKind, OpticsConfig, RegionConfig, SamplingConfig, SpectrumConfig,
+};
 use udc::psf::optics::Optics;
 use udc::psf::{DisplayConfig, SimulatedPsf, assess_psf, simulate_psf};
 
@@ -22,6 +24,9 @@ fn bare_lens(aperture_mm: f64, pixel_pitch_um: f64, size_px: usize) -> DisplayCo
     config.optics.aperture_mm = aperture_mm;
     config.sensor.pixel_pitch_um = pixel_pitch_um;
     config.sensor.size_px = size_px;
+    // One wavelength: the same for all channels, and computed once.
+    let line = vec![(GREEN_M * 1e9, 1.0)];
+    config.spectrum = SpectrumConfig { red: line.clone(), green: line.clone(), blue: line };
     config
 }
 
@@ -138,6 +143,7 @@ fn grating_orders_stand_where_source_and_gap_scale_them() {
     for (source_distance_m, display_to_lens_mm) in [(1.0, 1.0), (0.02, 5.0), (f64::INFINITY, 3.0)] {
         let mut config = bare_lens(1.9, 1.12, 320);
         config.optics = OpticsConfig { source_distance_m, display_to_lens_mm, ..config.optics };
+        config.spectrum = SpectrumConfig::default();
         config.display = grating(60.0, 13.0, 11.0);
         let simulated = simulate(&config);
         let z2 = simulated.optics.sensor_distance_m;
@@ -200,6 +206,7 @@ fn light_inside_and_outside_of_the_window_adds_up() {
 #[test]
 fn red_orders_lie_further_out_than_blue_ones() {
     let mut config = bare_lens(1.9, 1.12, 201);
+    config.spectrum = SpectrumConfig::default();
     config.display = grating(60.0, 13.0, 11.0);
     let simulated = simulate(&config);
     let step = |wavelength: f64| wavelength * simulated.optics.sensor_distance_m / 60e-6 / 1.12e-6;

@@ -193,6 +193,14 @@ mod tests {
     }
 
     #[test]
+    fn a_wavelength_that_two_channels_see_is_listed_once() {
+        let text = "[spectrum]\nred = [[600, 1], [570, 0.5], [640, 0]]\ngreen = [[530, 1], [570, 0.25]]\n";
+        let lines = parse(text).unwrap().spectrum.lines();
+        assert_eq!(lines.len(), 4);
+        assert!(lines.contains(&(570.0, [0.5, 0.25, 0.0])));
+    }
+
+    #[test]
     fn the_resolved_configuration_reads_back() {
         let config = DisplayConfig::default();
         assert_eq!(parse(&toml::to_string(&config).unwrap()).unwrap(), config);
