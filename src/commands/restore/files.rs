@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result, bail};
 
 use udc::core::image::{Linear, LinearImage, ToneMapped, ToneMappedImage};
 use udc::core::io::{
-    DomainTag, Format, WriteOptions, check_output, expand_inputs, inspect_image, read_image, read_pixels,
+    DomainTag, Format, WriteOptions, check_output, expand_inputs, image_of, inspect_image, read_pixels,
     write_image,
 };
 use udc::core::tone::ToneCurve;
@@ -107,16 +107,14 @@ impl Capture {
             DomainTag::Linear => DomainArg::Linear,
             DomainTag::ToneMapped => DomainArg::ToneMapped,
         });
-        // The pixels are read again below, by the reader that checks them.
-        drop(pixels);
         let pixels = match domain.or(declared) {
             None if is_integer => bail!(
                 "{} does not say whether its values are linear or tone-mapped: add --domain linear or --domain \
                  tone-mapped",
                 path.display()
             ),
-            Some(DomainArg::ToneMapped) => AnyImage::ToneMapped(read_image::<ToneMapped>(path)?),
-            Some(DomainArg::Linear) | None => AnyImage::Linear(read_image::<Linear>(path)?),
+            Some(DomainArg::ToneMapped) => AnyImage::ToneMapped(image_of::<ToneMapped>(path, pixels)?),
+            Some(DomainArg::Linear) | None => AnyImage::Linear(image_of::<Linear>(path, pixels)?),
         };
         Ok(Self { pixels, saturation: None })
     }

@@ -141,15 +141,15 @@ pub fn deconvolution_bytes(image: [usize; 2], psf: [usize; 2], config: &Deconvol
         Method::RichardsonLucy | Method::Constrained => operator::grid_size(image, psf),
     };
     let samples = (grid[0] * grid[1]) as u64;
-    let planes = match config.method {
-        Method::Wiener | Method::WienerOrieux => 4,
-        Method::RichardsonLucy => 6,
-        Method::Constrained => 12,
+    // Planes of one channel at once; spectra: those of the PSF and the filter, of the data, and the rows between
+    // the two passes of a transform. A half spectrum of doubles takes two floats a sample.
+    let (planes, spectra) = match config.method {
+        Method::Wiener => (4, 5),
+        Method::WienerOrieux => (4, 6),
+        Method::RichardsonLucy => (6, 3),
+        Method::Constrained => (12, 4),
     };
-    // Half spectra have the bytes of the plane: the filters' two, that of the data, and the rows between the
-    // two passes of a transform.
-    let spectra = 5;
-    4 * (2 * CHANNELS as u64 * pixels + planes * pixels + spectra * samples)
+    4 * (2 * CHANNELS as u64 * pixels + planes * pixels + 2 * spectra * samples)
 }
 
 fn deconvolve_plane(

@@ -50,3 +50,72 @@ fn apply(spectral: &Spectral, plane: ArrayView2<'_, f32>, filter: &[Complex64]) 
     let restored = spectral.inverse(&spectral.transform(plane), filter);
     restored.slice(s![..plane.nrows(), ..plane.ncols()]).to_owned()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::fft::{Boundary, Convolver};
+    use crate::restore::deconvolution::{Border, Method};
+
+    fn psf() -> Array2<f32> {
+        let k = Array2::from_shape_fn((17, 17), |(y, x)| {
+            let r2 = (y as f32 - 8.0).powi(2) + (x as f32 - 8.0).powi(2);
+            (-r2 / 2.0).exp() + 0.002
+        });
+        let sum = k.sum();
+        k / sum
+    }
+
+    /// A bright left half and a dark right one, so that the frame's opposite sides do not fit.
+    fn scene(size: usize) -> Array2<f32> {
+        Array2::from_shape_fn((size, size), |(y, x)| {
+            let texture = 0.2 * ((y as f32) * 0.9).sin() * ((x as f32) * 0.7).cos();
+            texture + if x < size / 2 { 2.0 } else { 0.5 } + y as f32 / size as f32
+        })
+    }
+
+    fn blurred(scene: &Array2<f32>) -> Array2<f32> {
+        let (height, width) = scene.dim();
+        let convolver = Convolver::new([height, width], [17, 17], Boundary::Replicate).unwrap();
+        convolver.convolve_plane(scene.view(), &convolver.kernel_spectrum(psf().view()).unwrap())
+    }
+
+    fn rmse(a: ArrayView2<'_, f32>, b: ArrayView2<'_, f32>) -> f32 {
+        ((&a - &b).mapv(|v| v * v).sum() / a.len() as f32).sqrt()
+    }
+
+    fn config(border: Border) -> DeconvolutionConfig {
+        DeconvolutionConfig { border, balance: 1e-3, ..DeconvolutionConfig::of_method(Method::Wiener) }
+    }
+
+    /// The frame is cut out of a larger scene, whose light comes in over the border.
+    #[test]
+    fn does_not_ring_at_the_border() {
+        let scene = scene(96);
+        let capture = blurred(&scene);
+        let inside = s![24..72, 24..72];
+        let error = |border| {
+            let restored = restore(capture.slice(inside), psf().view(), &config(border)).unwrap();
+            let scene = scene.slice(inside);
+            let whole = rmse(restored.view(), scene);
+            (whole, rmse(restored.slice(s![12..36, 12..36]), scene.slice(s![12..36, 12..36])))
+        };
+        let (smooth, inner) = error(Border::Smooth);
+        let (periodic, _) = error(Border::Periodic);
+        assert!(smooth < 0.5 * periodic, "{smooth} against {periodic}");
+        assert!(smooth < 3.0 * inner, "{smooth} with the border, {inner} without");
+    }
+
+    #[test]
+    fn masked_saturated_pixels_ring_less() {
+        let mut scene = scene(64);
+        scene.slice_mut(s![30..33, 40..43]).fill(60.0);
+        let capture = blurred(&scene).mapv(|v| v.min(20.0));
+        let error = |mask_saturated| {
+            let config = DeconvolutionConfig { mask_saturated, saturation: 20.0, ..config(Border::Smooth) };
+            let restored = restore(capture.view(), psf().view(), &config).unwrap();
+            rmse(restored.view(), scene.view())
+        };
+        assert!(error(true) < 0.8 * error(false), "{} against {}", error(true), error(false));
+    }
+}

@@ -175,3 +175,75 @@ fn draw_scene(
     let (re, im): (f64, f64) = (StandardNormal.sample(rng), StandardNormal.sample(rng));
     h.conj() * y * (noise / precision) + Complex64::new(re * spread, im * spread)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::fft::{Boundary, Convolver};
+    use crate::restore::deconvolution::{Border, Method};
+
+    const SIZE: usize = 48;
+
+    fn psf() -> Array2<f32> {
+        let k = Array2::from_shape_fn((9, 9), |(y, x)| {
+            (-((y as f32 - 4.0).powi(2) + (x as f32 - 4.0).powi(2)) / 3.0).exp()
+        });
+        let sum = k.sum();
+        k / sum
+    }
+
+    fn scene() -> Array2<f32> {
+        Array2::from_shape_fn((SIZE, SIZE), |(y, x)| if (y / 12 + x / 8) % 2 == 0 { 1.0 } else { 0.2 })
+    }
+
+    /// The scene through the PSF, periodic, with noise of `sigma`.
+    fn capture(sigma: f32) -> Array2<f32> {
+        let convolver = Convolver::new([SIZE, SIZE], [9, 9], Boundary::Periodic).unwrap();
+        let otf = convolver.kernel_spectrum(psf().view()).unwrap();
+        let mut rng = rng::stream(11, "capture");
+        convolver.convolve_plane(scene().view(), &otf).mapv(|v| {
+            let normal: f32 = StandardNormal.sample(&mut rng);
+            v + sigma * normal
+        })
+    }
+
+    fn config(seed: u64) -> DeconvolutionConfig {
+        let default = DeconvolutionConfig::of_method(Method::WienerOrieux);
+        DeconvolutionConfig { border: Border::Periodic, seed, ..default }
+    }
+
+    fn rmse(a: &Array2<f32>, b: &Array2<f32>) -> f32 {
+        ((a - b).mapv(|v| v * v).sum() / a.len() as f32).sqrt()
+    }
+
+    /// The estimate is the most probable balance, not the one of the smallest error: 10 % for the difference.
+    #[test]
+    fn finds_about_the_best_balance_for_any_noise() {
+        for sigma in [0.003, 0.02, 0.1] {
+            let capture = capture(sigma);
+            let ours = rmse(&restore(capture.view(), psf().view(), &config(1), 0).unwrap(), &scene());
+            let of_balance = |exponent: i32| {
+                let config = DeconvolutionConfig { balance: 10f32.powf(exponent as f32 / 4.0), ..config(1) };
+                rmse(&wiener::restore(capture.view(), psf().view(), &config).unwrap(), &scene())
+            };
+            let best = (-24..=8).map(of_balance).fold(f32::INFINITY, f32::min);
+            assert!(ours < 1.1 * best, "noise of {sigma}: {ours} where {best} is possible");
+        }
+    }
+
+    #[test]
+    fn repeats_itself_and_depends_little_on_the_seed() {
+        let capture = capture(0.02);
+        let restored = |seed| restore(capture.view(), psf().view(), &config(seed), 0).unwrap();
+        let first = restored(1);
+        assert_eq!(first, restored(1));
+        let other = restored(2);
+        assert!(first != other && rmse(&first, &other) < 0.05 * rmse(&first, &capture));
+    }
+
+    #[test]
+    fn a_dark_frame_stays_dark() {
+        let restored = restore(Array2::zeros((12, 10)).view(), psf().view(), &config(1), 0).unwrap();
+        assert!(restored.iter().all(|&v| v == 0.0));
+    }
+}
