@@ -33,7 +33,13 @@ fn sources() -> Vec<Source> {
     let mut files = Vec::new();
     collect(&root, &mut files);
     assert!(files.len() > 20, "found only {} files below {}", files.len(), root.display());
-    files.iter().map(|path| source(&root, path)).collect()
+    files.iter().map(|path| source(&root, path)).filter(|source| !is_test(&source.name)).collect()
+}
+
+/// Unit tests that stand in a file or folder of their own beside the code.
+fn is_test(name: &str) -> bool {
+    name.split('/')
+        .any(|part| matches!(part, "tests" | "tests.rs" | "testing.rs") || part.ends_with("_tests.rs"))
 }
 
 fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
