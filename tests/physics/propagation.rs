@@ -73,17 +73,25 @@ fn airy(config: &DisplayConfig, wavelength_m: f64, row: f64, column: f64) -> f64
     let optics = Optics::new(&config.optics).unwrap();
     let pitch = config.sensor.pixel_pitch_um * 1e-6;
     let per_metre = optics.aperture_m / (wavelength_m * optics.sensor_distance_m);
-    let points = 12;
-    let place = |index: i32| (f64::from(index) + 0.5) / f64::from(points) - 0.5;
     let mut sum = 0.0;
-    for dy in 0..points {
-        for dx in 0..points {
-            let v = PI * per_metre * pitch * (row + place(dy)).hypot(column + place(dx));
-            sum += if v < 1e-9 { 1.0 } else { (2.0 * bessel_j1(v) / v).powi(2) };
+    for (dy, weight_y) in GAUSS_LEGENDRE {
+        for (dx, weight_x) in GAUSS_LEGENDRE {
+            let v = PI * per_metre * pitch * (row + dy / 2.0).hypot(column + dx / 2.0);
+            let light = if v < 1e-9 { 1.0 } else { (2.0 * bessel_j1(v) / v).powi(2) };
+            sum += weight_y * weight_x / 4.0 * light;
         }
     }
-    PI / 4.0 * (per_metre * pitch).powi(2) * sum / f64::from(points * points)
+    PI / 4.0 * (per_metre * pitch).powi(2) * sum
 }
+
+/// Nodes and weights of the quadrature on [−1, 1] that is exact for polynomials of degree 9.
+const GAUSS_LEGENDRE: [(f64, f64); 5] = [
+    (-0.906_179_845_938_664, 0.236_926_885_056_189),
+    (-0.538_469_310_105_683, 0.478_628_670_499_366),
+    (0.0, 0.568_888_888_888_889),
+    (0.538_469_310_105_683, 0.478_628_670_499_366),
+    (0.906_179_845_938_664, 0.236_926_885_056_189),
+];
 
 fn sum_around(plane: ArrayView2<'_, f32>, row: f64, column: f64, reach: i64) -> f64 {
     let (row, column) = (row.round() as i64, column.round() as i64);
@@ -167,8 +175,8 @@ fn each_order_carries_the_light_of_its_fourier_coefficient() {
     let mut config = bare_lens(1.9, 1.12, 320);
     config.display = grating(60.0, 13.0, 11.0);
     let simulated = simulate(&config);
-    // 757 openings stand in the pupil, give or take those on its rim.
-    assert!((simulated.light[GREEN].transmitted / (143.0 / 3600.0) - 1.0).abs() < 0.01);
+    // The openings spread light over λd/w = 48 µm: across the rim it interferes, in a ring of a tenth of the pupil.
+    assert!((simulated.light[GREEN].transmitted / (143.0 / 3600.0) - 1.0).abs() < 0.03);
     let plane = simulated.psf.channel(GREEN);
     let step = GREEN_M * simulated.optics.sensor_distance_m / 60e-6 / 1.001 / 1.12e-6;
     let light = |m: f64, n: f64| sum_around(plane, 160.0 + m * step, 160.0 + n * step, 10);
