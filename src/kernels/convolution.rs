@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::direct::few_outputs::{self, OutputRows as FewOutputRows};
 use super::direct::forward::{self as direct, Geometry, OutputRows};
 use super::finish::Finish;
 use super::rows::Rows;
@@ -29,6 +30,7 @@ pub struct Convolution {
 
 enum Method {
     Winograd(winograd::Weights),
+    FewOutputs(few_outputs::Weights),
     Direct(direct::Weights),
 }
 
@@ -88,6 +90,8 @@ impl Convolution {
         let method = if (side, stride) == (3, 1) && whole_groups && winograd::applies(isa, inputs, outputs) {
             let weight = |o: usize, i: usize| std::array::from_fn(|tap| weight(o, i, tap));
             Method::Winograd(winograd::Weights::pack(isa, (inputs, outputs), weight, bias))
+        } else if order == Order::Plain && few_outputs::applies(isa, geometry) {
+            Method::FewOutputs(few_outputs::Weights::pack(isa, geometry, weight, bias))
         } else {
             Method::Direct(direct::Weights::pack(isa, geometry, weight, bias))
         };
@@ -151,6 +155,10 @@ impl Convolution {
                     weights.isa.run(TileRows { weights, width, order: self.order, rows });
                 });
             }
+            Method::FewOutputs(weights) => blocks.into_par_iter().for_each(|block| {
+                let RowBlock { input, first, output, finish } = block;
+                weights.isa.run(FewOutputRows { weights, input, first, output, finish });
+            }),
             Method::Direct(weights) => blocks.into_par_iter().for_each(|block| match self.order {
                 Order::Plain => weights.isa.run(block.into_output_rows(weights)),
                 Order::Shuffled => shuffle_block(weights, block, width),
@@ -218,7 +226,7 @@ mod tests {
     use super::*;
     use crate::kernels::testing::{Values, assert_close, naive};
 
-    /// Rows × columns that leave tiles, strips and register tiles unfilled in every way.
+    /// Rows × columns that leave tiles, batches and register tiles unfilled in every way.
     const EXTENTS: [(usize, usize); 7] = [(1, 1), (1, 7), (4, 4), (5, 3), (9, 13), (6, 50), (17, 8)];
 
     fn check(isa: Isa, geometry: Geometry, shape: Shape) {
@@ -245,8 +253,20 @@ mod tests {
 
     #[test]
     fn three_by_three_agrees_with_the_sum_written_down() {
-        let channels =
-            [(1, 1), (3, 32), (8, 32), (32, 3), (4, 4), (5, 8), (8, 8), (16, 16), (16, 48), (32, 32)];
+        let channels = [
+            (1, 1),
+            (3, 32),
+            (8, 32),
+            (32, 3),
+            (16, 1),
+            (48, 2),
+            (4, 4),
+            (5, 8),
+            (8, 8),
+            (16, 16),
+            (16, 48),
+            (32, 32),
+        ];
         for isa in Isa::available() {
             for (inputs, outputs) in channels {
                 for (height, width) in EXTENTS {
