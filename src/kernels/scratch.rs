@@ -56,7 +56,7 @@ mod huge_pages {
     /// Advises memory that nothing has touched yet; a refusal changes speed only.
     #[cfg(target_os = "linux")]
     pub(super) fn advise<T>(memory: &mut [std::mem::MaybeUninit<T>]) {
-        let (start, bytes) = (memory.as_mut_ptr().addr(), std::mem::size_of_val(memory));
+        let (start, bytes) = (memory.as_mut_ptr().addr(), size_of_val(memory));
         let first = start.next_multiple_of(HUGE_PAGE);
         let whole = (start + bytes).saturating_sub(first) / HUGE_PAGE * HUGE_PAGE;
         if whole == 0 {

@@ -244,6 +244,17 @@ struct Batch<'a> {
     place: Placement,
 }
 
+/// Where a tile of a batch lies.
+#[derive(Clone, Copy)]
+struct Position {
+    /// Its number within the batch.
+    tile: usize,
+    /// The row of tiles.
+    row: usize,
+    /// Its number within the row.
+    across: usize,
+}
+
 impl Batch<'_> {
     /// Computes the outputs of the batch.
     ///
@@ -254,33 +265,35 @@ impl Batch<'_> {
         // SAFETY: the caller's promise covers each step.
         unsafe {
             for tile in 0..self.count {
-                let (q, across) = self.position(tile);
-                self.transform_inputs(simd, &rows[q], across, tile, buffers);
+                let place = self.position(tile);
+                self.transform_inputs(simd, &rows[place.row], place, buffers);
             }
             with_register_tile!(S, self.weights.vectors, multiply(simd, &self, buffers));
             for tile in 0..self.count {
-                let (q, across) = self.position(tile);
-                let TileRow { output, finish, .. } = &mut rows[q];
+                let place = self.position(tile);
+                let TileRow { output, finish, .. } = &mut rows[place.row];
                 let products = &*buffers.products;
-                with_finisher!(*finish, f => self.invert(simd, f, [tile, across], products, output));
+                with_finisher!(*finish, f => self.invert(simd, f, place, products, output));
             }
         }
     }
 
-    /// The row of a tile of the batch, and its number within the row.
     #[inline(always)]
-    fn position(self, tile: usize) -> (usize, usize) {
-        ((self.first + tile) / self.across, (self.first + tile) % self.across)
+    fn position(self, tile: usize) -> Position {
+        Position { tile, row: (self.first + tile) / self.across, across: (self.first + tile) % self.across }
     }
 
     /// Bᵀ·d·B of one tile, all channels.
     #[inline(always)]
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "the loop transposes: a column becomes an entry of each row"
+    )]
     unsafe fn transform_inputs<S: Simd>(
         self,
         simd: S,
         row: &TileRow<'_>,
-        across: usize,
-        tile: usize,
+        Position { tile, across, .. }: Position,
         buffers: &mut Buffers<'_>,
     ) {
         let channels = self.weights.inputs;
@@ -334,11 +347,19 @@ impl Batch<'_> {
 
     /// Aᵀ·m·A of one tile, then bias and [`Finish`], to where the output lies.
     #[inline(always)]
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "the loop transposes: a column becomes an entry of each row"
+    )]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one inner loop's state; a struct would be taken apart at once"
+    )]
     unsafe fn invert<S: Simd>(
         self,
         simd: S,
         finisher: impl Finisher<S>,
-        [tile, across]: [usize; 2],
+        Position { tile, across, .. }: Position,
         products: &[f32],
         output: &mut [f32],
     ) {
