@@ -130,6 +130,10 @@ impl<'a> Rows<'a> {
             Operation::DynamicFilter { filter, condition, features } => {
                 (self.computed[condition.0].min(ready(*features, filter.size() / 2)), height, 1)
             }
+            Operation::Pixelwise { inputs, .. } => {
+                let computed = inputs.iter().map(|input| self.computed[input.0]);
+                (computed.min().unwrap_or(0), height, 1)
+            }
         };
         let rows = if rows >= height { height } else { rows / BLOCK_ROWS * BLOCK_ROWS };
         let start = std::mem::replace(&mut self.done[step], rows);
@@ -158,6 +162,11 @@ impl<'a> Rows<'a> {
                     }
                     if *features == tensor {
                         oldest = oldest.min(done.saturating_sub(filter.size() / 2));
+                    }
+                }
+                Operation::Pixelwise { inputs, .. } => {
+                    if inputs.contains(&tensor) {
+                        oldest = oldest.min(done);
                     }
                 }
             }
