@@ -112,6 +112,16 @@ impl Network {
         self.pixelwise(Pixelwise::Concatenate, vec![first, second], channels)
     }
 
+    /// Appends the sum of two tensors.
+    ///
+    /// # Panics
+    /// When the tensors have different sides or channels.
+    pub fn add(&mut self, first: Tensor, second: Tensor) -> Tensor {
+        let channels = self.tensors[first.0].channels;
+        assert_eq!(self.tensors[second.0].channels, channels, "channels of tensors that are added");
+        self.pixelwise(Pixelwise::Add, vec![first, second], channels)
+    }
+
     /// Appends `leak(x · sigmoid(scale) + offset)`, the leaky rectifier having slope `slope` (1 for none).
     ///
     /// # Panics

@@ -5,6 +5,8 @@
 pub(super) enum Pixelwise {
     /// The channels of the first input, then those of the second.
     Concatenate,
+    /// The sum of two inputs.
+    Add,
     /// `leak(x · sigmoid(scale) + offset)` of three inputs.
     Modulate { slope: f32 },
 }
@@ -18,6 +20,11 @@ impl Pixelwise {
                 for (to, (first, second)) in output.chunks_exact_mut(channels[0] + channels[1]).zip(pixels) {
                     to[..channels[0]].copy_from_slice(first);
                     to[channels[0]..].copy_from_slice(second);
+                }
+            }
+            (Self::Add, [first, second]) => {
+                for ((to, first), second) in output.iter_mut().zip(*first).zip(*second) {
+                    *to = first + second;
                 }
             }
             (Self::Modulate { slope }, [x, scale, offset]) => {
@@ -36,11 +43,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pixels_are_joined_and_modulated() {
+    fn pixels_are_joined_added_and_modulated() {
         let (a, b) = ([1.0, 2.0, 3.0, 4.0], [5.0, 6.0]);
         let mut joined = [0.0; 6];
         Pixelwise::Concatenate.apply(&[&a, &b], &[2, 1], &mut joined);
         assert_eq!(joined, [1.0, 2.0, 5.0, 3.0, 4.0, 6.0]);
+        let mut sums = [0.0; 2];
+        Pixelwise::Add.apply(&[&a[..2], &b], &[2, 2], &mut sums);
+        assert_eq!(sums, [6.0, 8.0]);
         // sigmoid(0) = 1/2, and sigmoid(ln 3) = 3/4.
         let (scale, offset) = ([0.0, 3.0_f32.ln()], [1.0, -8.0]);
         let mut modulated = [0.0; 2];

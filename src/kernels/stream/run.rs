@@ -198,6 +198,7 @@ mod tests {
         let large = Geometry { inputs: CHANNELS + 3, outputs: CHANNELS, side: 9, stride: 1 };
         let scale = network.convolution(joined, layers.convolution(large), 0.2, None);
         let fine = network.modulate(fine, scale, refined, 0.0);
+        let fine = network.add(fine, refined);
         let last = layers.convolution(Geometry::three_by_three(CHANNELS, 3));
         network.convolution(fine, last, 0.2, Some(image));
         network
