@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::direct::few_outputs::{self, OutputRows as FewOutputRows};
-use super::direct::forward::{self as direct, Geometry, OutputRows};
+use super::direct::forward::{self as direct, Geometry, MOST_SIDE, OutputRows};
 use super::finish::Finish;
 use super::rows::Rows;
 use super::shape::Shape;
@@ -215,7 +215,8 @@ pub(crate) fn shuffled_output(output: usize, channels: usize) -> usize {
 
 fn check_parameters(geometry: Geometry, weight: &[f32], bias: &[f32]) -> usize {
     let Geometry { side, stride, .. } = geometry;
-    assert!(matches!((side, stride), (1 | 3, 1 | 2)), "a convolution of side {side}, stride {stride}");
+    let is_known = side % 2 == 1 && side <= MOST_SIDE && matches!(stride, 1 | 2 | 4);
+    assert!(is_known, "a convolution of side {side}, stride {stride}");
     assert_eq!(weight.len(), geometry.weight_len(), "weights of {geometry:?}");
     assert_eq!(bias.len(), geometry.outputs, "biases of {geometry:?}");
     side * side
@@ -288,6 +289,22 @@ mod tests {
                     let shape = Shape::new(2, height, width, inputs);
                     check(isa, Geometry { inputs, outputs, side: 3, stride: 2 }, shape);
                     check(isa, Geometry { inputs, outputs, side: 1, stride: 1 }, shape);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn large_convolutions_agree_with_the_sum_written_down() {
+        for isa in Isa::available() {
+            for (inputs, outputs, side, stride) in [(8, 3, 9, 1), (3, 16, 11, 4), (4, 20, 5, 1), (2, 3, 7, 2)]
+            {
+                for (height, width) in EXTENTS {
+                    check(
+                        isa,
+                        Geometry { inputs, outputs, side, stride },
+                        Shape::new(2, height, width, inputs),
+                    );
                 }
             }
         }

@@ -165,6 +165,10 @@ impl<'a> Rows<'a> {
             Operation::DynamicFilter { filter, condition, features } => {
                 (self.computed[condition.0].min(ready(*features, filter.size() / 2)), height, 1)
             }
+            Operation::Pixelwise { inputs, .. } => {
+                let computed = inputs.iter().map(|input| self.computed[input.0]);
+                (computed.min().unwrap_or(0), height, 1)
+            }
         };
         let period = if self.plan.height / height < COARSE { 1 } else { 2 };
         let is_due = self.portions.is_multiple_of(period) || self.fed == self.plan.height;
@@ -197,6 +201,11 @@ impl<'a> Rows<'a> {
                     }
                     if *features == tensor {
                         oldest = oldest.min(done.saturating_sub(filter.size() / 2));
+                    }
+                }
+                Operation::Pixelwise { inputs, .. } => {
+                    if inputs.contains(&tensor) {
+                        oldest = oldest.min(done);
                     }
                 }
             }

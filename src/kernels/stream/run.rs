@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use rayon::prelude::*;
+
 use super::plan::{Rows as Schedule, WINDOW_UNIT};
 use super::{Operation, Plan, Tensor};
 use crate::kernels::convolution::{BLOCK_ROWS, RowBlock};
@@ -101,6 +103,18 @@ impl Plan<'_> {
                 let blocks = blocks(rows, output, BLOCK_ROWS * row_len);
                 filter.compute(blocks.into_iter().map(block).collect());
             }
+            Operation::Pixelwise { function, inputs } => {
+                let views: Vec<Rows<'_>> = inputs.iter().map(|&input| view(input)).collect();
+                let channels = |t: &Tensor| self.network.tensors[t.0].channels;
+                let channels: Vec<usize> = inputs.iter().map(channels).collect();
+                blocks(rows, output, BLOCK_ROWS * row_len).into_par_iter().for_each(|block| {
+                    for (y, row) in block.output.chunks_exact_mut(row_len).take(block.rows).enumerate() {
+                        let y = (block.first + y).cast_signed();
+                        let rows: Vec<&[f32]> = views.iter().map(|view| view.nearest_row(y)).collect();
+                        function.apply(&rows, &channels, row);
+                    }
+                });
+            }
         }
     }
 
@@ -169,7 +183,8 @@ mod tests {
         }
     }
 
-    /// A small U-Net with everything in it: residual block, stride, up-convolution with skip, filter.
+    /// A small U-Net with everything in it: residual block, stride, up-convolution with skip, filter, large
+    /// convolution, modulation by two halves of a concatenation.
     fn network() -> Network {
         let mut layers = Layers { values: Values::new(1) };
         let stride_two = Geometry { inputs: CHANNELS, outputs: 2 * CHANNELS, side: 3, stride: 2 };
@@ -186,6 +201,11 @@ mod tests {
             (layers.convolution(same(2 * CHANNELS)), layers.convolution(same(2 * CHANNELS)));
         let coarse = network.res_block(coarse, first, second, 0.2);
         let fine = network.convolution(coarse, layers.up(), 0.2, Some(filtered));
+        let joined = network.concatenate(fine, image);
+        let large = Geometry { inputs: CHANNELS + 3, outputs: CHANNELS, side: 9, stride: 1 };
+        let scale = network.convolution(joined, layers.convolution(large), 0.2, None);
+        let fine = network.modulate(fine, scale, refined, 0.0);
+        let fine = network.add(fine, refined);
         let last = layers.convolution(Geometry::three_by_three(CHANNELS, 3));
         network.convolution(fine, last, 0.2, Some(image));
         network
