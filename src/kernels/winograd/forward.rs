@@ -414,6 +414,10 @@ unsafe fn multiply<S: Simd, const ROWS: usize, const COLUMNS: usize>(
         for p in 0..outputs / panel {
             let right_at = (p * POINTS * POINTS + point) * inputs * panel;
             let b = Operand { data: batch.weights.packed.as_slice(), at: right_at, row: 0, step: panel };
+            let filled = point * batch.sizes.inputs + batch.count * inputs;
+            let missing = batch.count.next_multiple_of(ROWS) - batch.count;
+            // Stale rows would give right results too, but stale numbers end as subnormals, which are slow.
+            buffers.inputs[filled..filled + missing * inputs].fill(0.0);
             for tile in (0..batch.count).step_by(ROWS) {
                 let at = point * batch.sizes.inputs + tile * inputs;
                 let a = Operand { data: buffers.inputs, at, row: inputs, step: 1 };
