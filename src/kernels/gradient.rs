@@ -8,7 +8,7 @@ use super::direct::input_gradient::{InputRows, Weights as TransposedWeights};
 use super::direct::weight_gradient::{AddOutputRow, SumsLayout};
 use super::finish::Finish;
 use super::rows::Rows;
-use super::scratch::AlignedBuffer;
+use super::scratch::{AlignedBuffer, zeros};
 use super::shape::Shape;
 use super::simd::Isa;
 use super::{sums, winograd};
@@ -44,7 +44,7 @@ pub fn input_gradient(
     finish: Finish<'_>,
 ) -> Vec<f32> {
     let isa = Isa::current();
-    let mut to = vec![0.0; shape.len()];
+    let mut to = zeros(shape.len());
     if geometry.stride == 1 {
         let out = shape.with_channels(geometry.outputs);
         Convolution::transposed(isa, geometry, weight).forward(gradient, out, finish, &mut to);

@@ -2,6 +2,8 @@
 
 use std::cell::Cell;
 
+use rayon::prelude::*;
+
 /// Floats per cache line: what a 512-bit vector moves at once.
 const LINE: usize = 16;
 
@@ -114,6 +116,28 @@ impl<'a> Scratch<'a> {
         let (part, rest) = std::mem::take(&mut self.0).split_at_mut(len);
         self.0 = rest;
         part
+    }
+}
+
+/// Zeros for an operation's result, written by all threads: half of the serial time of a training step would
+/// go to this otherwise.
+pub(crate) fn zeros(len: usize) -> Vec<f32> {
+    const SHARE: usize = 1 << 16;
+    (0..len).into_par_iter().with_min_len(SHARE).map(|_| 0.0).collect()
+}
+
+/// Asks the allocator to keep what is freed for the next request, for loops that take and free the same large
+/// buffers again and again: a training step. Without it each buffer's pages come fresh from the system.
+pub fn keep_freed_memory() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    {
+        // Older versions of the library refuse a threshold above 32 MiB and keep the first.
+        for threshold in [32 << 20, 1 << 30] {
+            // SAFETY: the call changes the allocator's parameters only, under the allocator's own lock.
+            unsafe { libc::mallopt(libc::M_MMAP_THRESHOLD, threshold) };
+        }
+        // SAFETY: as above.
+        unsafe { libc::mallopt(libc::M_TRIM_THRESHOLD, 1 << 30) };
     }
 }
 

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::scratch::zeros;
 use super::simd::{Isa, Kernel, Simd};
 
 /// Pixels summed in f32 before their sum is added in f64. Chunks do not depend on the threads.
@@ -28,7 +29,7 @@ pub struct Gated {
 /// When the slices differ in length.
 pub fn gate(gradient: &[f32], sign: &[f32], slope: f32, channels: usize) -> Gated {
     assert_eq!(gradient.len(), sign.len(), "a gradient and the signs it is gated by");
-    let mut gated = vec![0.0; gradient.len()];
+    let mut gated = zeros(gradient.len());
     let len = CHUNK * channels;
     let chunks = gated.par_chunks_mut(len).zip(gradient.par_chunks(len)).zip(sign.par_chunks(len));
     let sums: Vec<(Vec<f32>, f32)> = chunks

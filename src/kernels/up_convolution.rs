@@ -10,6 +10,7 @@ use super::convolution::{Convolution, shuffled_output};
 use super::direct::forward::Geometry;
 use super::finish::Finish;
 use super::gradient::{Parameters, input_gradient, weight_gradient};
+use super::scratch::zeros;
 use super::shape::Shape;
 use super::simd::Isa;
 use super::sums::gate;
@@ -29,7 +30,7 @@ impl UpConvolution<'_> {
     /// Computes `leak(shuffle(convolution(x)))`.
     pub fn forward(&self, x: &[f32], shape: Shape) -> Vec<f32> {
         let up = Convolution::up(Isa::current(), shape.channels, self.weight, self.bias);
-        let mut output = vec![0.0; up.output_shape(shape).len()];
+        let mut output = zeros(up.output_shape(shape).len());
         up.forward(x, shape, Finish::Leak(self.slope), &mut output);
         output
     }
@@ -68,7 +69,7 @@ impl UpConvolution<'_> {
 /// Gathers 2 × 2 pixels of `channels` into one of four groups: the shuffle turned around.
 fn gather(fine: &[f32], shape: Shape, channels: usize) -> Vec<f32> {
     let outputs = 4 * channels;
-    let mut coarse = vec![0.0; shape.pixels() * outputs];
+    let mut coarse = zeros(shape.pixels() * outputs);
     coarse.par_chunks_mut(shape.width * outputs).enumerate().for_each(|(row, to)| {
         for (x, to) in to.chunks_exact_mut(outputs).enumerate() {
             for (i, to) in to.chunks_exact_mut(2 * channels).enumerate() {

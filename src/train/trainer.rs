@@ -13,7 +13,8 @@ use super::sampler::Sampler;
 use super::schedule::learning_rate;
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, ToneMappedImage};
-use crate::network::{Backend, Network, Parameters};
+
+use crate::network::{Backend, Network, Parameters, keep_freed_memory};
 
 /// What one step did.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -83,6 +84,7 @@ impl Trainer {
                 "there is nothing to train on: the data have no items".to_owned(),
             ));
         }
+        keep_freed_memory();
         let sampler = Sampler::new(config.seed, items, config.data.shuffle);
         let loss = Loss::new(&config.loss)?;
         Ok(Self { config: config.clone(), device: backend.device().autodiff(), sampler, loss, state })

@@ -24,7 +24,7 @@ use crate::kernels::gemm::{
     with_weight_tile,
 };
 use crate::kernels::rows::Rows;
-use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines};
+use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines, zeros};
 use crate::kernels::shape::Shape;
 use crate::kernels::simd::{Kernel, Simd};
 use crate::kernels::sums;
@@ -59,7 +59,7 @@ impl DynamicFilter {
         let transposed = self.transposed_weights();
         let per_image = UNITS.div_ceil(shape.images);
         let unit_rows = shape.height.div_ceil(per_image);
-        let mut condition_gradient = vec![0.0; shape.len()];
+        let mut condition_gradient = zeros(shape.len());
         let mut units = Vec::new();
         for (n, image) in condition_gradient.chunks_mut(shape.image_len()).enumerate() {
             let image_range = n * shape.image_len()..(n + 1) * shape.image_len();
@@ -112,7 +112,7 @@ impl DynamicFilter {
     fn fold(&self, units: &[Unit<'_>], shape: Shape) -> Vec<f32> {
         let half = self.size / 2;
         let layout = Margin::new(self, shape.width);
-        let mut folded = vec![0.0; shape.len()];
+        let mut folded = zeros(shape.len());
         folded.par_chunks_mut(shape.row_len()).enumerate().for_each(|(row, to)| {
             let (image, y) = (row / shape.height, row % shape.height);
             for unit in units.iter().filter(|unit| unit.image == image) {

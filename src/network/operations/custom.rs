@@ -7,6 +7,8 @@ use burn::backend::flex::Flex;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, backend_extension};
 
+use rayon::prelude::*;
+
 use super::LEAKY_SLOPE;
 use super::host::{Computed, Host, HostOperation, View, run, run_tracked};
 use crate::kernels::gradient::{input_gradient, weight_gradient};
@@ -140,7 +142,7 @@ fn geometry(weight: &View<'_>, stride: usize) -> Geometry {
 fn convolve(x: View<'_>, weight: View<'_>, bias: View<'_>, stride: usize, slope: f32) -> (Vec<f32>, Shape) {
     let convolution = kernels::Convolution::new(geometry(&weight, stride), weight.floats, bias.floats);
     let shape = convolution.output_shape(x.batch());
-    let mut output = vec![0.0; shape.len()];
+    let mut output = kernels::zeros(shape.len());
     convolution.forward(x.floats, x.batch(), Finish::Leak(slope), &mut output);
     (output, shape)
 }
@@ -185,7 +187,7 @@ impl HostOperation<4> for PReluConvolution {
     fn forward(&self, [x, weight, bias, slope]: [View<'_>; 4]) -> Computed {
         let (sums, shape) = convolve(x, weight, bias, self.stride, 1.0);
         let slope = slope.floats[0];
-        let output = sums.iter().map(|&v| if v > 0.0 { v } else { slope * v }).collect();
+        let output = sums.par_iter().map(|&v| if v > 0.0 { v } else { slope * v }).collect();
         Computed { output, shape, kept: sums }
     }
 
@@ -280,7 +282,7 @@ impl PredictedFilter {
 impl HostOperation<5> for PredictedFilter {
     fn forward(&self, [condition, features, weight, bias, slope]: [View<'_>; 5]) -> Computed {
         let shape = features.batch();
-        let mut output = vec![0.0; shape.len()];
+        let mut output = kernels::zeros(shape.len());
         let filter = self.pack(weight, bias, slope);
         filter.forward(condition.floats, features.floats, shape, &mut output);
         Computed { output, shape, kept: Vec::new() }
