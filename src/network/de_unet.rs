@@ -151,6 +151,7 @@ pub(super) fn stream(build: &mut StreamBuilder<'_>) {
     for (level, skip) in skips.into_iter().enumerate().rev() {
         let (weight, bias) = build.layer(&format!("decoder.{level}.up"));
         let (weight, bias) = enlarging_weights(weight, bias);
+        build.derived_weights += weight.len();
         let inputs = weight.len() / bias.len() / 9;
         let up = kernels::Convolution::up(Isa::current(), inputs, &weight, &bias);
         x = build.network.convolution(x, up, LEAKY_SLOPE, Some(skip));
