@@ -12,9 +12,6 @@ use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::kernels::stream::{Network, Plan, Source, Tensor};
 use crate::kernels::{Convolution, Geometry};
 
-/// The slope of every LeakyReLU.
-pub(super) const LEAKY_SLOPE: f32 = 0.2;
-
 /// Bytes of packed weights per weight: Winograd's 36 points for 9 taps.
 const PACKING: u64 = 4 * size_of::<f32>() as u64;
 
