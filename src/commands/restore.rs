@@ -61,7 +61,7 @@ pub(crate) struct RestoreArgs {
     /// Format of the files in an output folder
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t = FormatArg::Exr)]
     format: FormatArg,
-    /// Side of the tiles, a multiple of 4 [default: chosen by --max-memory]
+    /// Side of the tiles, a multiple of 4 (of 16 for de-unet) [default: chosen by --max-memory]
     #[arg(long, value_name = "N", conflicts_with = "method")]
     tile: Option<usize>,
     /// Memory to stay under: 2GiB, 500MB, …

@@ -23,6 +23,8 @@ use super::Session;
 #[command(after_help = "Examples:
   udc train configs/discnet.toml --data dataset -o run
   udc train configs/discnet.toml --data dataset -o small --set architecture.features=8 --set data.crop=64
+  udc train configs/sftmd.toml --data dataset -o sftmd
+  udc train configs/paper.toml --data dataset -o paper --set loss.perceptual.file=vgg19-dcbb9e9d.pth
   udc train --data dataset -o run --resume
   udc train configs/discnet.toml --data views --bank bank.safetensors --set data.degradation=on-the-fly -o run")]
 pub(crate) struct TrainArgs {

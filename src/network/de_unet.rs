@@ -7,7 +7,8 @@
 //! these meet both numbers (9,019,459 parameters, 169.27 GMAC):
 //! - five resolutions of n = 32, 2n, 4n, 8n, 16n features; two 3 × 3 convolutions on each, the first of stride 2
 //!   but on the finest;
-//! - a second encoder like it for the four finest, its features added to the first one's;
+//! - a second encoder like it for the four finest, its features added to the first one's: the sums are the skip
+//!   connections, and the fourth is what the coarsest resolution reads;
 //! - back up: nearest-neighbour enlargement and a 3 × 3 convolution to half the features, the sum of both
 //!   encoders' features added, two 3 × 3 convolutions;
 //! - a 1 × 1 convolution to the image, to which the input is added.
@@ -20,10 +21,11 @@ use burn::tensor::Tensor;
 
 use super::architecture::Architecture;
 use super::builder::Builder;
-use super::inference::{LEAKY_SLOPE, Part, StreamBuilder};
+use super::inference::{Part, StreamBuilder};
 use super::layers::{Layer, LayerList};
 use super::operations::{
-    Activation, Convolution, convolution, enlarged_convolution, enlarging_weights, from_layout, to_layout,
+    Activation, Convolution, LEAKY_SLOPE, convolution, enlarged_convolution, enlarging_weights, from_layout,
+    to_layout,
 };
 use crate::core::image::CHANNELS;
 use crate::kernels::{self, Isa, stream};
@@ -31,8 +33,9 @@ use crate::kernels::{self, Isa, stream};
 /// Number of resolutions.
 pub(super) const LEVELS: usize = 5;
 
-/// The surroundings of a tile that starts at a multiple of 16: on the way to the coarsest resolution a row
-/// depends on 95 rows above it (2, 5, 11, 23 and so on of each resolution), fewer below.
+/// The surroundings of a tile that starts at a multiple of 16. Its first row depends on 2, 4, 5, 5, 4 rows above it
+/// in the decoder's resolutions, from the finest to the coarsest, and through these on 10, 22, 46 and at last 95 in
+/// the encoders', back to the finest; its last row on fewer below.
 pub(super) const HALO: usize = 96;
 
 /// The encoder that reaches down to the coarsest resolution, and the one that stops before it.
@@ -151,6 +154,7 @@ pub(super) fn stream(build: &mut StreamBuilder<'_>) {
     for (level, skip) in skips.into_iter().enumerate().rev() {
         let (weight, bias) = build.layer(&format!("decoder.{level}.up"));
         let (weight, bias) = enlarging_weights(weight, bias);
+        build.derived_weights += weight.len();
         let inputs = weight.len() / bias.len() / 9;
         let up = kernels::Convolution::up(Isa::current(), inputs, &weight, &bias);
         x = build.network.convolution(x, up, LEAKY_SLOPE, Some(skip));

@@ -12,9 +12,6 @@ use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::kernels::stream::{Network, Plan, Source, Tensor};
 use crate::kernels::{Convolution, Geometry};
 
-/// The slope of every LeakyReLU.
-pub(super) const LEAKY_SLOPE: f32 = 0.2;
-
 /// Bytes of packed weights per weight: Winograd's 36 points for 9 taps.
 const PACKING: u64 = 4 * size_of::<f32>() as u64;
 
@@ -43,6 +40,8 @@ pub(super) struct Inference {
     inputs: Vec<Vec<Part>>,
     /// The sides that the network computes are multiples of this.
     multiple: usize,
+    /// Number of weights that were made of the named ones, to be packed in their place.
+    derived_weights: usize,
 }
 
 impl std::fmt::Debug for Inference {
@@ -58,6 +57,7 @@ impl Inference {
             values: parameters.iter().map(|p| (p.name.as_str(), p.values.as_slice())).collect(),
             network: Network::default(),
             inputs: Vec::new(),
+            derived_weights: 0,
         };
         match architecture.kind {
             Kind::Discnet | Kind::Unet => discnet::stream(&mut build, architecture),
@@ -65,13 +65,14 @@ impl Inference {
             Kind::Sftmd => sftmd::stream(&mut build, architecture),
             Kind::DeUnet => de_unet::stream(&mut build),
         }
-        Self { network: build.network, inputs: build.inputs, multiple: architecture.side_multiple() }
+        let StreamBuilder { network, inputs, derived_weights, .. } = build;
+        Self { network, inputs, multiple: architecture.side_multiple(), derived_weights }
     }
 
     /// Estimates the bytes that a run on an image takes, packed weights included, the image's own not.
     pub(super) fn bytes(&self, architecture: &Architecture, height: usize, width: usize) -> u64 {
         let windows = self.plan(height, width).bytes();
-        windows as u64 + architecture.parameters() * PACKING
+        windows as u64 + (architecture.parameters() + self.derived_weights as u64) * PACKING
     }
 
     /// The schedule for an image, which is continued by repetition to sides that the network can halve.
@@ -126,6 +127,8 @@ pub(super) struct StreamBuilder<'a> {
     values: HashMap<&'a str, &'a [f32]>,
     pub(super) network: Network,
     inputs: Vec<Vec<Part>>,
+    /// Number of weights that were made of the named ones.
+    pub(super) derived_weights: usize,
 }
 
 impl<'a> StreamBuilder<'a> {

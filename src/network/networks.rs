@@ -147,8 +147,10 @@ mod tests {
 
     /// Weights under which neither signals nor gradients vanish or explode.
     fn random(architecture: &Architecture) -> Parameters {
-        let initialisation =
-            if architecture.kind == Kind::Srmdnf { Initialisation::Paper } else { Initialisation::Released };
+        let initialisation = match architecture.kind {
+            Kind::Unet | Kind::Srmdnf | Kind::DeUnet => Initialisation::Paper,
+            Kind::Discnet | Kind::Sftmd => Initialisation::Released,
+        };
         Parameters::random(architecture, initialisation, 4)
     }
 
@@ -200,35 +202,43 @@ mod tests {
     }
 
     /// Along its own gradient a loss rises by the gradient's norm, but for rectifiers that switch on the way and the
-    /// rounding of the loss. The steps of most tensors change the loss by far more than that.
+    /// rounding of the outputs, which the steps of most tensors exceed a hundredfold.
     #[test]
     fn gradients_are_the_differences_of_a_loss() {
-        const ROUNDING: f64 = 1e-5;
         let device = Backend::default().device();
-        for architecture in architectures() {
+        // DISCNet's filters multiply features, so that its differences tell little; whole training steps of it are
+        // compared with PyTorch's instead.
+        for architecture in architectures().into_iter().filter(|a| a.kind != Kind::Discnet) {
             let parameters = random(&architecture);
-            let mut telling = 0;
-            for (t, gradient) in gradients(&architecture, &parameters).iter().enumerate() {
+            let outputs = |parameters: &Parameters| {
+                let output = forward(&Network::new(&architecture, parameters, &device), &device);
+                output.try_into_vec_as::<f32>().unwrap()
+            };
+            let sizes = outputs(&parameters).into_iter().enumerate();
+            let rounding = 1e-7 * sizes.map(|(i, v)| (f64::from(v) * weight(i)).abs()).sum::<f64>();
+            // Of networks with many like blocks one tensor in seven: another one of each block.
+            let apart = if parameters.len() > 100 { 7 } else { 1 };
+            let (mut telling, mut looked_at) = (0, 0);
+            for (t, gradient) in gradients(&architecture, &parameters).iter().enumerate().step_by(apart) {
                 let norm = length(gradient);
-                let size = length(&parameters.iter().nth(t).unwrap().values);
-                let step = (1e-2 / norm.max(1e-9)).min(1e-2 * size.max(1.0));
+                let parameter = parameters.iter().nth(t).unwrap();
+                let largest = 1e-3 * length(&parameter.values).max(1.0);
+                let step = (50.0 * rounding / norm.max(1e-9)).min(largest);
                 let loss = |sign: f64| {
                     let mut moved = parameters.clone();
-                    let parameter = moved.iter_mut().nth(t).unwrap();
-                    for (value, g) in parameter.values.iter_mut().zip(gradient) {
+                    for (value, g) in moved.iter_mut().nth(t).unwrap().values.iter_mut().zip(gradient) {
                         *value += (sign * step * f64::from(*g) / norm.max(1e-9)) as f32;
                     }
-                    let output = forward(&Network::new(&architecture, &moved, &device), &device);
-                    weighted_sum(&output.try_into_vec_as::<f32>().unwrap())
+                    weighted_sum(&outputs(&moved))
                 };
                 let slope = (loss(1.0) - loss(-1.0)) / (2.0 * step);
-                let name = &parameters.iter().nth(t).unwrap().name;
                 let error = (slope - norm).abs();
-                let allowed = 3e-2 * norm + ROUNDING / step;
-                assert!(error <= allowed, "{:?} {name}: {slope}, expected {norm}", architecture.kind);
-                telling += usize::from(ROUNDING / step < 0.1 * norm);
+                let what = format!("{:?} {}: {slope}, expected {norm}", architecture.kind, parameter.name);
+                assert!(error <= 5e-2 * norm + rounding / step, "{what}");
+                telling += usize::from(rounding / step < 0.1 * norm);
+                looked_at += 1;
             }
-            assert!(2 * telling > parameters.len(), "{:?}: {telling} telling tensors", architecture.kind);
+            assert!(2 * telling > looked_at, "{:?}: {telling} telling of {looked_at}", architecture.kind);
         }
     }
 

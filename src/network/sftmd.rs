@@ -18,9 +18,9 @@ use burn::tensor::activation::{relu, sigmoid};
 
 use super::architecture::Architecture;
 use super::builder::Builder;
-use super::inference::{LEAKY_SLOPE, Part, StreamBuilder};
+use super::inference::{Part, StreamBuilder};
 use super::layers::{Layer, LayerList};
-use super::operations::{Activation, Convolution, convolution, from_layout, to_layout};
+use super::operations::{Activation, Convolution, LEAKY_SLOPE, convolution, from_layout, to_layout};
 use crate::core::image::CHANNELS;
 use crate::kernels::stream;
 

@@ -75,9 +75,8 @@ mod tests {
 
     #[test]
     fn gradients_go_to_the_first_of_the_largest() {
-        let x =
-            Features { values: vec![1.0, 3.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0], shape: Shape::new(1, 2, 4, 1) };
-        let x = Features { values: [&x.values[..2], &[0.0, 0.0], &[3.0, 1.0], &[0.0, 0.0]].concat(), ..x };
+        let values = vec![1.0, 3.0, 0.0, 0.0, 3.0, 1.0, 0.0, 0.0];
+        let x = Features { values, shape: Shape::new(1, 2, 4, 1) };
         let pooled = max_pool(&x, 2, 2);
         let gradient = Features { values: vec![5.0, 7.0], shape: pooled.shape };
         let back = rectified_pool_gradient(&x, &pooled, &gradient);

@@ -104,15 +104,13 @@ impl Job<'_> {
 
     fn open(&self, folder: &Path, start: Start, validator: Option<Validator>) -> Result<Run> {
         let checkpoints = Checkpoints::new(folder.join(CHECKPOINTS));
+        let replaces = matches!(start, Start::Replace(_));
         let (initial, checkpoint) = match start {
             Start::New(initial) => {
                 refuse_run(folder)?;
                 (initial, None)
             }
-            Start::Replace(initial) => {
-                remove_run(folder)?;
-                (initial, None)
-            }
+            Start::Replace(initial) => (initial, None),
             Start::Resume => {
                 self.check_same(folder)?;
                 (None, checkpoints.latest(&self.config.architecture)?)
@@ -125,6 +123,10 @@ impl Job<'_> {
             }
             None => (Trainer::new(self.config, initial, self.data.len(), self.backend)?, None),
         };
+        // Only now, when nothing is missing any more.
+        if replaces {
+            remove_run(folder)?;
+        }
         io::create_folder(folder)?;
         let text = self.config.to_toml();
         io::write_atomically(&folder.join(CONFIG_FILE), true, |out| out.write_all(text.as_bytes()))?;

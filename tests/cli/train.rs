@@ -196,6 +196,51 @@ fn the_number_of_threads_does_not_change_a_byte() {
 }
 
 #[test]
+fn every_kind_of_network_is_trained_and_restores() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let code = Array1::from_vec(vec![0.5, -1.0]).into_dyn();
+    io::write_array(&folder.join("code.npy"), &code, false).expect("the folder is writable");
+    let kinds = [("unet", "none"), ("srmdnf", "image+psf"), ("sftmd", "image+psf"), ("de-unet", "image")];
+    for (kind, condition) in kinds {
+        let set = [format!("architecture.kind={kind}"), format!("architecture.condition={condition}")];
+        let set =
+            ["--set", &set[0], "--set", &set[1], "--set", "architecture.features=8", "--set", "iterations=3"];
+        let runs = ["1", "3"].map(|threads| {
+            let run = format!("{kind}-{threads}");
+            train(folder, &run, &[&set[..], &["--threads", threads]].concat());
+            result(folder, &run)
+        });
+        assert!(runs[0] == runs[1], "{kind}: one thread against three");
+        let (model, restored) = (format!("{kind}-1/model.safetensors"), format!("{kind}.exr"));
+        let described = succeed(folder, &["info", &model]);
+        assert!(described.contains(kind) && described.contains("GMAC"), "{described}");
+        let mut args = vec!["restore", "dataset/degraded/k01/scene0.npy", "--model", &model, "-o", &restored];
+        args.extend(["--tile", "16", "--domain", "linear"]);
+        if condition == "image+psf" {
+            args.extend(["--code", "code.npy"]);
+        }
+        succeed(folder, &args);
+        assert!(folder.join(restored).is_file());
+    }
+}
+
+#[test]
+fn a_loss_without_its_weights_says_where_they_come_from() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let run =
+        ["train", "config.toml", "--data", "dataset", "-o", "run", "--set", "loss.perceptual.weight=0.01"];
+    for file in [&[][..], &["--set", "loss.perceptual.file=absent.pth"]] {
+        let message = fail(folder, &[&run[..], file].concat(), 1);
+        assert!(message.contains("VGG-19") && message.contains("vgg19-dcbb9e9d.pth"), "{message}");
+        assert!(!folder.join("run").exists());
+    }
+}
+
+#[test]
 fn begins_with_the_weights_of_a_model() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();

@@ -4,7 +4,8 @@ use super::layers::{LEVELS, condition_channels, filter_generator_name, has_filte
 use crate::kernels::stream::Tensor;
 use crate::kernels::{Convolution, DynamicFilter, Isa};
 use crate::network::architecture::Architecture;
-use crate::network::inference::{LEAKY_SLOPE, Part, StreamBuilder};
+use crate::network::inference::{Part, StreamBuilder};
+use crate::network::operations::LEAKY_SLOPE;
 
 /// Appends all steps.
 pub(in crate::network) fn stream(build: &mut StreamBuilder<'_>, architecture: &Architecture) {

@@ -20,7 +20,7 @@ use enlarge::enlarging_tensors;
 pub(super) use enlarge::enlarging_weights;
 
 /// The slope of every LeakyReLU.
-const LEAKY_SLOPE: f32 = 0.2;
+pub(super) const LEAKY_SLOPE: f32 = 0.2;
 
 /// Weight and bias of a convolution with zero padding of half its size.
 ///

@@ -177,7 +177,7 @@ impl Model {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::network::{Backend, Initialisation};
+    use crate::network::{Backend, Condition, Initialisation, Kind};
     use serde_json::json;
 
     fn weights() -> Weights {
@@ -215,6 +215,26 @@ mod tests {
         let text = describe(&path).unwrap().to_string();
         for part in ["condition     image+psf", "filter-size   3", "12 iterations", "kernel bank   ab"] {
             assert!(text.contains(part), "{text}");
+        }
+    }
+
+    #[test]
+    fn models_of_every_kind_return_as_they_were_saved() {
+        let folder = tempfile::tempdir().unwrap();
+        let kinds = [
+            (Kind::Unet, Condition::None),
+            (Kind::Srmdnf, Condition::ImagePsf),
+            (Kind::Sftmd, Condition::ImagePsf),
+            (Kind::DeUnet, Condition::Image),
+        ];
+        for (kind, condition) in kinds {
+            let path = folder.path().join(format!("{kind:?}.safetensors"));
+            let architecture = Architecture { kind, condition, features: 2, ..Architecture::default() };
+            let parameters = Parameters::random(&architecture, Initialisation::Released, 5);
+            let saved = Weights { architecture, parameters, origin: Origin::default() };
+            Model::new(&saved, Backend::default()).save(&path, false).unwrap();
+            let found = read(&path).unwrap();
+            assert_eq!((found.architecture, found.parameters), (saved.architecture, saved.parameters));
         }
     }
 
@@ -263,7 +283,7 @@ mod tests {
         };
         let message = declare(|a| a.filter_size = 5);
         assert!(message.contains("dynamic_kernel1.3.0.weight: expected [25, 1, 1, 1], found [9, 1, 1, 1]"));
-        let message = declare(|a| a.condition = super::super::Condition::None);
+        let message = declare(|a| a.condition = Condition::None);
         assert!(message.contains("no place for the weights dynamic_kernel") && message.contains("more"));
         let mut nan = weights();
         nan.parameters.iter_mut().next().unwrap().values[3] = f32::NAN;
@@ -276,7 +296,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("model.safetensors");
         let mut plain = weights();
-        plain.architecture.condition = super::super::Condition::None;
+        plain.architecture.condition = Condition::None;
         plain.parameters = Parameters::random(&plain.architecture, Initialisation::Released, 5);
         let text = weights().architecture.to_json().to_string();
         write_raw(&path, &plain, &[("format", "udc-model"), ("version", "1"), ("architecture", &text)]);
