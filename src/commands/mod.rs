@@ -7,10 +7,13 @@ mod completions;
 mod convert;
 mod crop;
 mod demo;
+mod domain;
 mod eval;
 mod fuse;
 mod info;
 mod man;
+mod method;
+mod metrics;
 mod psf;
 mod report;
 mod restore;
@@ -26,6 +29,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
 
+use udc::core::error::Error;
 use udc::core::progress::Progress;
 
 /// Under-display camera imaging: from a measured panel to a restored photograph
@@ -190,6 +194,11 @@ impl GlobalArgs {
             overwrite: self.overwrite,
         })
     }
+}
+
+/// Whether the user asked to stop.
+fn was_interrupted(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| matches!(cause.downcast_ref(), Some(Error::Interrupted)))
 }
 
 /// Whether the reader of our output went away, which is no failure.

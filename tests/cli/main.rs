@@ -8,6 +8,7 @@
 )]
 
 mod common;
+mod compare;
 mod crop_codes;
 mod eval;
 mod files;
