@@ -11,6 +11,7 @@ mod common;
 mod compare;
 mod crop_codes;
 mod eval;
+mod events;
 mod files;
 mod measure;
 mod restore;
