@@ -17,6 +17,7 @@ mod metrics;
 mod psf;
 mod report;
 mod restore;
+mod sweep;
 mod synth;
 mod tonemap;
 mod train;
@@ -81,6 +82,7 @@ enum Command {
     Synth(synth::SynthArgs),
     Tonemap(tonemap::TonemapArgs),
     Train(train::TrainArgs),
+    Sweep(sweep::SweepArgs),
     Restore(restore::RestoreArgs),
     Eval(eval::EvalArgs),
     Report(report::ReportArgs),
@@ -156,6 +158,7 @@ impl Command {
             Self::Synth(args) => args.run(session),
             Self::Tonemap(args) => args.run(session),
             Self::Train(args) => args.run(session),
+            Self::Sweep(args) => args.run(session),
             Self::Restore(args) => args.run(session),
             Self::Eval(args) => args.run(session),
             Self::Report(args) => args.run(session),

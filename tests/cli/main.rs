@@ -15,5 +15,6 @@ mod events;
 mod files;
 mod measure;
 mod restore;
+mod sweep;
 mod synth;
 mod train;
