@@ -5,4 +5,4 @@ mod network;
 mod tiles;
 
 pub use network::{Conditioning, NetworkRestorer};
-pub use tiles::{ALIGNMENT, HALO, Restorer, Tiling, format_bytes, parse_bytes, restore_tiled};
+pub use tiles::{ALIGNMENT, Restorer, Tiling, format_bytes, parse_bytes, restore_tiled};

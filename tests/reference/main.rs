@@ -12,6 +12,8 @@ mod discnet;
 mod formation;
 mod fusion;
 mod metrics;
+mod networks;
 mod panorama;
+mod perceptual;
 mod training;
 mod wiener;

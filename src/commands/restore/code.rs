@@ -7,7 +7,7 @@ use clap::Args;
 use ndarray::{Array1, Axis};
 
 use udc::codes::{interpolate_code, project};
-use udc::core::io::{bank_sha256, read_array, read_bank, read_psf};
+use udc::core::io::{bank_sha256, read_array, read_bank, read_bank_codes, read_psf};
 use udc::core::kernel_code::KernelCode;
 use udc::network::Model;
 use udc::restore::Conditioning;
@@ -44,7 +44,7 @@ impl CodeArgs {
             (Some(code), ..) => read_code(code)?,
             (None, Some(bank), Some(angle), _) => {
                 check_bank(bank, model, session)?;
-                interpolate_code(&read_bank(bank)?, angle)
+                interpolate_code(&read_bank_codes(bank)?, angle)
                     .with_context(|| format!("finding the code of {angle}° in {}", bank.display()))?
             }
             (None, Some(bank), None, Some(psf)) => {

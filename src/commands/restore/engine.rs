@@ -134,7 +134,7 @@ impl Engine {
         let Some(tile) = tile else {
             return Ok(Tiling::within(height, width, self.max_memory, restorer)?);
         };
-        let tiling = Tiling::with_tile(height, width, tile)?;
+        let tiling = Tiling::with_tile(height, width, tile, restorer)?;
         self.require(tiling.bytes(restorer), [height, width])?;
         Ok(tiling)
     }
