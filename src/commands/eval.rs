@@ -102,7 +102,7 @@ enum SplitArg {
 
 impl EvalArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let config = self.metrics.config(self.allow_missing);
+        let config = self.metrics.config(self.allow_missing)?;
         match (&self.restored, &self.gt) {
             (Some(restored), Some(gt)) => {
                 let domain = self.domain.map(DomainTag::from);

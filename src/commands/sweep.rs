@@ -84,7 +84,7 @@ impl SweepArgs {
         let sweep = Sweep {
             dataset: &dataset,
             data_sha256: identity(&dataset)?,
-            measuring: self.metrics.config(false),
+            measuring: self.metrics.config(false)?,
             session,
             args: &self,
         };

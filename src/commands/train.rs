@@ -11,10 +11,12 @@ use udc::core::dataset::{Dataset, Split};
 use udc::core::error::Error;
 use udc::core::image::LinearImage;
 use udc::core::io;
+use udc::core::metrics::Measure;
 use udc::core::rng::Rng;
 use udc::network::{Backend, Parameters, weights};
 use udc::train::{
-    self, Job, OnTheFlyData, Outcome, Start, StoredData, TrainConfig, TrainingData, ValidationScore,
+    self, Job, OnTheFlyData, Outcome, Start, StoredData, TrainConfig, TrainingData, ValidationConfig,
+    ValidationScore,
 };
 
 use self::source::Source;
@@ -22,6 +24,9 @@ use super::Session;
 use super::metrics::measures;
 
 /// Train a restoration network
+///
+/// The run's folder gets config.toml (with every default), metrics.jsonl and TensorBoard event files, checkpoints,
+/// model.safetensors (the latest) and best.safetensors (the best by validation.best).
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:
   udc train configs/discnet.toml --data dataset -o run
@@ -72,7 +77,7 @@ impl TrainArgs {
             session.warn("there is no val or test split; the training is not validated");
         }
         session.detail(format!("{} parameters", config.architecture.parameters()));
-        let measures = measures(&config.validation.metrics);
+        let measures = validation_measures(&config.validation)?;
         let train = |data: &dyn TrainingData| {
             let validation = validation.as_ref().map(|data| data as &dyn TrainingData);
             let (kernel_bank_sha256, progress) = (source.bank_sha256(), &session.progress);
@@ -128,6 +133,12 @@ fn read_initial(path: &Path, config: &TrainConfig) -> Result<Parameters> {
         );
     }
     Ok(initial.parameters)
+}
+
+fn validation_measures(config: &ValidationConfig) -> Result<Vec<Measure>> {
+    let files = (Path::new(&config.lpips_alexnet), Path::new(&config.lpips_linear));
+    let has_files = !config.lpips_alexnet.is_empty() && !config.lpips_linear.is_empty();
+    measures(&config.metrics, has_files.then_some(files))
 }
 
 fn check_codes(config: &TrainConfig, found: usize) -> Result<(), Error> {

@@ -79,18 +79,27 @@ mod tests {
 
     #[test]
     fn spread_light_is_measured_outside_of_the_lamp() {
-        let image = |values: [f32; 4]| {
-            LinearImage::from_planes(Array3::from_shape_fn((3, 1, 4), |(_, _, x)| values[x])).unwrap()
+        let image = |lamp: f32, spread: f32| {
+            let value = |x| {
+                if x == 0 {
+                    lamp
+                } else if x == 20 {
+                    spread
+                } else {
+                    0.0
+                }
+            };
+            LinearImage::from_planes(Array3::from_shape_fn((3, 1, 32), |(_, _, x)| value(x))).unwrap()
         };
         // φ brings 0.25 to one half: a black pixel that receives it brightens by one half.
-        let (clean, degraded) = (image([500.0, 0.0, 0.0, 1.0]), image([400.0, 0.25, 0.01, 1.0]));
+        let (clean, degraded) = (image(500.0, 0.0), image(400.0, 0.25));
         let definition = MetricDefinition::float();
         let flare = Flare::measure(&clean, &degraded, ToneCurve::default(), &definition).unwrap();
-        assert_eq!((flare.flare_share, flare.highlight_share), (0.25, 0.25));
+        assert_eq!((flare.flare_share, flare.highlight_share), (1.0 / 32.0, 1.0 / 32.0));
         assert!((flare.largest_brightening - 0.5).abs() < 1e-6);
         let unchanged = Flare::measure(&clean, &clean, ToneCurve::default(), &definition).unwrap();
         assert_eq!((unchanged.flare_share, unchanged.largest_brightening), (0.0, 0.0));
-        assert_eq!(Flare::mean([&flare, &unchanged].into_iter()).unwrap().flare_share, 0.125);
+        assert_eq!(Flare::mean([&flare, &unchanged].into_iter()).unwrap().flare_share, 1.0 / 64.0);
         assert_eq!(Flare::mean([].into_iter()), None);
     }
 }

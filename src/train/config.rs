@@ -179,12 +179,17 @@ pub struct ValidationConfig {
     pub metrics: Vec<Metric>,
     /// Which of these metrics decides what `best.safetensors` holds.
     pub best: Metric,
+    /// AlexNet's weights, for `lpips`.
+    pub lpips_alexnet: String,
+    /// The weights of LPIPS' linear layers.
+    pub lpips_linear: String,
 }
 
 impl Default for ValidationConfig {
     fn default() -> Self {
         let metrics = vec![Metric::Psnr, Metric::Ssim];
-        Self { every: 5000, images: 8, crop: 256, metrics, best: Metric::Psnr }
+        let (lpips_alexnet, lpips_linear) = (String::new(), String::new());
+        Self { every: 5000, images: 8, crop: 256, metrics, best: Metric::Psnr, lpips_alexnet, lpips_linear }
     }
 }
 

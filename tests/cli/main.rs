@@ -14,6 +14,8 @@ mod eval;
 mod events;
 mod files;
 mod measure;
+#[path = "../common/perceptual_weights.rs"]
+mod perceptual_weights;
 mod restore;
 mod sweep;
 mod synth;

@@ -4,7 +4,7 @@ use anyhow::{Context as _, Result, bail};
 
 use udc::core::dataset::{Dataset, Split, Triplet};
 use udc::core::error;
-use udc::core::image::LinearImage;
+use udc::core::image::{LinearImage, ToneMappedImage};
 use udc::eval::{self, EvalConfig, Evaluation, Label, Matrix, Method, Regions, Sample};
 
 use super::pictures::Pictures;
@@ -131,8 +131,12 @@ impl<'a> Comparison<'a> {
         restorer: &Restorer,
         image: &LinearImage,
         kernel: usize,
-    ) -> error::Result<udc::core::image::ToneMappedImage> {
+    ) -> error::Result<ToneMappedImage> {
         self.session.progress.check()?;
-        restorer.restore(&Degraded { dataset: self.dataset, image, kernel, max_memory: self.max_memory })
+        let degraded = Degraded { dataset: self.dataset, image, kernel, max_memory: self.max_memory };
+        restorer.restore(&degraded).map_err(|error| match error {
+            error::Error::Interrupted => error,
+            other => error::Error::Unsupported(format!("restored by {}: {other}", restorer.method().name)),
+        })
     }
 }

@@ -36,8 +36,12 @@ pub(super) fn draw(evaluation: &Evaluation) -> Vec<(String, String)> {
 /// The file and the drawing of a matrix; `number` tells methods apart.
 pub(super) fn draw_matrix(matrix: &Matrix, number: usize) -> (String, String) {
     let map = HeatMap {
-        row_label: "simulated with".to_owned(),
-        column_label: format!("{} of {}, told to be of", matrix.metric.heading(), matrix.method),
+        row_label: "kernel of the image".to_owned(),
+        column_label: format!(
+            "{} of {} by the kernel that it is told",
+            matrix.metric.heading(),
+            matrix.method
+        ),
         rows: matrix.simulated.clone(),
         columns: matrix.assumed.clone(),
         values: matrix.rows.clone(),

@@ -52,6 +52,16 @@ impl MetricDefinition {
         Self { quantise: false, ..Self::released() }
     }
 
+    /// The image that is compared: clamped, rounded if so defined, without the border.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] when nothing is left of it.
+    pub fn apply(&self, image: &ToneMappedImage) -> Result<ToneMappedImage> {
+        self.check(image, image, 1)?;
+        let Planes { values, border, height, width } = self.values_of(image);
+        Ok(values.crop(border, border, height, width))
+    }
+
     /// The values that are compared: clamped, and rounded if so defined.
     fn values_of(&self, image: &ToneMappedImage) -> Planes {
         let quantise = self.quantise;
@@ -109,11 +119,13 @@ pub enum Metric {
     Psnr,
     /// Structural similarity.
     Ssim,
+    /// Distance of AlexNet's features; computed with weights that the user brings along.
+    Lpips,
 }
 
 impl Metric {
     /// All metrics, in the order of tables.
-    pub const ALL: [Self; 2] = [Self::Psnr, Self::Ssim];
+    pub const ALL: [Self; 3] = [Self::Psnr, Self::Ssim, Self::Lpips];
 
     /// The metrics that are computed of a value a pixel, so that they can be taken over some of the pixels.
     pub const PIXELWISE: [Self; 2] = [Self::Psnr, Self::Ssim];
@@ -123,6 +135,7 @@ impl Metric {
         match self {
             Self::Psnr => "psnr",
             Self::Ssim => "ssim",
+            Self::Lpips => "lpips",
         }
     }
 
@@ -131,6 +144,7 @@ impl Metric {
         match self {
             Self::Psnr => "PSNR (dB)",
             Self::Ssim => "SSIM",
+            Self::Lpips => "LPIPS",
         }
     }
 
@@ -138,7 +152,7 @@ impl Metric {
     pub fn decimals(self) -> usize {
         match self {
             Self::Psnr => 2,
-            Self::Ssim => 4,
+            Self::Ssim | Self::Lpips => 4,
         }
     }
 
@@ -146,6 +160,7 @@ impl Metric {
     pub fn is_better(self, value: f64, than: f64) -> bool {
         match self {
             Self::Psnr | Self::Ssim => value > than,
+            Self::Lpips => value < than,
         }
     }
 
@@ -153,7 +168,8 @@ impl Metric {
     /// pixels of a mask (of the image's sides), or all.
     ///
     /// # Errors
-    /// [`Error::Shape`] when the images differ in size or are too small.
+    /// [`Error::Shape`] when the images differ in size or are too small; [`Error::Unsupported`] for a metric that
+    /// is not [`PIXELWISE`](Self::PIXELWISE).
     pub fn pool(
         self,
         image: &ToneMappedImage,
@@ -164,6 +180,10 @@ impl Metric {
         match self {
             Self::Psnr => squared_error(image, ground_truth, definition, mask),
             Self::Ssim => structural_index(image, ground_truth, definition, mask),
+            Self::Lpips => {
+                let reason = "LPIPS is no mean over pixels; it is measured of whole images, with its weights";
+                Err(Error::Unsupported(reason.to_owned()))
+            }
         }
     }
 
@@ -171,7 +191,7 @@ impl Metric {
     pub fn of_mean(self, mean: f64) -> f64 {
         match self {
             Self::Psnr => psnr::decibels(mean),
-            Self::Ssim => mean,
+            Self::Ssim | Self::Lpips => mean,
         }
     }
 }
