@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, bail};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde_json::json;
 
 use super::Session;
+use super::domain::DomainArg;
 use udc::core::io::{DomainTag, PixelOptions, check_output, read_pixels, write_pixels};
 use udc::core::provenance::Provenance;
 use udc::network::weights;
@@ -33,21 +34,6 @@ pub(crate) struct ConvertArgs {
     /// Clip values above 1 when the output has integers
     #[arg(long)]
     clip: bool,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum DomainArg {
-    Linear,
-    ToneMapped,
-}
-
-impl From<DomainArg> for DomainTag {
-    fn from(domain: DomainArg) -> Self {
-        match domain {
-            DomainArg::Linear => Self::Linear,
-            DomainArg::ToneMapped => Self::ToneMapped,
-        }
-    }
 }
 
 impl ConvertArgs {

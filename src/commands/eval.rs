@@ -1,37 +1,57 @@
 //! `udc eval`.
 
-mod pictures;
-mod subject;
+pub(super) mod comparison;
+mod folders;
+mod ldr;
+pub(super) mod outputs;
+pub(super) mod pictures;
+mod plots;
+pub(super) mod restorer;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Result, bail};
 use clap::{ArgGroup, Args, ValueEnum};
+use serde_json::json;
 
-use udc::core::dataset::Split;
-use udc::core::io::{self, DomainTag};
-use udc::core::metrics::{Metric, MetricDefinition};
-use udc::eval::{EvalConfig, Evaluation};
+use udc::core::dataset::{Dataset, Split};
+use udc::core::error;
+use udc::core::io::DomainTag;
+use udc::core::metrics::Measure;
+use udc::eval::{EvalConfig, Evaluation, Matrix};
 
 use super::Session;
+use super::domain::DomainArg;
+use super::method::MethodArg;
+use super::metrics::MetricArgs;
+use comparison::{Comparison, Extras};
+use folders::Folders;
+use ldr::LdrComparison;
+use outputs::Outputs;
 use pictures::Pictures;
-use subject::Subject;
+use restorer::Restorer;
 
-/// Measure models on a dataset, or restored images against ground truth
+/// Measure models and deconvolutions on datasets, or restored images against ground truth
 ///
-/// Writes metrics.json (with the definition of every number), metrics.csv and table.md, and prints the table.
-/// Images of two folders are paired by their names without extension.
+/// Writes metrics.json (with the definition of every number), metrics.csv, table.md and plots (SVG), and prints the
+/// table. Rows are the degraded images, every model and every method, on every dataset; each image is restored
+/// under its own kernel. Images of two folders are paired by their names without extension.
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("images").required(true).args(["dataset", "restored"]))]
 #[command(after_help = "Examples:\n  udc eval dataset --model run/model.safetensors -o results\n  \
+    udc eval dataset --model a/model.safetensors b/model.safetensors --method wiener --method constrained \\\n    \
+    --regions --mismatch --ldr -o results\n  \
     udc eval --restored restored --gt clean -o results")]
 pub(crate) struct EvalArgs {
-    /// Dataset to restore and measure
+    /// Datasets to restore and measure
     #[arg(value_name = "DATASET")]
-    dataset: Option<PathBuf>,
-    /// Models to measure, .safetensors or .pth; several make several rows
+    dataset: Vec<PathBuf>,
+    /// Models to measure, .safetensors or .pth
     #[arg(long, value_name = "MODEL", num_args = 1.., requires = "dataset")]
     model: Vec<PathBuf>,
+    /// Deconvolutions to measure, with the PSF of each image's kernel; may be repeated
+    #[arg(long, value_enum, value_name = "METHOD", value_delimiter = ',', requires = "dataset")]
+    method: Vec<MethodArg>,
     /// Folder of restored images, instead of a dataset
     #[arg(long, value_name = "DIR", requires = "gt")]
     restored: Option<PathBuf>,
@@ -41,12 +61,17 @@ pub(crate) struct EvalArgs {
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Metrics to compute
-    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MetricArg::Psnr, MetricArg::Ssim])]
-    metrics: Vec<MetricArg>,
-    /// Round images to 8 bits first, as the published evaluation does, or not
-    #[arg(long, value_enum, default_value_t = DefinitionArg::Released)]
-    definition: DefinitionArg,
+    #[command(flatten)]
+    metrics: MetricArgs,
+    /// Measure highlights, flare and the rest of each image for themselves too (regions.csv)
+    #[arg(long, requires = "dataset")]
+    regions: bool,
+    /// Restore every image under the kernels of all rotations too, right or wrong (mismatch.json, .csv and .svg)
+    #[arg(long, requires = "dataset")]
+    mismatch: bool,
+    /// Measure flare too, and beside it that of the same scenes clipped at a monitor's white [default: 1]
+    #[arg(long, value_name = "WHITE", requires = "dataset", num_args = 0..=1, default_missing_value = "1")]
+    ldr: Option<f32>,
     /// What the images of folders hold, where they do not say so themselves
     #[arg(long, value_enum, requires = "restored")]
     domain: Option<DomainArg>,
@@ -60,27 +85,12 @@ pub(crate) struct EvalArgs {
     /// Keep N of the restored images as pictures beside the results, evenly spread
     #[arg(long, value_name = "N", requires = "dataset", default_value_t = 0)]
     pictures: usize,
+    /// Memory that one restoration may take: 2GiB, 500MB, …
+    #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = udc::restore::parse_bytes)]
+    max_memory: u64,
     /// Leave out images that cannot be measured, and name them, instead of stopping
     #[arg(long)]
     allow_missing: bool,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum MetricArg {
-    Psnr,
-    Ssim,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum DefinitionArg {
-    Released,
-    Float,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum DomainArg {
-    Linear,
-    ToneMapped,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -92,11 +102,120 @@ enum SplitArg {
 
 impl EvalArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let subject = self.open()?;
-        subject.warnings().into_iter().for_each(|warning| session.warn(warning));
-        let outputs = Outputs::prepare(&self.output, session)?;
-        let evaluation = subject.measure(&self.config(), &self.pictures(), session)?;
-        outputs.write(&evaluation, session)?;
+        let config = self.metrics.config(self.allow_missing)?;
+        match (&self.restored, &self.gt) {
+            (Some(restored), Some(gt)) => {
+                let domain = self.domain.map(DomainTag::from);
+                let folders = Folders::open(restored, gt, domain, self.allow_missing)?;
+                let outputs = self.outputs(&config, 0, session)?;
+                self.finish(&folders.measure(&config, session)?, &outputs, session)
+            }
+            _ => self.compare(&config, session),
+        }
+    }
+
+    /// Measures restorations on datasets.
+    fn compare(&self, config: &EvalConfig, session: &Session) -> Result<()> {
+        if self.dataset.len() > 1 && (self.mismatch || self.ldr.is_some()) {
+            bail!("--mismatch and --ldr are of one dataset; run them for each");
+        }
+        let datasets: Vec<Dataset> =
+            self.dataset.iter().map(|root| Dataset::open(root)).collect::<error::Result<_>>()?;
+        let restorers = self.restorers()?;
+        let comparisons: Vec<Comparison<'_>> = datasets
+            .iter()
+            .map(|dataset| {
+                let images = (self.split.into(), self.limit);
+                Comparison::new(dataset, &restorers, images, self.max_memory, session)
+            })
+            .collect::<Result<_>>()?;
+        let told = restorers.iter().filter(|restorer| restorer.knows_the_kernel()).count();
+        let outputs = self.outputs(config, told, session)?;
+        let mut evaluations = Vec::new();
+        for comparison in &comparisons {
+            let name = self.name_of_dataset(&comparison.dataset.root);
+            let pictures = self.pictures(&name);
+            let extras = Extras { regions: self.regions, pictures: &pictures };
+            evaluations.push((name, comparison.measure(config, &extras)?));
+        }
+        let evaluation = match evaluations.len() {
+            1 => evaluations.swap_remove(0).1,
+            _ => Evaluation::join(evaluations),
+        };
+        if self.mismatch {
+            self.write_mismatch(&comparisons[0].mismatch(config)?, &outputs)?;
+        }
+        if let Some(white) = self.ldr {
+            let compared = LdrComparison::measure(&comparisons[0], white, config.definition)?;
+            outputs.write("ldr.json", format!("{:#}\n", compared.to_json()).as_bytes())?;
+            outputs.write("ldr.csv", compared.to_csv().as_bytes())?;
+            outputs.write("ldr.png", compared.to_png())?;
+            session.say(compared.summary())?;
+        }
+        self.finish(&evaluation, &outputs, session)
+    }
+
+    /// The name of a dataset's folder, or its path where another has the same name.
+    fn name_of_dataset(&self, root: &Path) -> String {
+        let name = name_of(root);
+        match self.dataset.iter().filter(|other| name_of(other) == name).count() {
+            1 => name,
+            _ => root.to_string_lossy().into_owned(),
+        }
+    }
+
+    fn restorers(&self) -> Result<Vec<Restorer>> {
+        let mut restorers = vec![Restorer::Nothing];
+        for path in &self.model {
+            restorers.push(Restorer::network(path)?);
+        }
+        restorers.extend(self.method.iter().map(|&method| Restorer::Deconvolution(method)));
+        Ok(restorers)
+    }
+
+    /// Makes the folder, after checking that every file that may be written may be; `told` counts the
+    /// restorations that are told the kernel.
+    fn outputs<'a>(&'a self, config: &EvalConfig, told: usize, session: &Session) -> Result<Outputs<'a>> {
+        let mut names = outputs::RESULTS.map(str::to_owned).to_vec();
+        names.extend(self.regions.then(|| "regions.csv".to_owned()));
+        let metrics = || config.metrics.iter().map(Measure::metric);
+        names.extend(metrics().flat_map(plots::names));
+        if self.mismatch {
+            let plots =
+                (1..=told).flat_map(|number| metrics().map(move |m| plots::name_of_matrix(m, number)));
+            names.extend(plots);
+            names.extend(["mismatch.json", "mismatch.csv"].map(str::to_owned));
+        }
+        if self.ldr.is_some() {
+            names.extend(["ldr.json", "ldr.csv", "ldr.png"].map(str::to_owned));
+        }
+        Outputs::prepare(&self.output, &names, session.overwrite)
+    }
+
+    fn write_mismatch(&self, matrices: &[Matrix], outputs: &Outputs<'_>) -> Result<()> {
+        let json: Vec<_> = matrices.iter().map(Matrix::to_json).collect();
+        outputs.write("mismatch.json", format!("{:#}\n", json!({"matrices": json})).as_bytes())?;
+        outputs.write("mismatch.csv", Matrix::to_csv(matrices).as_bytes())?;
+        let mut methods: Vec<&str> = Vec::new();
+        for matrix in matrices {
+            if methods.last() != Some(&matrix.method.as_str()) {
+                methods.push(&matrix.method);
+            }
+            let (name, svg) = plots::draw_matrix(matrix, methods.len());
+            outputs.write(&name, svg.as_bytes())?;
+        }
+        Ok(())
+    }
+
+    /// Writes and prints an evaluation.
+    fn finish(&self, evaluation: &Evaluation, outputs: &Outputs<'_>, session: &Session) -> Result<()> {
+        outputs.write_results(evaluation)?;
+        if self.regions {
+            outputs.write("regions.csv", evaluation.regions_to_csv().as_bytes())?;
+        }
+        for (name, svg) in plots::draw(evaluation) {
+            outputs.write(&name, svg.as_bytes())?;
+        }
         if !evaluation.excluded.is_empty() {
             session.warn(format_args!(
                 "{} images are in no mean; the table names them",
@@ -107,74 +226,23 @@ impl EvalArgs {
         session.say(self.output.join("metrics.json").display())
     }
 
-    fn open(&self) -> Result<Subject> {
-        match (&self.dataset, &self.restored, &self.gt) {
-            (Some(dataset), ..) => Subject::dataset(dataset, &self.model, self.split.into(), self.limit),
-            (None, Some(restored), Some(gt)) => {
-                Subject::folders(restored, gt, self.domain.map(DomainTag::from), self.allow_missing)
-            }
-            _ => bail!("name a dataset, or two folders with --restored and --gt"),
-        }
-    }
-
-    fn pictures(&self) -> Pictures {
-        Pictures { folder: self.output.join("pictures"), count: self.pictures }
-    }
-
-    fn config(&self) -> EvalConfig {
-        let definition = match self.definition {
-            DefinitionArg::Released => MetricDefinition::released(),
-            DefinitionArg::Float => MetricDefinition::float(),
+    fn pictures(&self, dataset: &str) -> Pictures {
+        let prefix = if self.dataset.len() > 1 {
+            format!("{}_", dataset.replace(['/', '\\'], "-"))
+        } else {
+            String::new()
         };
-        let asked = |metric: &Metric| self.metrics.iter().any(|&asked| Metric::from(asked) == *metric);
-        let metrics = Metric::ALL.into_iter().filter(asked).collect();
-        EvalConfig { metrics, definition, allow_missing: self.allow_missing }
+        Pictures { folder: self.output.join("pictures"), count: self.pictures, prefix }
     }
 }
 
-/// The three files of the results.
-struct Outputs {
-    json: PathBuf,
-    csv: PathBuf,
-    table: PathBuf,
-}
-
-impl Outputs {
-    /// Makes the folder and checks, before the work starts, that the files may be written.
-    fn prepare(folder: &Path, session: &Session) -> Result<Self> {
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("creating the folder {}", folder.display()))?;
-        let [json, csv, table] = ["metrics.json", "metrics.csv", "table.md"].map(|name| folder.join(name));
-        [&json, &csv, &table].into_iter().try_for_each(|path| io::check_output(path, session.overwrite))?;
-        Ok(Self { json, csv, table })
-    }
-
-    fn write(&self, evaluation: &Evaluation, session: &Session) -> Result<()> {
-        let json = format!("{:#}\n", evaluation.to_json());
-        let files =
-            [(&self.json, json), (&self.csv, evaluation.to_csv()), (&self.table, evaluation.to_markdown())];
-        for (path, text) in files {
-            io::write_atomically(path, session.overwrite, |file| file.write_all(text.as_bytes()))?;
-        }
-        Ok(())
-    }
-}
-
-impl From<MetricArg> for Metric {
-    fn from(metric: MetricArg) -> Self {
-        match metric {
-            MetricArg::Psnr => Self::Psnr,
-            MetricArg::Ssim => Self::Ssim,
-        }
-    }
-}
-
-impl From<DomainArg> for DomainTag {
-    fn from(domain: DomainArg) -> Self {
-        match domain {
-            DomainArg::Linear => Self::Linear,
-            DomainArg::ToneMapped => Self::ToneMapped,
-        }
+/// What a model or a folder is called in tables: its name, with its folder's where the name says little.
+fn name_of(path: &Path) -> String {
+    let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
+    let own = name(path).unwrap_or_else(|| path.display().to_string());
+    match path.parent().and_then(name) {
+        Some(folder) if own == "model.safetensors" => format!("{folder}/{own}"),
+        _ => own,
     }
 }
 

@@ -7,13 +7,17 @@ mod completions;
 mod convert;
 mod crop;
 mod demo;
+mod domain;
 mod eval;
 mod fuse;
 mod info;
 mod man;
+mod method;
+mod metrics;
 mod psf;
 mod report;
 mod restore;
+mod sweep;
 mod synth;
 mod tonemap;
 mod train;
@@ -26,6 +30,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
 
+use udc::core::error::Error;
 use udc::core::progress::Progress;
 
 /// Under-display camera imaging: from a measured panel to a restored photograph
@@ -77,6 +82,7 @@ enum Command {
     Synth(synth::SynthArgs),
     Tonemap(tonemap::TonemapArgs),
     Train(train::TrainArgs),
+    Sweep(sweep::SweepArgs),
     Restore(restore::RestoreArgs),
     Eval(eval::EvalArgs),
     Report(report::ReportArgs),
@@ -152,6 +158,7 @@ impl Command {
             Self::Synth(args) => args.run(session),
             Self::Tonemap(args) => args.run(session),
             Self::Train(args) => args.run(session),
+            Self::Sweep(args) => args.run(session),
             Self::Restore(args) => args.run(session),
             Self::Eval(args) => args.run(session),
             Self::Report(args) => args.run(session),
@@ -190,6 +197,11 @@ impl GlobalArgs {
             overwrite: self.overwrite,
         })
     }
+}
+
+/// Whether the user asked to stop.
+fn was_interrupted(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| matches!(cause.downcast_ref(), Some(Error::Interrupted)))
 }
 
 /// Whether the reader of our output went away, which is no failure.

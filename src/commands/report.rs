@@ -70,6 +70,7 @@ fn section(input: &Path) -> Result<Vec<Block>> {
             .with_context(|| format!("{} is damaged; run `udc eval` again", results.display()))?;
         let mut blocks = sections::evaluation(&name, &metrics);
         blocks.splice(2..2, pictures(&input.join("pictures"))?);
+        blocks.extend(further_plots(input)?);
         Ok(blocks)
     } else if log.is_file() {
         Ok(sections::training(&name, &io::read_text(&log)?)?)
@@ -81,6 +82,23 @@ fn section(input: &Path) -> Result<Vec<Block>> {
              dataset.toml (`udc synth`)"
         )
     }
+}
+
+/// What an evaluation drew of wrong kernels and of scenes of a monitor's range.
+fn further_plots(results: &Path) -> Result<Vec<Block>> {
+    let mut blocks = Vec::new();
+    for file in io::list_folder(results)? {
+        if file.starts_with("mismatch-") && file.ends_with(".svg") {
+            let caption = "Restored under the kernel of every rotation, right (diagonal) and wrong.";
+            blocks.push(Block::Chart(io::read_text(&results.join(&file))?, caption.to_owned()));
+        } else if file == "ldr.png" {
+            let caption =
+                "Clean, degraded and added light; below, the same scene clipped to a monitor's range.";
+            let figure = Figure { png: io::read_bytes(&results.join(&file))?, caption: caption.to_owned() };
+            blocks.push(Block::Figures(vec![figure]));
+        }
+    }
+    Ok(blocks)
 }
 
 /// The pictures that an evaluation kept, a row for each scene: names up to the last `.` of the stem agree.

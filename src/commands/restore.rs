@@ -11,13 +11,13 @@ use anyhow::{Context as _, Result, bail};
 use clap::{ArgGroup, Args, ValueEnum};
 use serde_json::json;
 
-use udc::core::error::Error;
 use udc::core::io::WriteOptions;
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
 
-use super::Session;
+use super::domain::DomainArg;
 use super::fuse::parse_fraction;
+use super::{Session, was_interrupted};
 use code::CodeArgs;
 use engine::{Engine, MethodArgs};
 use files::{Capture, Job};
@@ -76,12 +76,6 @@ pub(crate) struct RestoreArgs {
     /// Irradiance at which the capture saturates
     #[arg(long, value_name = "X", default_value_t = ToneCurve::default().x_max)]
     x_max: f32,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum DomainArg {
-    Linear,
-    ToneMapped,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -154,10 +148,6 @@ impl FormatArg {
             Self::Tif => "tif",
         }
     }
-}
-
-fn was_interrupted(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| matches!(cause.downcast_ref(), Some(Error::Interrupted)))
 }
 
 /// The text of a path, for provenance and messages.

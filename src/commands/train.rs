@@ -11,14 +11,22 @@ use udc::core::dataset::{Dataset, Split};
 use udc::core::error::Error;
 use udc::core::image::LinearImage;
 use udc::core::io;
+use udc::core::metrics::Measure;
 use udc::core::rng::Rng;
 use udc::network::{Backend, Parameters, weights};
-use udc::train::{self, Job, OnTheFlyData, Outcome, Start, StoredData, TrainConfig, TrainingData};
+use udc::train::{
+    self, Job, OnTheFlyData, Outcome, Start, StoredData, TrainConfig, TrainingData, ValidationConfig,
+    ValidationScore,
+};
 
 use self::source::Source;
 use super::Session;
+use super::metrics::measures;
 
 /// Train a restoration network
+///
+/// The run's folder gets config.toml (with every default), metrics.jsonl and TensorBoard event files, checkpoints,
+/// model.safetensors (the latest) and best.safetensors (the best by validation.best).
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:
   udc train configs/discnet.toml --data dataset -o run
@@ -30,32 +38,38 @@ use super::Session;
 pub(crate) struct TrainArgs {
     /// Configuration (with --resume: the run's own if left out)
     #[arg(required_unless_present = "resume")]
-    config: Option<PathBuf>,
+    pub(super) config: Option<PathBuf>,
     /// Dataset of `udc synth`, or the published one; or clean images, with --bank
     #[arg(long, value_name = "DATASET")]
-    data: PathBuf,
+    pub(super) data: PathBuf,
     /// Kernel bank that degrades a folder of clean images (with data.degradation = "on-the-fly")
     #[arg(long, value_name = "BANK")]
-    bank: Option<PathBuf>,
+    pub(super) bank: Option<PathBuf>,
     /// Folder for log, checkpoints and model
     #[arg(short, long, value_name = "RUN")]
-    output: PathBuf,
+    pub(super) output: PathBuf,
     /// Change a key of the configuration; may be repeated
     #[arg(long, value_name = "KEY.PATH=VALUE")]
-    set: Vec<String>,
+    pub(super) set: Vec<String>,
     /// Begin with the weights of a model (.safetensors or .pth)
     #[arg(long, value_name = "MODEL", conflicts_with = "resume")]
-    init: Option<PathBuf>,
+    pub(super) init: Option<PathBuf>,
     /// Go on from the run's latest checkpoint
     #[arg(long)]
-    resume: bool,
+    pub(super) resume: bool,
     /// Burn backend to compute with: flex or ndarray
     #[arg(long, default_value = "flex", value_name = "NAME")]
-    backend: Backend,
+    pub(super) backend: Backend,
 }
 
 impl TrainArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        let outcome = self.train(session)?;
+        report(&outcome, &self.output, session)
+    }
+
+    /// Trains as far as the configuration, or the user, wants.
+    pub(super) fn train(&self, session: &Session) -> Result<Outcome> {
         let config = self.read_config()?;
         let start = self.start(&config, session)?;
         let source = Source::open(&self.data, self.bank.as_deref(), &config)?;
@@ -65,6 +79,7 @@ impl TrainArgs {
             session.warn("there is no val or test split; the training is not validated");
         }
         session.detail(format!("{} parameters", config.architecture.parameters()));
+        let measures = validation_measures(&config.validation)?;
         let train = |data: &dyn TrainingData| {
             let validation = validation.as_ref().map(|data| data as &dyn TrainingData);
             let (kernel_bank_sha256, progress) = (source.bank_sha256(), &session.progress);
@@ -72,6 +87,7 @@ impl TrainArgs {
                 config: &config,
                 data,
                 validation,
+                measures: &measures,
                 kernel_bank_sha256,
                 backend: self.backend,
                 progress,
@@ -80,14 +96,14 @@ impl TrainArgs {
         };
         let cache = config.data.cache_mib;
         let outcome = match &source {
-            Source::Stored(dataset) => train(&StoredData::new(dataset, Split::Train, cache)?)?,
+            Source::Stored(dataset) => train(&StoredData::new(dataset, Split::Train, cache)?),
             Source::OnTheFly(live, _) => {
                 let degrade =
                     |scene: &LinearImage, kernel: usize, rng: &mut Rng| live.degrade(scene, kernel, rng);
-                train(&OnTheFlyData::new(live.scenes.clone(), &live.bank, live.curve, &degrade, cache))?
+                train(&OnTheFlyData::new(live.scenes.clone(), &live.bank, live.curve, &degrade, cache))
             }
         };
-        report(&outcome, &self.output, session)
+        Ok(outcome?)
     }
 
     fn read_config(&self) -> Result<TrainConfig> {
@@ -121,6 +137,12 @@ fn read_initial(path: &Path, config: &TrainConfig) -> Result<Parameters> {
     Ok(initial.parameters)
 }
 
+fn validation_measures(config: &ValidationConfig) -> Result<Vec<Measure>> {
+    let files = (Path::new(&config.lpips_alexnet), Path::new(&config.lpips_linear));
+    let has_files = !config.lpips_alexnet.is_empty() && !config.lpips_linear.is_empty();
+    measures(&config.metrics, has_files.then_some(files))
+}
+
 fn check_codes(config: &TrainConfig, found: usize) -> Result<(), Error> {
     let needed = config.architecture.code_dim;
     if config.architecture.condition.uses_code() && needed != found {
@@ -147,9 +169,11 @@ fn report(outcome: &Outcome, folder: &Path, session: &Session) -> Result<()> {
             outcome.iteration
         );
     }
-    if let Some(validation) = &outcome.last_validation {
-        let (before, after) = (validation.degraded_psnr, validation.psnr);
-        session.say(format!("validation: {before:.2} dB degraded, {after:.2} dB restored"))?;
+    for ValidationScore { metric, restored, degraded } in outcome.validation_scores() {
+        let (name, decimals) = (metric.heading(), metric.decimals());
+        session.say(format!(
+            "validation {name}: {degraded:.decimals$} degraded, {restored:.decimals$} restored"
+        ))?;
     }
     session.say(format!("{}: trained for {} iterations", model.display(), outcome.iteration))
 }

@@ -1,90 +1,117 @@
 //! Keeps the scores of images and turns them into means and JSON.
 
-use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::{EvalConfig, Label};
-use crate::core::metrics::{Metric, MetricDefinition};
-
-/// One of the things that are compared: a model, a method, or the degraded image itself.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Method {
-    /// Its name in tables.
-    pub name: String,
-    /// Whether it stands for "nothing was done", to compare with.
-    pub baseline: bool,
-}
-
-/// The metrics of one image.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Score {
-    /// The scene.
-    pub id: String,
-    /// The kernel that degraded it, where that is known.
-    pub kernel: Option<String>,
-    /// Index of the method that made the image.
-    pub method: usize,
-    /// One value a metric.
-    pub values: Vec<f64>,
-}
-
-/// An image that could not be measured, and why.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Exclusion {
-    /// The scene.
-    pub id: String,
-    /// The kernel, where that is known.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub kernel: Option<String>,
-    /// What was wrong.
-    pub reason: String,
-}
+use super::EvalConfig;
+use super::regions::Region;
+use super::score::{Cost, Exclusion, Label, Method, Score, pixelwise};
+use crate::core::metrics::{Measure, Metric, MetricDefinition, Pool};
 
 /// All scores of an evaluation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluation {
     /// The metrics, in the order of the values.
     pub metrics: Vec<Metric>,
+    /// Those that are taken over regions, in the order of their pools.
+    pub regional: Vec<Metric>,
     /// What they were computed of.
     pub definition: MetricDefinition,
     /// What was compared.
     pub methods: Vec<Method>,
     /// The scores, image after image.
     pub scores: Vec<Score>,
+    /// Heights and widths of the images that were measured, with the number of images of each.
+    pub sizes: Vec<([usize; 2], usize)>,
     /// The images that are in no mean.
     pub excluded: Vec<Exclusion>,
 }
 
+/// The metrics of one region over all images of a method.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct RegionMean {
+    pub(super) region: Region,
+    /// The images that have such pixels.
+    pub(super) images: usize,
+    /// Their number.
+    pub(super) pixels: usize,
+    /// One value for each regional metric; none without pixels.
+    pub(super) values: Vec<Option<f64>>,
+}
+
 impl Evaluation {
     pub(super) fn new(config: &EvalConfig, methods: Vec<Method>) -> Self {
-        let (metrics, definition) = (config.metrics.clone(), config.definition);
-        Self { metrics, definition, methods, scores: Vec::new(), excluded: Vec::new() }
+        Self {
+            metrics: config.metrics.iter().map(Measure::metric).collect(),
+            regional: pixelwise(&config.metrics),
+            definition: config.definition,
+            methods,
+            scores: Vec::new(),
+            sizes: Vec::new(),
+            excluded: Vec::new(),
+        }
     }
 
-    pub(super) fn add(&mut self, label: &Label, rows: Vec<Vec<f64>>) {
-        self.scores.extend(rows.into_iter().enumerate().map(|(method, values)| Score {
-            id: label.id.clone(),
-            kernel: label.kernel.clone(),
-            method,
-            values,
-        }));
+    /// Puts evaluations of several datasets into one, whose methods say which dataset they are of.
+    ///
+    /// # Panics
+    /// Without any evaluation, or when they are of different metrics: broken invariants of the caller.
+    pub fn join(named: Vec<(String, Self)>) -> Self {
+        let mut named = named.into_iter();
+        let (first, mut joined) = named.next().expect("there is an evaluation to join");
+        joined.belong_to(&first);
+        for (dataset, mut other) in named {
+            assert_eq!((&joined.metrics, &joined.definition), (&other.metrics, &other.definition));
+            other.belong_to(&dataset);
+            let offset = joined.methods.len();
+            other.scores.iter_mut().for_each(|score| score.method += offset);
+            other.sizes.iter().for_each(|(size, count)| joined.count_size(*size, *count));
+            joined.methods.extend(other.methods);
+            joined.scores.extend(other.scores);
+            joined.excluded.extend(other.excluded);
+        }
+        joined
+    }
+
+    fn belong_to(&mut self, dataset: &str) {
+        self.methods.iter_mut().for_each(|method| method.dataset = Some(dataset.to_owned()));
+        self.excluded.iter_mut().for_each(|exclusion| exclusion.dataset = Some(dataset.to_owned()));
+    }
+
+    /// Adds the scores of one image, of this height and width, by every method.
+    pub(super) fn add(&mut self, size: [usize; 2], scores: Vec<Score>) {
+        self.count_size(size, 1);
+        self.scores.extend(scores);
+    }
+
+    fn count_size(&mut self, size: [usize; 2], count: usize) {
+        match self.sizes.iter_mut().find(|(known, _)| *known == size) {
+            Some((_, images)) => *images += count,
+            None => self.sizes.push((size, count)),
+        }
     }
 
     /// Records an image that is in no mean.
     pub fn exclude(&mut self, label: &Label, reason: impl Into<String>) {
         let (id, kernel) = (label.id.clone(), label.kernel.clone());
-        self.excluded.push(Exclusion { id, kernel, reason: reason.into() });
+        self.excluded.push(Exclusion { dataset: None, id, kernel, reason: reason.into() });
     }
 
     /// The kernels, in the order in which they first come.
     pub fn kernels(&self) -> Vec<&str> {
-        let mut kernels = Vec::new();
-        for kernel in self.scores.iter().filter_map(|score| score.kernel.as_deref()) {
-            if !kernels.contains(&kernel) {
-                kernels.push(kernel);
+        self.rotations().into_iter().map(|(kernel, _)| kernel).collect()
+    }
+
+    /// The kernels with their rotations in degrees, in the order in which they first come.
+    pub fn rotations(&self) -> Vec<(&str, Option<f64>)> {
+        let mut found: Vec<(&str, Option<f64>)> = Vec::new();
+        for label in self.scores.iter().map(|score| &score.label) {
+            if let Some(kernel) = label.kernel.as_deref()
+                && !found.iter().any(|(known, _)| *known == kernel)
+            {
+                found.push((kernel, label.angle_deg));
             }
         }
-        kernels
+        found
     }
 
     /// The mean of each metric over the images of a method, of one kernel or of all; none without images.
@@ -99,23 +126,47 @@ impl Evaluation {
         self.of(method, None).count()
     }
 
-    fn of<'a>(&'a self, method: usize, kernel: Option<&'a str>) -> impl Iterator<Item = &'a Score> {
+    /// The scores of a method, of the images of one kernel or of all.
+    pub fn of<'a>(&'a self, method: usize, kernel: Option<&'a str>) -> impl Iterator<Item = &'a Score> {
         self.scores.iter().filter(move |score| {
-            score.method == method && (kernel.is_none() || score.kernel.as_deref() == kernel)
+            score.method == method && (kernel.is_none() || score.label.kernel.as_deref() == kernel)
         })
     }
 
+    /// The metrics of each region over all images of a method; nothing unless regions were asked for.
+    pub(super) fn regions(&self, method: usize) -> Vec<RegionMean> {
+        let mean = |(index, region): (usize, Region)| {
+            let of_region = || self.of(method, None).filter_map(move |score| score.regions.get(index));
+            let pooled = |metric: usize| {
+                let mut total = Pool::default();
+                of_region().for_each(|score| total += score.pools[metric]);
+                total.mean().map(|mean| self.regional[metric].of_mean(mean))
+            };
+            RegionMean {
+                region,
+                images: of_region().filter(|score| score.pixels > 0).count(),
+                pixels: of_region().map(|score| score.pixels).sum(),
+                values: (0..self.regional.len()).map(pooled).collect(),
+            }
+        };
+        let asked = self.of(method, None).any(|score| !score.regions.is_empty());
+        let regions = Region::ALL.into_iter().enumerate().filter(|_| asked);
+        regions.map(mean).collect()
+    }
+
     /// Everything as JSON: `images` and `mean` of the first method that is no baseline (with `method` naming
-    /// it), the same of every method under `methods`, `excluded`, and the `definition`. A value that is
-    /// infinite (the PSNR of equal images) is null.
+    /// it), the same of every method under `methods`, `sizes`, `excluded`, and the `definition`. A value that
+    /// is infinite (the PSNR of equal images) is null.
     pub fn to_json(&self) -> Value {
         let methods: Vec<Value> = (0..self.methods.len()).map(|method| self.method_to_json(method)).collect();
         let first = self.methods.iter().position(|method| !method.baseline).unwrap_or(0);
+        let size = |([height, width], images): &([usize; 2], usize)| json!({"height": height, "width": width, "images": images});
         json!({
             "method": self.methods[first].name,
             "images": methods[first]["images"],
             "mean": methods[first]["mean"],
             "methods": methods,
+            "sizes": self.sizes.iter().map(size).collect::<Vec<_>>(),
             "excluded": self.excluded,
             "definition": self.definition_to_json(),
         })
@@ -127,53 +178,79 @@ impl Evaluation {
         definition["peak"] = json!(1.0);
         definition["ssim-channels"] = json!("mean of red, green and blue");
         definition["metrics"] = json!(self.metrics);
+        if self.methods.iter().any(|method| method.cost.is_some()) {
+            definition["gmac"] =
+                json!("10⁹ multiply-accumulates of all convolutions; gmac-evaluated: mean over the images");
+        }
+        if self.has_regions() {
+            definition["regions"] = Region::definitions();
+        }
         definition
     }
 
+    pub(super) fn has_regions(&self) -> bool {
+        self.scores.iter().any(|score| !score.regions.is_empty())
+    }
+
     fn method_to_json(&self, method: usize) -> Value {
-        let image = |score: &Score| {
-            let mut image = Map::new();
-            image.insert("id".to_owned(), json!(score.id));
-            if let Some(kernel) = &score.kernel {
-                image.insert("kernel".to_owned(), json!(kernel));
-            }
-            image.extend(self.named(&score.values));
-            Value::Object(image)
-        };
-        let images: Vec<Value> = self.of(method, None).map(image).collect();
-        let mean = |kernel| self.mean(method, kernel).map(|values| self.named(&values));
-        let kernels: Map<String, Value> =
-            self.kernels().into_iter().map(|kernel| (kernel.to_owned(), json!(mean(Some(kernel))))).collect();
-        json!({
-            "name": self.methods[method].name,
-            "baseline": self.methods[method].baseline,
+        let Method { name, baseline, dataset, cost } = &self.methods[method];
+        let images: Vec<Value> = self.of(method, None).map(|score| self.image_to_json(score)).collect();
+        let mean = |kernel| self.mean(method, kernel).map(|values| named(&self.metrics, &values));
+        let has_kernel = |kernel: &&str| self.of(method, Some(kernel)).next().is_some();
+        let kernels: Map<String, Value> = (self.kernels().into_iter().filter(has_kernel))
+            .map(|kernel| (kernel.to_owned(), json!(mean(Some(kernel)))))
+            .collect();
+        let mut json = json!({
+            "name": name,
+            "baseline": baseline,
             "count": images.len(),
             "mean": mean(None),
             "kernels": kernels,
             "images": images,
-        })
+        });
+        if let Some(dataset) = dataset {
+            json["dataset"] = json!(dataset);
+        }
+        if let Some(Cost { parameters, gmac_published, gmac_evaluated }) = cost {
+            json["parameters"] = json!(parameters);
+            json["gmac-800x800"] = json!(gmac_published);
+            json["gmac-evaluated"] = json!(gmac_evaluated);
+        }
+        for part in self.regions(method) {
+            let mean = named(&self.regional, &part.values);
+            json["regions"][part.region.name()] =
+                json!({"images": part.images, "pixels": part.pixels, "mean": mean});
+        }
+        json
     }
 
-    fn named(&self, values: &[f64]) -> Map<String, Value> {
-        self.metrics
-            .iter()
-            .zip(values)
-            .map(|(metric, value)| (metric.name().to_owned(), json!(value)))
-            .collect()
+    fn image_to_json(&self, score: &Score) -> Value {
+        let mut image = Map::new();
+        image.insert("id".to_owned(), json!(score.label.id));
+        if let Some(kernel) = &score.label.kernel {
+            image.insert("kernel".to_owned(), json!(kernel));
+        }
+        image.extend(named(&self.metrics, &score.values));
+        Value::Object(image)
     }
+}
+
+fn named<T: serde::Serialize>(metrics: &[Metric], values: &[T]) -> Map<String, Value> {
+    metrics.iter().zip(values).map(|(metric, value)| (metric.name().to_owned(), json!(value))).collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::score::RegionScore;
     use super::*;
 
     fn evaluation() -> Evaluation {
-        let methods = [("degraded", true), ("model", false)];
-        let methods = methods.map(|(name, baseline)| Method { name: name.to_owned(), baseline }).to_vec();
+        let methods = vec![Method::baseline("degraded"), Method::restored("model")];
         let mut evaluation = Evaluation::new(&EvalConfig::default(), methods);
         for (kernel, psnr) in [("r-03", 30.0), ("r+00", 32.0), ("r-03", 34.0)] {
-            let label = Label { id: "street".to_owned(), kernel: Some(kernel.to_owned()) };
-            evaluation.add(&label, vec![vec![psnr - 10.0, 0.5], vec![psnr, 0.9]]);
+            let label = Label { kernel: Some(kernel.to_owned()), ..Label::scene("street") };
+            let score = |method, values| Score { label: label.clone(), method, values, regions: Vec::new() };
+            evaluation.add([8, 9], vec![score(0, vec![psnr - 10.0, 0.5]), score(1, vec![psnr, 0.9])]);
         }
         evaluation
     }
@@ -196,6 +273,7 @@ mod tests {
         assert_eq!(json["images"][1]["kernel"], "r+00");
         assert_eq!(json["methods"][0]["kernels"]["r-03"]["psnr"], 22.0);
         assert_eq!(json["definition"]["quantise"], true);
+        assert_eq!(json["sizes"][0], json!({"height": 8, "width": 9, "images": 3}));
     }
 
     #[test]
@@ -204,5 +282,36 @@ mod tests {
         evaluation.scores[1].values[0] = f64::INFINITY;
         let json = evaluation.to_json();
         assert!(json["images"][0]["psnr"].is_null() && json["mean"]["psnr"].is_null());
+    }
+
+    #[test]
+    fn datasets_keep_their_own_means_side_by_side() {
+        let mut dim = evaluation();
+        dim.scores.iter_mut().for_each(|score| score.values[0] -= 5.0);
+        dim.exclude(&Label::scene("dark"), "is missing");
+        let joined = Evaluation::join(vec![("day".to_owned(), evaluation()), ("night".to_owned(), dim)]);
+        let means: Vec<f64> = (0..4).map(|method| joined.mean(method, None).unwrap()[0]).collect();
+        assert_eq!(means, [22.0, 32.0, 17.0, 27.0]);
+        assert_eq!(joined.methods[3].dataset.as_deref(), Some("night"));
+        assert_eq!(joined.excluded[0].dataset.as_deref(), Some("night"));
+        assert_eq!(joined.sizes, [([8, 9], 6)]);
+    }
+
+    /// Two images with regions of 1 and 3 pixels and squared errors of 0.04 and 0: pooled, not averaged.
+    #[test]
+    fn pools_regions_over_their_pixels() {
+        let mut evaluation = evaluation();
+        for (score, (pixels, error)) in
+            evaluation.scores.iter_mut().zip([(0, 0.0), (1, 0.04), (0, 0.0), (3, 0.0)])
+        {
+            let pools = vec![Pool { sum: error, count: pixels as u64 }, Pool::default()];
+            let of = |region| RegionScore { region, pixels, pools: pools.clone() };
+            score.regions = Region::ALL.map(of).to_vec();
+        }
+        let regions = evaluation.regions(1);
+        assert_eq!((regions[0].images, regions[0].pixels), (2, 4));
+        assert!((regions[0].values[0].unwrap() - 20.0).abs() < 1e-9);
+        assert_eq!(regions[0].values[1], None, "no pixel was pooled");
+        assert!(evaluation.to_json()["methods"][1]["regions"]["flare"]["mean"]["ssim"].is_null());
     }
 }

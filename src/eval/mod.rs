@@ -1,21 +1,30 @@
 //! Turns restored images and their ground truth into scores, means and tables.
 
 mod evaluation;
+mod flare;
+mod matrix;
 mod pairs;
+mod regions;
+mod score;
 mod tables;
 
-pub use evaluation::{Evaluation, Exclusion, Method, Score};
+pub use evaluation::Evaluation;
+pub use flare::Flare;
+pub use matrix::Matrix;
 pub use pairs::{FilePair, FolderPairs, pair_folders, read_tone_mapped};
+pub use regions::{Region, Regions};
+pub use score::{Cost, Exclusion, Label, Method, RegionScore, Score};
+pub use tables::{cell, markdown, quoted};
 
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
-use crate::core::metrics::{Metric, MetricDefinition};
+use crate::core::metrics::{Measure, Metric, MetricDefinition};
 
 /// What is measured, and what happens to images that cannot be.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct EvalConfig {
     /// The metrics, in the order of the tables.
-    pub metrics: Vec<Metric>,
+    pub metrics: Vec<Measure>,
     /// What they are computed of.
     pub definition: MetricDefinition,
     /// Whether an image that cannot be measured is excluded by name instead of ending the evaluation.
@@ -23,10 +32,10 @@ pub struct EvalConfig {
 }
 
 impl Default for EvalConfig {
-    /// All metrics by the published definition, every image required.
+    /// PSNR and SSIM by the published definition, every image required.
     fn default() -> Self {
-        let (metrics, definition) = (Metric::ALL.to_vec(), MetricDefinition::default());
-        Self { metrics, definition, allow_missing: false }
+        let metrics = [Metric::Psnr, Metric::Ssim].map(Measure::of).to_vec();
+        Self { metrics, definition: MetricDefinition::default(), allow_missing: false }
     }
 }
 
@@ -37,24 +46,8 @@ pub struct Sample {
     pub ground_truth: ToneMappedImage,
     /// The images to compare with it, one a method.
     pub images: Vec<ToneMappedImage>,
-}
-
-/// What a sample is called in tables.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Label {
-    /// The scene.
-    pub id: String,
-    /// The kernel that degraded it, where that is known.
-    pub kernel: Option<String>,
-}
-
-impl std::fmt::Display for Label {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match &self.kernel {
-            Some(kernel) => write!(f, "{} through {kernel}", self.id),
-            None => f.write_str(&self.id),
-        }
-    }
+    /// Its parts, to be measured each for itself.
+    pub regions: Option<Regions>,
 }
 
 /// Measures samples one after another; each holds one image of each of `methods`, in their order.
@@ -72,26 +65,58 @@ pub fn measure(
 ) -> Result<Evaluation> {
     let mut evaluation = Evaluation::new(config, methods);
     for (label, sample) in samples {
-        match sample.and_then(|sample| scores_of(config, evaluation.methods.len(), &sample)) {
-            Ok(scores) => evaluation.add(&label, scores),
+        match sample.and_then(|sample| scores_of(config, &evaluation, &label, &sample)) {
+            Ok((size, scores)) => evaluation.add(size, scores),
             Err(Error::Interrupted) => return Err(Error::Interrupted),
             Err(error) if config.allow_missing => evaluation.exclude(&label, error.to_string()),
             Err(error) => return Err(Error::Unsupported(format!("{label}: {error}"))),
         }
     }
     if evaluation.scores.is_empty() {
-        return Err(Error::Unsupported("no image is left to measure".to_owned()));
+        let reason = match evaluation.excluded.first() {
+            Some(first) => format!("no image is left to measure: {} {}", first.id, first.reason),
+            None => "there is no image to measure".to_owned(),
+        };
+        return Err(Error::Unsupported(reason));
     }
     Ok(evaluation)
 }
 
-/// One row of metrics for each method.
-fn scores_of(config: &EvalConfig, methods: usize, sample: &Sample) -> Result<Vec<Vec<f64>>> {
-    assert_eq!(sample.images.len(), methods, "a sample holds one image for each method");
-    let row = |image: &ToneMappedImage| {
-        config.metrics.iter().map(|m| m.measure(image, &sample.ground_truth, &config.definition)).collect()
+/// Height and width of a sample, and one score for each method.
+fn scores_of(
+    config: &EvalConfig,
+    evaluation: &Evaluation,
+    label: &Label,
+    sample: &Sample,
+) -> Result<([usize; 2], Vec<Score>)> {
+    assert_eq!(sample.images.len(), evaluation.methods.len(), "a sample holds one image for each method");
+    let truth = &sample.ground_truth;
+    let score = |(method, image): (usize, &ToneMappedImage)| {
+        let values = config.metrics.iter().map(|m| m.compare(image, truth, &config.definition));
+        let regions = match &sample.regions {
+            Some(regions) => region_scores(config, image, truth, regions)?,
+            None => Vec::new(),
+        };
+        Ok(Score { label: label.clone(), method, values: values.collect::<Result<_>>()?, regions })
     };
-    sample.images.iter().map(row).collect()
+    let scores = sample.images.iter().enumerate().map(score).collect::<Result<_>>()?;
+    Ok(([truth.height(), truth.width()], scores))
+}
+
+fn region_scores(
+    config: &EvalConfig,
+    image: &ToneMappedImage,
+    truth: &ToneMappedImage,
+    regions: &Regions,
+) -> Result<Vec<RegionScore>> {
+    let metrics = score::pixelwise(&config.metrics);
+    let of_region = |region: Region| {
+        let mask = regions.mask(region);
+        let pool = |metric: &Metric| metric.pool(image, truth, &config.definition, Some(&mask));
+        let pools = metrics.iter().map(pool).collect::<Result<_>>()?;
+        Ok(RegionScore { region, pixels: regions.count(region), pools })
+    };
+    Region::ALL.into_iter().map(of_region).collect()
 }
 
 #[cfg(test)]
@@ -104,12 +129,12 @@ mod tests {
     }
 
     fn sample(id: &str, size: usize, value: f32) -> (Label, Result<Sample>) {
-        let sample = Sample { ground_truth: flat(16, 0.5), images: vec![flat(size, value)] };
-        (Label { id: id.to_owned(), kernel: None }, Ok(sample))
+        let sample = Sample { ground_truth: flat(16, 0.5), images: vec![flat(size, value)], regions: None };
+        (Label::scene(id), Ok(sample))
     }
 
     fn methods() -> Vec<Method> {
-        vec![Method { name: "restored".to_owned(), baseline: false }]
+        vec![Method::restored("restored")]
     }
 
     #[test]

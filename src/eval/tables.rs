@@ -1,31 +1,55 @@
-//! Turns scores into a table for people (Markdown) and one for programs (CSV).
+//! Turns scores into tables for people (Markdown) and for programs (CSV).
 
-use std::fmt::Write as _;
-
-use super::Evaluation;
+use super::evaluation::Evaluation;
+use super::score::Score;
 use crate::core::metrics::Metric;
 
 impl Evaluation {
-    /// One line an image and method: `method,id,kernel,psnr,…`.
-    ///
-    /// # Panics
-    /// Never: writing to a string does not fail.
+    /// One line an image and method: `method,id,kernel,psnr,…`, with the dataset first where there are several.
     pub fn to_csv(&self) -> String {
-        let mut csv = String::from("method,id,kernel");
-        self.metrics.iter().for_each(|metric| csv.extend([",", metric.name()]));
-        for score in &self.scores {
-            let name = &self.methods[score.method].name;
-            let names =
-                [name, &score.id, score.kernel.as_ref().unwrap_or(&String::new())].map(|text| quoted(text));
-            write!(csv, "\n{}", names.join(",")).expect("strings take any text");
-            score.values.iter().for_each(|value| write!(csv, ",{value}").expect("strings take any text"));
-        }
-        csv.push('\n');
-        csv
+        let values = |score: &Score| score.values.iter().map(f64::to_string).collect::<Vec<_>>();
+        let rows = self.scores.iter().map(|score| [self.names(score), values(score)].concat());
+        self.csv(&self.metrics, &[], rows)
     }
 
-    /// The means over all images; each metric by kernel, where there are several; what was left out, and the
-    /// definition.
+    /// One line an image, method and region: `method,id,kernel,region,pixels,psnr,…`; a region without pixels
+    /// has no value.
+    pub fn regions_to_csv(&self) -> String {
+        let rows = self.scores.iter().flat_map(|score| {
+            score.regions.iter().map(|part| {
+                let values = self.regional.iter().zip(&part.pools);
+                let values = values.map(|(metric, pool)| match pool.mean() {
+                    Some(mean) => metric.of_mean(mean).to_string(),
+                    None => String::new(),
+                });
+                let part_names = [part.region.name().to_owned(), part.pixels.to_string()];
+                self.names(score).into_iter().chain(part_names).chain(values).collect()
+            })
+        });
+        self.csv(&self.regional, &["region", "pixels"], rows)
+    }
+
+    fn csv(&self, metrics: &[Metric], more: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
+        let dataset = self.has_datasets().then_some("dataset");
+        let names = dataset.into_iter().chain(["method", "id", "kernel"]).chain(more.iter().copied());
+        let heading: Vec<&str> = names.chain(metrics.iter().map(|metric| metric.name())).collect();
+        let lines = rows.map(|row| row.join(",") + "\n");
+        heading.join(",") + "\n" + &lines.collect::<String>()
+    }
+
+    fn names(&self, score: &Score) -> Vec<String> {
+        let method = &self.methods[score.method];
+        let kernel = score.label.kernel.as_deref().unwrap_or_default();
+        let dataset = self.has_datasets().then(|| method.dataset.as_deref().unwrap_or_default());
+        dataset.into_iter().chain([&method.name, &score.label.id, kernel]).map(quoted).collect()
+    }
+
+    fn has_datasets(&self) -> bool {
+        self.methods.iter().any(|method| method.dataset.is_some())
+    }
+
+    /// The means over all images, with what each method costs; each metric by kernel, and by region, where
+    /// there are several; what was left out, and the definition.
     pub fn to_markdown(&self) -> String {
         let mut text = self.table_of_means();
         let kernels = self.kernels();
@@ -34,12 +58,16 @@ impl Evaluation {
                 text.push_str(&self.table_by_kernel(i, *metric, &kernels));
             }
         }
+        if self.has_regions() {
+            text.push_str(&self.table_by_region());
+        }
         if !self.excluded.is_empty() {
             text.push_str(&format!("\nLeft out of every mean: {} images.\n", self.excluded.len()));
             for exclusion in &self.excluded {
-                let kernel =
-                    exclusion.kernel.as_ref().map(|kernel| format!(" through {kernel}")).unwrap_or_default();
-                text.push_str(&format!("- {}{kernel}: {}\n", exclusion.id, exclusion.reason));
+                let dataset = exclusion.dataset.as_ref().map(|dataset| format!("{dataset}: "));
+                let kernel = exclusion.kernel.as_ref().map(|kernel| format!(" through {kernel}"));
+                let [dataset, kernel] = [dataset, kernel].map(Option::unwrap_or_default);
+                text.push_str(&format!("- {dataset}{}{kernel}: {}\n", exclusion.id, exclusion.reason));
             }
         }
         text.push_str(&format!("\n{}\n", self.definition_in_words()));
@@ -47,38 +75,74 @@ impl Evaluation {
     }
 
     fn table_of_means(&self) -> String {
-        let headings = self.metrics.iter().map(|metric| metric.heading().to_owned());
-        let mut rows = vec![["method".to_owned(), "images".to_owned()].into_iter().chain(headings).collect()];
-        for (method, described) in self.methods.iter().enumerate() {
-            let values = self.cells(method, None, &self.metrics);
-            let names = [described.name.clone(), self.count(method).to_string()];
-            rows.push(names.into_iter().chain(values).collect());
+        let has_cost = self.methods.iter().any(|method| method.cost.is_some());
+        let costs = if has_cost { &["params", "GMAC at 800²", "GMAC"][..] } else { &[] };
+        let headings = costs.iter().copied().chain(["images"]).map(str::to_owned);
+        let metrics = self.metrics.iter().map(|metric| metric.heading().to_owned());
+        let mut rows: Vec<Vec<String>> = vec![self.heading().chain(headings).chain(metrics).collect()];
+        for method in 0..self.methods.len() {
+            let costs = if has_cost { self.cost_cells(method).to_vec() } else { Vec::new() };
+            let count = self.count(method).to_string();
+            let cells = self.cells(method, None);
+            rows.push(self.label(method).chain(costs).chain([count]).chain(cells).collect());
         }
         markdown(&rows)
     }
 
+    fn cost_cells(&self, method: usize) -> [String; 3] {
+        match &self.methods[method].cost {
+            Some(cost) => [
+                cost.parameters.to_string(),
+                format!("{:.2}", cost.gmac_published),
+                format!("{:.2}", cost.gmac_evaluated),
+            ],
+            None => ["–"; 3].map(str::to_owned),
+        }
+    }
+
     fn table_by_kernel(&self, index: usize, metric: Metric, kernels: &[&str]) -> String {
-        let heading = std::iter::once("method".to_owned()).chain(kernels.iter().map(|&k| k.to_owned()));
-        let mut rows = vec![heading.chain(["mean".to_owned()]).collect::<Vec<_>>()];
-        for (method, described) in self.methods.iter().enumerate() {
+        let names = kernels.iter().copied().chain(["mean"]).map(str::to_owned);
+        let mut rows: Vec<Vec<String>> = vec![self.heading().chain(names).collect()];
+        for method in 0..self.methods.len() {
             let columns = kernels.iter().map(|&kernel| Some(kernel)).chain([None]);
-            let cells = columns.map(|kernel| self.cells(method, kernel, &self.metrics)[index].clone());
-            rows.push(std::iter::once(described.name.clone()).chain(cells).collect());
+            let cells = columns.map(|kernel| self.cells(method, kernel)[index].clone());
+            rows.push(self.label(method).chain(cells).collect());
         }
         format!("\n{} by kernel\n\n{}", metric.heading(), markdown(&rows))
     }
 
-    fn cells(&self, method: usize, kernel: Option<&str>, metrics: &[Metric]) -> Vec<String> {
-        match self.mean(method, kernel) {
-            Some(values) => {
-                let cell = |(metric, value): (&Metric, f64)| match value.is_finite() {
-                    true => format!("{value:.*}", metric.decimals()),
-                    false => "∞".to_owned(),
-                };
-                metrics.iter().zip(values).map(cell).collect()
+    fn table_by_region(&self) -> String {
+        let names = ["region", "images", "pixels"].map(str::to_owned);
+        let metrics = self.regional.iter().map(|metric| metric.heading().to_owned());
+        let mut rows: Vec<Vec<String>> = vec![self.heading().chain(names).chain(metrics).collect()];
+        for method in 0..self.methods.len() {
+            for part in self.regions(method) {
+                let names = [part.region.name().to_owned(), part.images.to_string(), part.pixels.to_string()];
+                let values =
+                    self.regional.iter().zip(&part.values).map(|(metric, value)| cell(*metric, *value));
+                rows.push(self.label(method).chain(names).chain(values).collect());
             }
-            None => vec!["–".to_owned(); metrics.len()],
         }
+        format!("\nBy region, over all its pixels in all images\n\n{}", markdown(&rows))
+    }
+
+    /// The headings of what names a row.
+    fn heading(&self) -> impl Iterator<Item = String> + use<> {
+        let dataset = self.has_datasets().then_some("dataset");
+        dataset.into_iter().chain(["method"]).map(str::to_owned)
+    }
+
+    /// What names the row of a method.
+    fn label(&self, method: usize) -> impl Iterator<Item = String> + use<> {
+        let described = &self.methods[method];
+        let dataset = self.has_datasets().then(|| described.dataset.clone().unwrap_or_default());
+        dataset.into_iter().chain([described.name.clone()])
+    }
+
+    fn cells(&self, method: usize, kernel: Option<&str>) -> Vec<String> {
+        let values = self.mean(method, kernel);
+        let cell = |(i, metric): (usize, &Metric)| cell(*metric, values.as_ref().map(|values| values[i]));
+        self.metrics.iter().enumerate().map(cell).collect()
     }
 
     fn definition_in_words(&self) -> String {
@@ -88,16 +152,31 @@ impl Evaluation {
             0 => String::new(),
             border => format!(", {border} pixels cut from each side"),
         };
+        let sizes =
+            self.sizes.iter().map(|([height, width], images)| format!("{images} of {height} × {width}"));
+        let sizes = sizes.collect::<Vec<_>>().join(", ");
         format!(
-            "Of tone-mapped images clamped to [0, 1], {rounding}{border}; peak 1. SSIM: {0} × {0} Gaussian window, \
-             σ = {1}, whole windows only, mean of the channels.",
+            "Of tone-mapped images ({sizes}) clamped to [0, 1], {rounding}{border}; peak 1. SSIM: {0} × {0} Gaussian \
+             window, σ = {1}, whole windows only, mean of the channels.",
             definition.ssim_window, definition.ssim_sigma
         )
     }
 }
 
+/// A value with the decimals that tables show of a metric; `–` without one.
+pub fn cell(metric: Metric, value: Option<f64>) -> String {
+    match value {
+        Some(value) if value.is_finite() => format!("{value:.*}", metric.decimals()),
+        Some(_) => "∞".to_owned(),
+        None => "–".to_owned(),
+    }
+}
+
 /// A Markdown table with its first row as the heading, first column to the left, the others to the right.
-fn markdown(rows: &[Vec<String>]) -> String {
+///
+/// # Panics
+/// Without any row, or column: broken invariants of the caller.
+pub fn markdown(rows: &[Vec<String>]) -> String {
     let line = |cells: &[String]| {
         let cells: Vec<String> = cells.iter().map(|cell| cell.replace('|', "\\|")).collect();
         format!("| {} |\n", cells.join(" | "))
@@ -108,7 +187,8 @@ fn markdown(rows: &[Vec<String>]) -> String {
     line(&rows[0]) + &rule + &body
 }
 
-fn quoted(text: &str) -> String {
+/// A field of a line of CSV, in quotes where it needs them.
+pub fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\n']) {
         format!("\"{}\"", text.replace('"', "\"\""))
     } else {
@@ -118,15 +198,15 @@ fn quoted(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{EvalConfig, Evaluation, Label, Method};
+    use super::super::{Cost, EvalConfig, Evaluation, Label, Method, Score};
 
     fn evaluation() -> Evaluation {
-        let methods = [("degraded", true), ("a,b|c", false)];
-        let methods = methods.map(|(name, baseline)| Method { name: name.to_owned(), baseline }).to_vec();
+        let methods = vec![Method::baseline("degraded"), Method::restored("a,b|c")];
         let mut evaluation = Evaluation::new(&EvalConfig::default(), methods);
         for (kernel, psnr) in [("r-03", 30.0), ("r+00", f64::INFINITY)] {
-            let label = Label { id: "street".to_owned(), kernel: Some(kernel.to_owned()) };
-            evaluation.add(&label, vec![vec![20.25, 0.5], vec![psnr, 0.91239]]);
+            let label = Label { kernel: Some(kernel.to_owned()), ..Label::scene("street") };
+            let score = |method, values| Score { label: label.clone(), method, values, regions: Vec::new() };
+            evaluation.add([8, 9], vec![score(0, vec![20.25, 0.5]), score(1, vec![psnr, 0.91239])]);
         }
         evaluation
     }
@@ -143,12 +223,26 @@ mod tests {
     #[test]
     fn tabulates_means_by_kernel_and_names_what_was_left_out() {
         let mut evaluation = evaluation();
-        evaluation.exclude(&Label { id: "dark".to_owned(), kernel: None }, "is missing");
+        evaluation.exclude(&Label::scene("dark"), "is missing");
         let text = evaluation.to_markdown();
         assert!(text.starts_with("| method | images | PSNR (dB) | SSIM |\n|---|---:|---:|---:|\n"), "{text}");
         assert!(text.contains("| degraded | 2 | 20.25 | 0.5000 |"), "{text}");
         assert!(text.contains("| a,b\\|c | 30.00 | ∞ | ∞ |"), "{text}");
         assert!(text.contains("Left out of every mean: 1 images.\n- dark: is missing"), "{text}");
         assert!(text.contains("rounded to 8 bits"), "{text}");
+    }
+
+    #[test]
+    fn says_what_networks_cost_and_which_dataset_a_row_is_of() {
+        let mut evaluation = evaluation();
+        evaluation.methods[1].cost =
+            Some(Cost::of(3_804_617, &evaluation.sizes, |y, x| (y * x) as u64 * 1000));
+        let joined = Evaluation::join(vec![("day".to_owned(), evaluation)]);
+        let text = joined.to_markdown();
+        let heading = "| dataset | method | params | GMAC at 800² | GMAC | images | PSNR (dB) | SSIM |\n";
+        assert!(text.starts_with(heading), "{text}");
+        assert!(text.contains("| day | degraded | – | – | – | 2 |"), "{text}");
+        assert!(text.contains("| day | a,b\\|c | 3804617 | 0.64 | 0.00 | 2 |"), "{text}");
+        assert!(joined.to_csv().starts_with("dataset,method,id,kernel,psnr,ssim\nday,degraded,street,"));
     }
 }

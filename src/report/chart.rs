@@ -25,11 +25,19 @@ pub struct Axes {
 }
 
 /// Width and height of the drawing and the margins left, right, top, bottom, in user units.
-const SIZE: (f64, f64) = (760.0, 300.0);
-const MARGIN: (f64, f64, f64, f64) = (70.0, 20.0, 28.0, 42.0);
+pub(super) const SIZE: (f64, f64) = (760.0, 300.0);
+pub(super) const MARGIN: (f64, f64, f64, f64) = (70.0, 20.0, 28.0, 42.0);
+
+/// Width of a character of the drawing's font, on average, and the widest legend.
+const CHARACTER: f64 = 6.6;
+const WIDEST_LEGEND: f64 = 230.0;
+
+/// Lines of at most this many points show them.
+const MARKED_POINTS: usize = 24;
 
 /// Colours told apart by people with any common colour vision (after Okabe and Ito).
-const COLOURS: [&str; 7] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a8a8a"];
+pub(super) const COLOURS: [&str; 7] =
+    ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a8a8a"];
 
 /// Draws the series as lines on common axes.
 ///
@@ -45,14 +53,14 @@ pub fn line_chart(series: &[Series], axes: &Axes) -> String {
         .iter()
         .map(|one| one.points.iter().filter(|p| usable(p)).map(|&(x, y)| (x, height(y))).collect())
         .collect();
-    let Some(frame) = Frame::around(lines.iter().flatten().copied()) else {
+    let Some(mut frame) = Frame::around(lines.iter().flatten().copied()) else {
         return "<p>No points to draw.</p>".to_owned();
     };
-    let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {} {}\" width=\"{}\" font-family=\"sans-serif\" \
-         font-size=\"12\" role=\"img\">\n",
-        SIZE.0, SIZE.1, SIZE.0
-    );
+    if series.len() > 2 {
+        // The legend of many lines would lie over them.
+        frame.legend = legend_width(series.iter().map(|one| one.name.as_str()));
+    }
+    let mut svg = open(SIZE.0, SIZE.1);
     frame.draw_axes(&mut svg, axes).expect("writing to a string cannot fail");
     for (index, (one, line)) in series.iter().zip(&lines).enumerate() {
         frame.draw_line(&mut svg, index, &one.name, line).expect("writing to a string cannot fail");
@@ -61,10 +69,32 @@ pub fn line_chart(series: &[Series], axes: &Axes) -> String {
     svg
 }
 
+/// Makes a drawing a file of its own: on white, wherever it is looked at.
+pub fn standalone(svg: &str) -> String {
+    svg.replacen("<svg ", "<svg style=\"background:#ffffff;color:#1c1e21\" ", 1) + "\n"
+}
+
+/// The first tag of a drawing.
+pub(super) fn open(width: f64, height: f64) -> String {
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" \
+         font-family=\"sans-serif\" font-size=\"12\" role=\"img\">\n"
+    )
+}
+
+/// The width that names take, beside a margin.
+pub(super) fn legend_width<'a>(names: impl Iterator<Item = &'a str>) -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "names are short")]
+    let longest = names.map(|name| name.chars().count()).max().unwrap_or(0) as f64;
+    (longest * CHARACTER + 12.0).min(WIDEST_LEGEND)
+}
+
 /// The range of the data, mapped to the drawing.
 struct Frame {
     x: (f64, f64),
     y: (f64, f64),
+    /// Width that is kept free for the legend, right of the lines; without one it lies over them.
+    legend: f64,
 }
 
 impl Frame {
@@ -73,20 +103,26 @@ impl Frame {
         let (x, y) = points.fold((empty, empty), |(x, y), point| {
             ((x.0.min(point.0), x.1.max(point.0)), (y.0.min(point.1), y.1.max(point.1)))
         });
-        (x.0 <= x.1).then(|| Self { x: widen(x, 0.0), y: widen(y, 0.05) })
+        (x.0 <= x.1).then(|| Self { x: widen(x, 0.0), y: widen(y, 0.05), legend: 0.0 })
+    }
+
+    /// Where the lines end.
+    fn right(&self) -> f64 {
+        SIZE.0 - MARGIN.1 - self.legend
     }
 
     fn place(&self, (x, y): (f64, f64)) -> (f64, f64) {
         let along = |value: f64, range: (f64, f64)| (value - range.0) / (range.1 - range.0);
-        let (left, right, top, bottom) = MARGIN;
+        let (left, _, top, bottom) = MARGIN;
         (
-            left + along(x, self.x) * (SIZE.0 - left - right),
+            left + along(x, self.x) * (self.right() - left),
             SIZE.1 - bottom - along(y, self.y) * (SIZE.1 - top - bottom),
         )
     }
 
     fn draw_axes(&self, svg: &mut String, axes: &Axes) -> std::fmt::Result {
-        let (left, right, top, bottom) = MARGIN;
+        let (left, _, top, bottom) = MARGIN;
+        let right = self.right();
         for tick in ticks(self.y) {
             let y = self.place((self.x.0, tick)).1;
             let label = if axes.log_y { format_number(10f64.powf(tick)) } else { format_number(tick) };
@@ -95,7 +131,7 @@ impl Frame {
                 "<line x1=\"{left}\" x2=\"{}\" y1=\"{y:.1}\" y2=\"{y:.1}\" stroke=\"currentColor\" \
                  stroke-opacity=\"0.15\"/><text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\" \
                  fill=\"currentColor\">{label}</text>",
-                SIZE.0 - right,
+                right,
                 left - 8.0,
                 y + 4.0
             )?;
@@ -109,7 +145,7 @@ impl Frame {
                 format_number(tick)
             )?;
         }
-        let middle = (left + SIZE.0 - right) / 2.0;
+        let middle = (left + right) / 2.0;
         writeln!(
             svg,
             "<text x=\"{middle}\" y=\"{}\" text-anchor=\"middle\" fill=\"currentColor\">{}</text>\
@@ -128,19 +164,29 @@ impl Frame {
             let (x, y) = self.place(point);
             write!(svg, "{x:.1},{y:.1} ")?;
         }
+        writeln!(svg, "\" stroke=\"{colour}\"/>")?;
+        if line.len() <= MARKED_POINTS {
+            for &point in line {
+                let (x, y) = self.place(point);
+                writeln!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2.6\" fill=\"{colour}\"/>")?;
+            }
+        }
         #[expect(clippy::cast_precision_loss, reason = "a chart has few series")]
         let y = MARGIN.2 + 14.0 * (index as f64 + 1.0);
+        let (x, anchor) = match self.legend > 0.0 {
+            true => (self.right() + 10.0, "start"),
+            false => (self.right() - 6.0, "end"),
+        };
         writeln!(
             svg,
-            "\" stroke=\"{colour}\"/><text x=\"{}\" y=\"{y}\" text-anchor=\"end\" fill=\"{colour}\">{}</text>",
-            SIZE.0 - MARGIN.1 - 6.0,
+            "<text x=\"{x}\" y=\"{y}\" text-anchor=\"{anchor}\" fill=\"{colour}\">{}</text>",
             escape(name)
         )
     }
 }
 
 /// Adds a share of the range on both sides, and width to a range that has none.
-fn widen((low, high): (f64, f64), share: f64) -> (f64, f64) {
+pub(super) fn widen((low, high): (f64, f64), share: f64) -> (f64, f64) {
     let width = high - low;
     if width > 0.0 {
         (low - share * width, high + share * width)
@@ -151,7 +197,7 @@ fn widen((low, high): (f64, f64), share: f64) -> (f64, f64) {
 }
 
 /// Between four and ten round numbers within a range.
-fn ticks((low, high): (f64, f64)) -> Vec<f64> {
+pub(super) fn ticks((low, high): (f64, f64)) -> Vec<f64> {
     let rough = (high - low) / 5.0;
     let decade = 10f64.powf(rough.log10().floor());
     let step =
@@ -165,7 +211,7 @@ fn ticks((low, high): (f64, f64)) -> Vec<f64> {
     ticks
 }
 
-fn format_number(value: f64) -> String {
+pub(super) fn format_number(value: f64) -> String {
     let magnitude = value.abs();
     if magnitude != 0.0 && !(1e-3..1e5).contains(&magnitude) {
         return format!("{value:.1e}");
@@ -196,6 +242,20 @@ mod tests {
         let drawn = svg.split("points=\"").nth(1).and_then(|rest| rest.split('"').next()).unwrap();
         assert_eq!(drawn.split_whitespace().count(), 2);
         assert!(line_chart(&[], &axes(false)).contains("No points"));
+    }
+
+    #[test]
+    fn many_lines_leave_their_legend_beside_them() {
+        let series = ["a", "b", "a long name"]
+            .map(|name| Series { name: name.to_owned(), points: vec![(0.0, 1.0), (9.0, 2.0)] });
+        let svg = line_chart(&series, &axes(false));
+        let end = |text: &str, key: &str| -> f64 {
+            text.rsplit(key).next().and_then(|rest| rest.split('"').next()).unwrap().parse().unwrap()
+        };
+        let legend = svg.lines().find(|line| line.contains("a long name")).unwrap();
+        assert!(end(legend, "<text x=\"") > end(&svg, "circle cx=\""), "{svg}");
+        assert_eq!(svg.matches("<circle").count(), 6);
+        assert!(standalone(&svg).contains("background:#ffffff"));
     }
 
     #[test]

@@ -2,6 +2,8 @@
 //! loads nothing from anywhere.
 
 pub mod chart;
+pub mod distribution;
+pub mod heat_map;
 pub mod page;
 pub mod picture;
 pub mod sections;

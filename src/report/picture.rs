@@ -1,9 +1,9 @@
 //! Turns images and PSFs into 8-bit pictures, encoded as PNG.
 
 use image::{ImageEncoder, Rgb, RgbImage};
-use ndarray::ArrayView3;
+use ndarray::{Array3, ArrayView3, s};
 
-use crate::core::image::ToneMappedImage;
+use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::core::psf::Psf;
 
 /// Encodes a tone-mapped image, values 0 to 1, one picture pixel an image pixel.
@@ -26,7 +26,7 @@ pub fn log_psf(psf: &Psf, decades: f32) -> Vec<u8> {
 /// When the images differ in size.
 pub fn difference(a: &ToneMappedImage, b: &ToneMappedImage, full_scale: f32) -> Vec<u8> {
     assert_eq!(a.planes().dim(), b.planes().dim(), "a difference needs images of one size");
-    let mut mean = ndarray::Array3::zeros(a.planes().dim());
+    let mut mean = Array3::zeros(a.planes().dim());
     for channel in 0..3 {
         for source in 0..3 {
             let difference = (&a.channel(source) - &b.channel(source)).mapv(f32::abs) / (3.0 * full_scale);
@@ -35,6 +35,27 @@ pub fn difference(a: &ToneMappedImage, b: &ToneMappedImage, full_scale: f32) -> 
         }
     }
     encode(mean.view(), |_, value| value)
+}
+
+/// White pixels between the pictures of a grid.
+const GAP: usize = 6;
+
+/// Encodes tone-mapped images of one size as one picture, row by row, with white between them.
+///
+/// # Panics
+/// When the rows differ in length, or the images in size.
+pub fn grid(rows: &[Vec<&ToneMappedImage>]) -> Vec<u8> {
+    let (_, height, width) = rows[0][0].planes().dim();
+    let side = |count: usize, side: usize| count * (side + GAP) - GAP;
+    let mut picture = Array3::ones((CHANNELS, side(rows.len(), height), side(rows[0].len(), width)));
+    for (row, images) in rows.iter().enumerate() {
+        assert_eq!(images.len(), rows[0].len(), "every row of a grid is as long as the first");
+        for (column, image) in images.iter().enumerate() {
+            let (top, left) = (row * (height + GAP), column * (width + GAP));
+            picture.slice_mut(s![.., top..top + height, left..left + width]).assign(&image.planes());
+        }
+    }
+    encode(picture.view(), |_, value| value)
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the range of a byte")]
@@ -57,7 +78,6 @@ fn encode(planes: ArrayView3<'_, f32>, stretch: impl Fn(usize, f32) -> f32) -> V
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ndarray::Array3;
 
     fn decode(png: &[u8]) -> RgbImage {
         image::load_from_memory(png).unwrap().to_rgb8()
@@ -70,6 +90,16 @@ mod tests {
         let picture = decode(&tone_mapped(&ToneMappedImage::from_planes(planes).unwrap()));
         assert_eq!(picture.dimensions(), (3, 2));
         assert_eq!(picture.get_pixel(0, 1).0, [51, 51, 255]);
+    }
+
+    #[test]
+    fn a_grid_has_its_images_in_their_cells() {
+        let flat = |value| ToneMappedImage::from_planes(Array3::from_elem((3, 2, 3), value)).unwrap();
+        let (a, b, c) = (flat(0.0), flat(0.2), flat(0.4));
+        let picture = decode(&grid(&[vec![&a, &b], vec![&b, &c]]));
+        assert_eq!(picture.dimensions(), (3 + 6 + 3, 2 + 6 + 2));
+        let at = |x, y| picture.get_pixel(x, y).0[0];
+        assert_eq!([at(0, 0), at(9, 1), at(2, 8), at(11, 9), at(4, 0)], [0, 51, 51, 102, 255]);
     }
 
     #[test]

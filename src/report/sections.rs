@@ -137,7 +137,7 @@ pub fn evaluation(name: &str, metrics: &Value) -> Vec<Block> {
     let mut head = vec!["method".to_owned(), "images".to_owned()];
     head.extend(names.iter().map(|name| name.to_uppercase()));
     let row = |method: &Value| {
-        let label = method["name"].as_str().unwrap_or("?").to_owned();
+        let label = label_of(method);
         let count = method["count"].to_string();
         let values = names.iter().map(|name| number(&method["mean"][name.as_str()]));
         [label, count].into_iter().chain(values).collect()
@@ -162,12 +162,18 @@ fn psnr_by_kernel(methods: &[Value]) -> Option<Block> {
         };
         let mut points: Vec<(f64, f64)> = kernels.iter().filter_map(point).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        (points.len() > 1).then(|| Series { name: method["name"].as_str().unwrap_or("?").to_owned(), points })
+        (points.len() > 1).then(|| Series { name: label_of(method), points })
     };
     let series: Vec<Series> = methods.iter().filter_map(series).collect();
     let axes =
         Axes { x: "rotation of the panel in degrees".to_owned(), y: "PSNR in dB".to_owned(), log_y: false };
     (!series.is_empty()).then(|| Block::Chart(line_chart(&series, &axes), "Mean PSNR by kernel.".to_owned()))
+}
+
+/// A method's name, after its dataset's where there are several.
+fn label_of(method: &Value) -> String {
+    let name = method["name"].as_str().unwrap_or("?");
+    method["dataset"].as_str().map_or_else(|| name.to_owned(), |dataset| format!("{dataset}: {name}"))
 }
 
 fn number(value: &Value) -> String {

@@ -7,8 +7,6 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
-
 use super::optimizer::Moments;
 use super::trainer::State;
 use crate::core::error::{Error, Result};
@@ -17,7 +15,7 @@ use crate::network::weights::{self, Weights, tensors};
 use crate::network::{Architecture, Parameters, Values};
 
 const FORMAT: &str = "udc-training-state";
-const VERSION: &str = "1";
+const VERSION: &str = "2";
 
 const STATE_FILE: &str = "state.safetensors";
 const MODEL_FILE: &str = "model.safetensors";
@@ -28,11 +26,12 @@ const FIRST: &str = "first-moment/";
 const SECOND: &str = "second-moment/";
 const AVERAGE: &str = "average/";
 
-/// The best validation so far.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// The best validation so far, by the metric that the configuration chose.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Best {
     pub(super) iteration: u64,
-    pub(super) psnr: f64,
+    /// The metric's mean.
+    pub(super) value: f64,
 }
 
 /// Everything that a training goes on from.
@@ -109,8 +108,9 @@ impl Checkpoint {
             ("iteration".to_owned(), iteration.to_string()),
         ]);
         if let Some(best) = &self.best {
-            let text = serde_json::to_string(best).expect("plain data");
-            metadata.insert("best".to_owned(), text);
+            // Rust's own text of a number returns it to the bit, so that a tie stays one after resuming.
+            metadata.insert("best-iteration".to_owned(), best.iteration.to_string());
+            metadata.insert("best-value".to_owned(), best.value.to_string());
         }
         io::write_safetensors(path, &tensors, &metadata, false)
     }
@@ -136,7 +136,13 @@ impl Checkpoint {
         } else {
             None
         };
-        let best = entry("best").map(serde_json::from_str).transpose().map_err(|_| damaged())?;
+        let best = match (entry("best-iteration"), entry("best-value")) {
+            (Some(iteration), Some(value)) => Some(Best {
+                iteration: iteration.parse().map_err(|_| damaged())?,
+                value: value.parse().map_err(|_| damaged())?,
+            }),
+            _ => None,
+        };
         Ok(Self { state: State { iteration, parameters, moments, average }, best })
     }
 }
@@ -174,7 +180,7 @@ mod tests {
         let moments = Moments { first: values(random(2)), second: values(random(3)) };
         let average = average.then(|| random(4));
         let state = State { iteration, parameters: random(1), moments, average };
-        let best = Some(Best { iteration: 3, psnr: 31.25 });
+        let best = Some(Best { iteration: 3, value: 0.973_618_558_394_455_9 });
         let weights = Weights { parameters: random(1), architecture, origin: Origin::default() };
         (Checkpoint { state, best }, weights)
     }

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::core::error::{Error, Result};
+use crate::core::metrics::{Metric, MetricDefinition};
 use crate::network::{Architecture, Initialisation};
 use crate::perceptual::FeatureDistance;
 
@@ -174,11 +175,45 @@ pub struct ValidationConfig {
     pub images: usize,
     /// Side of the crop of each image.
     pub crop: usize,
+    /// What is measured.
+    pub metrics: Vec<Metric>,
+    /// Which of these metrics decides what `best.safetensors` holds.
+    pub best: Metric,
+    /// AlexNet's weights, for `lpips`.
+    pub lpips_alexnet: String,
+    /// The weights of LPIPS' linear layers.
+    pub lpips_linear: String,
 }
 
 impl Default for ValidationConfig {
     fn default() -> Self {
-        Self { every: 5000, images: 8, crop: 256 }
+        let metrics = vec![Metric::Psnr, Metric::Ssim];
+        let (lpips_alexnet, lpips_linear) = (String::new(), String::new());
+        Self { every: 5000, images: 8, crop: 256, metrics, best: Metric::Psnr, lpips_alexnet, lpips_linear }
+    }
+}
+
+impl ValidationConfig {
+    /// Checks that the metrics can be computed, and that the best can be told.
+    fn validate(&self) -> Result<()> {
+        let window = MetricDefinition::float().ssim_window;
+        if self.metrics.contains(&Metric::Ssim) && self.crop < window {
+            let reason = format!(
+                "must be at least {window} for ssim, found {}; or take ssim off validation.metrics",
+                self.crop
+            );
+            return Err(Error::config("validation.crop", reason));
+        }
+        if !self.metrics.contains(&self.best) {
+            let names: Vec<&str> = self.metrics.iter().map(|metric| metric.name()).collect();
+            let reason = format!(
+                "must be one of validation.metrics ({}), found {}",
+                names.join(", "),
+                self.best.name()
+            );
+            return Err(Error::config("validation.best", reason));
+        }
+        Ok(())
     }
 }
 
@@ -233,6 +268,7 @@ impl TrainConfig {
     /// [`Error::Config`] naming the first key that is out of range.
     pub fn validate(&self) -> Result<()> {
         self.architecture.validate()?;
+        self.validation.validate()?;
         let counts = [
             ("iterations", self.iterations),
             ("log-every", self.log_every),
@@ -439,6 +475,9 @@ mod tests {
         assert!(message("", &["architecture.kind=unet"]).contains("must be \"none\""));
         assert!(message("", &["schedule.minimum=1.0"]).contains("schedule.minimum"));
         assert!(message("", &["data.crop"]).contains("expected key.path=value"));
+        assert!(message("", &["validation.best=lpips"]).contains("validation.best"));
+        assert!(message("", &["validation.metrics=[\"ssim\"]"]).contains("validation.best: must be one of"));
+        assert!(message("", &["validation.crop=10"]).contains("at least 11 for ssim"));
     }
 
     #[test]

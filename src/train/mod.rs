@@ -12,6 +12,7 @@ mod optimizer;
 mod run;
 mod sampler;
 mod schedule;
+mod tensorboard;
 mod trainer;
 mod validation;
 
@@ -24,4 +25,4 @@ pub use run::{Job, Outcome, Start, read_config};
 pub use sampler::Sampler;
 pub use schedule::learning_rate;
 pub use trainer::{Step, Trainer};
-pub use validation::Validation;
+pub use validation::{Validation, ValidationScore};

@@ -9,10 +9,12 @@ use serde_json::{Value, json};
 use super::checkpoint::{Best, Checkpoint, Checkpoints};
 use super::config::TrainConfig;
 use super::data::TrainingData;
+use super::tensorboard::{self, EventLog};
 use super::trainer::{Step, Trainer};
-use super::validation::{Validation, Validator};
+use super::validation::{Validation, ValidationScore, Validator};
 use crate::core::error::{Error, Result};
 use crate::core::io::{self, LineLog};
+use crate::core::metrics::Measure;
 use crate::core::progress::Progress;
 use crate::network::weights::{self, Weights};
 use crate::network::{Backend, Origin, Parameters};
@@ -32,6 +34,8 @@ pub struct Job<'a> {
     pub data: &'a dyn TrainingData,
     /// What to measure on.
     pub validation: Option<&'a dyn TrainingData>,
+    /// The configuration's `validation.metrics`, ready to measure.
+    pub measures: &'a [Measure],
     /// Identity of the kernel bank behind the codes.
     pub kernel_bank_sha256: Option<String>,
     /// Where to compute.
@@ -64,6 +68,13 @@ pub struct Outcome {
     pub last_validation: Option<Validation>,
 }
 
+impl Outcome {
+    /// The last validation's means, metric by metric; none without a validation.
+    pub fn validation_scores(&self) -> &[ValidationScore] {
+        self.last_validation.as_ref().map_or(&[], |validation| &validation.scores)
+    }
+}
+
 /// The configuration that a run began with.
 ///
 /// # Errors
@@ -88,7 +99,9 @@ impl Job<'_> {
     pub fn run(&self, folder: &Path, start: Start) -> Result<Outcome> {
         self.config.validate()?;
         let validator = match self.validation {
-            Some(data) if self.config.validation.every > 0 => Some(Validator::new(data, self.config)?),
+            Some(data) if self.config.validation.every > 0 => {
+                Some(Validator::new(data, self.measures, self.config)?)
+            }
             _ => None,
         };
         let mut run = self.open(folder, start, validator)?;
@@ -131,11 +144,13 @@ impl Job<'_> {
         let text = self.config.to_toml();
         io::write_atomically(&folder.join(CONFIG_FILE), true, |out| out.write_all(text.as_bytes()))?;
         let log = open_log(&folder.join(LOG_FILE), trainer.iteration())?;
+        let events = EventLog::open(folder, trainer.iteration())?;
         let folder = folder.to_owned();
         let run = Run {
             folder,
             checkpoints,
             log,
+            events,
             trainer,
             best,
             validator,
@@ -185,7 +200,8 @@ fn refuse_run(folder: &Path) -> Result<()> {
 
 fn remove_run(folder: &Path) -> Result<()> {
     let names = [CONFIG_FILE, LOG_FILE, CHECKPOINTS, MODEL_FILE, BEST_FILE];
-    names.iter().try_for_each(|name| io::remove(&folder.join(name)))
+    names.iter().try_for_each(|name| io::remove(&folder.join(name)))?;
+    tensorboard::remove_all(folder)
 }
 
 /// Opens the log at the line after `iteration`: what a killed process wrote past its checkpoint will be
@@ -206,6 +222,7 @@ struct Run {
     folder: PathBuf,
     checkpoints: Checkpoints,
     log: LineLog,
+    events: EventLog,
     trainer: Trainer,
     best: Option<Best>,
     validator: Option<Validator>,
@@ -228,6 +245,11 @@ impl Run {
             let is_due = |every: u64| every > 0 && step.iteration.is_multiple_of(every);
             if is_due(config.log_every) {
                 self.write_line(&step)?;
+                let Step { iteration, loss, learning_rate, gradient_norm } = step;
+                let values =
+                    [("loss", loss), ("learning_rate", learning_rate), ("gradient_norm", gradient_norm)];
+                let values = values.map(|(name, value)| (format!("train/{name}"), value));
+                self.events.write(iteration, &values)?;
             }
             self.last_step = Some(step);
             if is_due(config.validation.every) {
@@ -252,12 +274,19 @@ impl Run {
         let weights = self.weights(job);
         let iteration = self.trainer.iteration();
         let validation = validator.run(&weights, job.backend, iteration)?;
-        if self.best.is_none_or(|best| validation.psnr > best.psnr) {
-            self.best = Some(Best { iteration, psnr: validation.psnr });
+        let metric = job.config.validation.best;
+        if let Some(value) = validation.restored(metric)
+            && self.best.is_none_or(|best| metric.is_better(value, best.value))
+        {
+            self.best = Some(Best { iteration, value });
             weights::write(&self.folder.join(BEST_FILE), &weights, true)?;
         }
+        self.write_line(&validation)?;
+        let values =
+            validation.named().into_iter().map(|(name, value)| (format!("validation/{name}"), value));
+        self.events.write(iteration, &values.collect::<Vec<_>>())?;
         self.last_validation = Some(validation);
-        self.write_line(&validation)
+        Ok(())
     }
 
     /// Writes a checkpoint and, once it is complete, the run's model.

@@ -11,6 +11,7 @@ use udc::core::io::{self, WriteOptions};
 use udc::core::psf::Psf;
 
 use super::common::{fail, succeed, udc};
+use super::perceptual_weights;
 
 fn write(path: &Path, size: usize, value: f32) {
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -98,6 +99,30 @@ fn says_what_to_measure_when_nothing_is_named() {
     let said = fail(scratch.path(), &["eval", "missing", "-o", "results"], 1);
     assert!(said.contains("missing"), "{said}");
     assert!(!scratch.path().join("results").exists());
+}
+
+/// The value is PyTorch's, of the same weights.
+#[test]
+fn measures_lpips_with_the_weights_of_the_files() {
+    let scratch = tempfile::tempdir().unwrap();
+    let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/perceptual");
+    for (from, to) in [("x.npy", "restored"), ("y.npy", "gt")] {
+        std::fs::create_dir(scratch.path().join(to)).unwrap();
+        std::fs::copy(fixtures.join(from), scratch.path().join(to).join("a.npy")).unwrap();
+    }
+    let eval = ["eval", "--restored", "restored", "--gt", "gt", "--domain", "tone-mapped", "-o", "results"];
+    let eval = [&eval[..], &["--metrics", "lpips,psnr", "--definition", "float"]].concat();
+    let said = fail(scratch.path(), &eval, 1);
+    assert!(said.contains("--lpips-alexnet") && said.contains("alex.pth"), "{said}");
+    perceptual_weights::write_alexnet(&scratch.path().join("alexnet.safetensors"));
+    perceptual_weights::write_linear(&scratch.path().join("linear.safetensors"));
+    let weights = ["--lpips-alexnet", "alexnet.safetensors", "--lpips-linear", "linear.safetensors"];
+    let said = succeed(scratch.path(), &[&eval[..], &weights].concat());
+    assert!(said.contains("| PSNR (dB) | LPIPS |"), "{said}");
+    let case = std::fs::read_to_string(fixtures.join("case.json")).unwrap();
+    let expected = serde_json::from_str::<Value>(&case).unwrap()["lpips_alex"].as_f64().unwrap();
+    let found = results(scratch.path())["mean"]["lpips"].as_f64().unwrap();
+    assert!((found / expected - 1.0).abs() < 1e-4, "{found} for {expected}");
 }
 
 fn write_linear(path: &Path, size: usize, light: impl Fn(usize, usize) -> f32) {

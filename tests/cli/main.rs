@@ -8,10 +8,15 @@
 )]
 
 mod common;
+mod compare;
 mod crop_codes;
 mod eval;
+mod events;
 mod files;
 mod measure;
+#[path = "../common/perceptual_weights.rs"]
+mod perceptual_weights;
 mod restore;
+mod sweep;
 mod synth;
 mod train;

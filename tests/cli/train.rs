@@ -14,9 +14,10 @@ use udc::core::psf::Psf;
 use udc::network::Model;
 
 use super::common::{fail, succeed};
+use super::events;
 
 /// A network small enough that a step takes some milliseconds.
-const CONFIG: &str = r#"
+pub(crate) const CONFIG: &str = r#"
 iterations = 24
 log-every = 1
 [architecture]
@@ -43,7 +44,7 @@ keep = 2
 
 /// Makes a dataset of four scenes and two kernels, one of which halves and one of which keeps the light, and
 /// a configuration beside it.
-fn prepare(folder: &Path) {
+pub(crate) fn prepare(folder: &Path) {
     let root = folder.join("dataset");
     for part in ["gt", "degraded/k01", "degraded/k02"] {
         fs::create_dir_all(root.join(part)).expect("the folder is writable");
@@ -127,14 +128,15 @@ fn trains_a_network_that_learns_and_can_be_loaded() {
     prepare(folder.path());
     let settings = ["--set", "optimizer.learning-rate=0.003", "--set", "iterations=60"];
     let said = train(folder.path(), "run", &settings);
-    assert!(said.contains("dB restored") && said.contains("trained for 60 iterations"), "{said}");
+    assert!(said.contains("validation PSNR (dB)") && said.contains("trained for 60 iterations"), "{said}");
+    assert!(said.contains("validation SSIM"), "{said}");
     let run = folder.path().join("run");
     let (_, log) = result(folder.path(), "run");
     let losses = losses(&log);
     assert_eq!(losses.len(), 60);
     let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
     assert!(mean(&losses[50..]) < 0.7 * mean(&losses[..5]), "{losses:?}");
-    assert!(log.contains("\"degraded_psnr\""), "{log}");
+    assert!(log.contains("\"degraded_psnr\"") && log.contains("\"ssim\""), "{log}");
     let model = Model::load(&run.join("model.safetensors")).unwrap();
     assert_eq!(model.architecture().features, 2);
     let bank_sha256 = io::bank_sha256(&folder.path().join("dataset/kernels.safetensors")).unwrap();
@@ -154,21 +156,80 @@ fn a_killed_run_ends_with_the_bytes_of_one_that_was_not() {
     for (round, lines) in [2, 8, 19].into_iter().enumerate() {
         let mut args = vec!["train", "config.toml", "--data", "dataset", "-o", "killed"];
         args.extend((round > 0).then_some("--resume"));
-        kill_after_lines(folder, &args, lines);
+        kill_after_lines(folder, &args, "killed/metrics.jsonl", lines);
     }
     train(folder, "killed", &["--resume"]);
     assert!(result(folder, "whole") == result(folder, "killed"), "the bytes differ");
+    let best = |run: &str| fs::read(folder.join(run).join("best.safetensors")).unwrap();
+    assert!(best("whole") == best("killed"), "the best model differs");
+    let (log, events) = (scalars_of_log(folder, "killed"), scalars_of_events(folder, "killed"));
+    assert_eq!(log.len(), events.len(), "every step is there once");
+    for (log, event) in log.iter().zip(&events) {
+        // The reader of JSON and the event's 32 bits each round.
+        let is_close = (log.2 - event.2).abs() <= 1e-6 * log.2.abs();
+        assert!((log.0, &log.1) == (event.0, &event.1) && is_close, "{log:?} {event:?}");
+    }
     let names = |run: &str| io::list_folder(&folder.join(run).join("checkpoints")).unwrap();
     assert_eq!(names("killed"), ["20", "24"]);
     assert_eq!(names("whole"), ["20", "24"]);
 }
 
+/// Every scalar of a run's log as (step, tag, value), in order.
+fn scalars_of_log(folder: &Path, run: &str) -> Vec<(u64, String, f32)> {
+    let mut scalars = Vec::new();
+    for line in result(folder, run).1.lines() {
+        let line: serde_json::Value = serde_json::from_str(line).unwrap();
+        let group = if line["loss"].is_null() { "validation" } else { "train" };
+        for (key, value) in line.as_object().unwrap().iter().filter(|(key, _)| *key != "iteration") {
+            let value = value.as_f64().unwrap() as f32;
+            scalars.push((line["iteration"].as_u64().unwrap(), format!("{group}/{key}"), value));
+        }
+    }
+    scalars.sort_by(|a, b| (a.0, &a.1).cmp(&(b.0, &b.1)));
+    scalars
+}
+
+/// The same of a run's event files.
+fn scalars_of_events(folder: &Path, run: &str) -> Vec<(u64, String, f32)> {
+    let mut scalars = Vec::new();
+    for (index, file) in events::read_folder(&folder.join(run)).iter().enumerate() {
+        assert_eq!(file[0].file_version, "brain.Event:2");
+        assert_eq!(file[1].restart, index > 0, "a file after the first says from where on it counts");
+        let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap().as_secs_f64();
+        for event in file {
+            assert!((now - event.wall_time).abs() < 3600.0, "{event:?}");
+            scalars.extend(event.scalars.iter().map(|(tag, value)| (event.step, tag.clone(), *value)));
+        }
+    }
+    scalars.sort_by(|a, b| (a.0, &a.1).cmp(&(b.0, &b.1)));
+    scalars
+}
+
+#[test]
+fn keeps_the_best_model_by_the_metric_of_choice() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let settings = ["--set", "validation.every=2", "--set", "validation.best=ssim"];
+    train(folder, "run", &[&settings[..], &["--set", "optimizer.learning-rate=0.02"]].concat());
+    let log = result(folder, "run").1;
+    let lines = log.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    let best = lines
+        .filter(|line| !line["ssim"].is_null())
+        .reduce(|best, line| if line["ssim"].as_f64() > best["ssim"].as_f64() { line } else { best });
+    let model = Model::load(&folder.join("run/best.safetensors")).unwrap();
+    assert_eq!(model.origin().training.as_ref().unwrap()["iteration"], best.unwrap()["iteration"]);
+    let run = ["train", "config.toml", "--data", "dataset", "-o", "other", "--set", "validation.best=lpips"];
+    let message = fail(folder, &run, 1);
+    assert!(message.contains("validation.best"), "{message}");
+}
+
 /// Starts `udc`, and kills it without a warning when the log has `lines` lines.
-fn kill_after_lines(folder: &Path, args: &[&str], lines: usize) {
+pub(crate) fn kill_after_lines(folder: &Path, args: &[&str], log: &str, lines: usize) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_udc"));
     let mut child = command.args(args).current_dir(folder).stdout(Stdio::null()).spawn().expect("udc starts");
     let deadline = Instant::now() + Duration::from_secs(120);
-    let log = folder.join("killed/metrics.jsonl");
+    let log = folder.join(log);
     while fs::read_to_string(&log).unwrap_or_default().lines().count() < lines {
         assert!(Instant::now() < deadline, "the run does not get to {lines} lines");
         if child.try_wait().expect("the child can be asked").is_some() {

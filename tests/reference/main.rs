@@ -15,5 +15,7 @@ mod metrics;
 mod networks;
 mod panorama;
 mod perceptual;
+#[path = "../common/perceptual_weights.rs"]
+mod perceptual_weights;
 mod training;
 mod wiener;

@@ -1,17 +1,15 @@
 //! The perceptual loss and LPIPS against PyTorch's, with weights that a formula gives: no published weights are
 //! needed.
 
-use std::borrow::Cow;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use ndarray::Array3;
 use serde_json::Value;
 use udc::core::image::ToneMappedImage;
-use udc::core::io::{self, TensorData};
 use udc::perceptual::{FeatureDistance, Lpips, PerceptualLoss};
 
 use crate::discnet::npy;
+use crate::perceptual_weights::{write_alexnet, write_convolutions, write_linear};
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/perceptual").join(name)
@@ -26,36 +24,6 @@ fn image(name: &str) -> ToneMappedImage {
     ToneMappedImage::from_planes(rows.permuted_axes([2, 0, 1])).expect("images are RGB")
 }
 
-/// The finaliser of SplitMix64, of the state after `z`.
-fn splitmix64(z: u64) -> u64 {
-    let z = z.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
-
-/// The formula of the fixture: tensor `t`'s values.
-fn values(t: u64, shape: &[usize]) -> Vec<f32> {
-    let fan_in: usize = shape[1..].iter().product();
-    let scale = if shape.len() == 1 { 0.1 } else { (24.0 / fan_in as f64).sqrt() };
-    let uniform = |j: u64| (splitmix64((t << 40) + j) >> 40) as f64 / (1u64 << 24) as f64 - 0.5;
-    (0..shape.iter().product::<usize>() as u64).map(|j| (scale * uniform(j)) as f32).collect()
-}
-
-/// Writes the convolutions of a torchvision network: (place, [outputs, inputs, side, side]).
-fn write_convolutions(path: &Path, layers: &[(usize, [usize; 4])]) {
-    let mut tensors = BTreeMap::new();
-    for (i, (place, shape)) in layers.iter().enumerate() {
-        let mut add = |t: usize, part: &str, shape: &[usize]| {
-            let data: TensorData<'_> = (shape.to_vec(), Cow::Owned(values(t as u64, shape)));
-            tensors.insert(format!("features.{place}.{part}"), data);
-        };
-        add(2 * i, "weight", shape);
-        add(2 * i + 1, "bias", &shape[..1]);
-    }
-    io::write_safetensors(path, &tensors, &BTreeMap::new(), false).unwrap();
-}
-
 fn write_vgg19(path: &Path) {
     let places = [0, 2, 5, 7, 10, 12, 14, 16, 19, 21, 23, 25, 28, 30, 32, 34];
     let outputs = [64, 64, 128, 128, 256, 256, 256, 256, 512, 512, 512, 512, 512, 512, 512, 512];
@@ -63,27 +31,6 @@ fn write_vgg19(path: &Path) {
     let layers = places.into_iter().zip(outputs.into_iter().zip(inputs));
     let layers: Vec<_> = layers.map(|(place, (o, i))| (place, [o, i, 3, 3])).collect();
     write_convolutions(path, &layers);
-}
-
-fn write_alexnet(path: &Path) {
-    let layers = [
-        (0, [64, 3, 11, 11]),
-        (3, [192, 64, 5, 5]),
-        (6, [384, 192, 3, 3]),
-        (8, [256, 384, 3, 3]),
-        (10, [256, 256, 3, 3]),
-    ];
-    write_convolutions(path, &layers);
-}
-
-fn write_linear(path: &Path) {
-    let mut tensors = BTreeMap::new();
-    for (i, channels) in [64, 192, 384, 256, 256].into_iter().enumerate() {
-        let weights = (0..channels).map(|j| (0.5 + 0.5 * ((j + i) as f64).sin()) as f32).collect();
-        let data: TensorData<'_> = (vec![1, channels, 1, 1], Cow::Owned(weights));
-        tensors.insert(format!("lin{i}.model.1.weight"), data);
-    }
-    io::write_safetensors(path, &tensors, &BTreeMap::new(), false).unwrap();
 }
 
 fn assert_near(found: f64, expected: f64, tolerance: f64, what: &str) {

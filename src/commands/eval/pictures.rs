@@ -8,9 +8,11 @@ use udc::core::io::{self, WriteOptions};
 use udc::eval::{Method, Sample};
 
 /// Which samples are kept as pictures, and where.
-pub(super) struct Pictures {
-    pub(super) folder: PathBuf,
-    pub(super) count: usize,
+pub(in crate::commands) struct Pictures {
+    pub(in crate::commands) folder: PathBuf,
+    pub(in crate::commands) count: usize,
+    /// What their names begin with.
+    pub(in crate::commands) prefix: String,
 }
 
 impl Pictures {
@@ -27,6 +29,7 @@ impl Pictures {
             return Ok(());
         }
         io::create_folder(&self.folder)?;
+        let scene = &format!("{}{scene}", self.prefix);
         for (position, (method, image)) in methods.iter().zip(&sample.images).enumerate() {
             // A dot separates the scene from what the picture shows.
             let name = method.name.trim_end_matches(".safetensors").replace(['/', '\\', '.'], "-");

@@ -8,12 +8,13 @@ use udc::core::io::read_psf;
 use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
 use udc::network::Model;
-use udc::restore::deconvolution::{Border, DeconvolutionConfig, Method, deconvolution_bytes, deconvolve};
+use udc::restore::deconvolution::{Border, DeconvolutionConfig, deconvolution_bytes, deconvolve};
 use udc::restore::{Conditioning, NetworkRestorer, Tiling, format_bytes, restore_tiled};
 
 use super::files::AnyImage;
 use super::{RestoreArgs, text};
 use crate::commands::Session;
+use crate::commands::method::MethodArg;
 
 #[derive(Args, Debug)]
 pub(super) struct MethodArgs {
@@ -35,18 +36,6 @@ pub(super) struct MethodArgs {
     /// Seed of the random numbers (wiener-orieux) [default: 0]
     #[arg(long, value_name = "S", requires = "method")]
     seed: Option<u64>,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum MethodArg {
-    /// Wiener–Hunt filter with Laplacian regularisation
-    Wiener,
-    /// The same, noise and regularisation estimated by Gibbs sampling
-    WienerOrieux,
-    /// Richardson–Lucy iteration
-    RichardsonLucy,
-    /// Non-negative weighted least squares, frame border and saturation modelled
-    Constrained,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -175,17 +164,6 @@ impl MethodArgs {
             alpha: curve.alpha,
             saturation: curve.x_max,
             ..default
-        }
-    }
-}
-
-impl From<MethodArg> for Method {
-    fn from(method: MethodArg) -> Self {
-        match method {
-            MethodArg::Wiener => Self::Wiener,
-            MethodArg::WienerOrieux => Self::WienerOrieux,
-            MethodArg::RichardsonLucy => Self::RichardsonLucy,
-            MethodArg::Constrained => Self::Constrained,
         }
     }
 }

@@ -12,8 +12,9 @@ use udc::core::io::{
 use udc::core::tone::ToneCurve;
 use udc::psf::{Bracket, FuseConfig, fuse};
 
-use super::{DomainArg, text};
+use super::text;
 use crate::commands::Session;
+use crate::commands::domain::DomainArg;
 
 /// Where the published dataset keeps its captures.
 const PUBLISHED_CAPTURES: &str = "real_data/input";
@@ -103,10 +104,7 @@ impl Capture {
         let (pixels, encoding) = inspect_image(path)?;
         let is_integer = matches!(encoding.format, Format::Png | Format::Jpeg | Format::Tiff)
             && encoding.sample_type.starts_with("uint");
-        let declared = pixels.domain.map(|tag| match tag {
-            DomainTag::Linear => DomainArg::Linear,
-            DomainTag::ToneMapped => DomainArg::ToneMapped,
-        });
+        let declared = pixels.domain.map(DomainArg::from);
         let pixels = match domain.or(declared) {
             None if is_integer => bail!(
                 "{} does not say whether its values are linear or tone-mapped: add --domain linear or --domain \

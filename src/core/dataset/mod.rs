@@ -155,7 +155,18 @@ impl Dataset {
     /// # Errors
     /// [`Error::Format`] when the kernel is unknown; [`Error::Unsupported`] when the bank has no codes.
     pub fn code(&self, triplet: &Triplet) -> Result<KernelCode> {
-        let code = self.codes[self.kernel_index(triplet)?].clone();
+        self.code_of(self.kernel_index(triplet)?)
+    }
+
+    /// The code of a kernel by its index in the bank, `[b]`.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] when the bank has no codes.
+    ///
+    /// # Panics
+    /// When the bank has no kernel of this index.
+    pub fn code_of(&self, kernel: usize) -> Result<KernelCode> {
+        let code = self.codes[kernel].clone();
         if code.is_empty() {
             return Err(Error::Unsupported(format!(
                 "the kernels of {} have no codes; use a network without PSF condition, or synthesise with a \

@@ -34,15 +34,15 @@ pub fn publish_folder(from: &Path, to: &Path) -> Result<()> {
     fs::rename(from, to).map_err(|source| Error::io("create", to, source))
 }
 
-/// A text file that grows line by line.
+/// A file that grows piece by piece.
 #[derive(Debug)]
-pub struct LineLog {
+pub struct AppendFile {
     path: PathBuf,
     file: File,
 }
 
-impl LineLog {
-    /// Opens a log at its end, or a new one.
+impl AppendFile {
+    /// Opens a file at its end, or a new one.
     ///
     /// # Errors
     /// [`Error::Io`] when the file cannot be written.
@@ -52,13 +52,42 @@ impl LineLog {
         Ok(Self { path: path.to_owned(), file })
     }
 
+    /// Appends bytes in one piece.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the disk is full or gone.
+    pub fn append(&mut self, bytes: &[u8]) -> Result<()> {
+        self.file.write_all(bytes).map_err(|source| Error::io("write", &self.path, source))
+    }
+
+    /// Waits until all is on the disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when it does not get there.
+    pub fn sync(&self) -> Result<()> {
+        self.file.sync_data().map_err(|source| Error::io("write", &self.path, source))
+    }
+}
+
+/// A text file that grows line by line.
+#[derive(Debug)]
+pub struct LineLog(AppendFile);
+
+impl LineLog {
+    /// Opens a log at its end, or a new one.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the file cannot be written.
+    pub fn open(path: &Path) -> Result<Self> {
+        AppendFile::open(path).map(Self)
+    }
+
     /// Appends one line in one piece.
     ///
     /// # Errors
     /// [`Error::Io`] when the disk is full or gone.
     pub fn append(&mut self, line: &str) -> Result<()> {
-        let written = self.file.write_all(format!("{line}\n").as_bytes());
-        written.map_err(|source| Error::io("write", &self.path, source))
+        self.0.append(format!("{line}\n").as_bytes())
     }
 
     /// Waits until all lines are on the disk.
@@ -66,7 +95,7 @@ impl LineLog {
     /// # Errors
     /// [`Error::Io`] when they do not get there.
     pub fn sync(&self) -> Result<()> {
-        self.file.sync_data().map_err(|source| Error::io("write", &self.path, source))
+        self.0.sync()
     }
 }
 

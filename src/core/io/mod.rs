@@ -38,7 +38,7 @@ pub use describe::{
     ArrayDescription, BankDescription, Description, ImageDescription, ModelDescription, PsfChannel,
     PsfDescription, Statistics, describe, describe_psf,
 };
-pub use folder::{LineLog, create_folder, publish_folder, remove};
+pub use folder::{AppendFile, LineLog, create_folder, publish_folder, remove};
 pub use format::{Encoding, Format};
 pub use inputs::expand_inputs;
 pub use plain::{list_folder, read_bytes, read_code, read_text};

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{MetricDefinition, Planes};
+use super::{Mask, MetricDefinition, Planes, Pool, counts};
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, ToneMappedImage};
 
@@ -18,21 +18,37 @@ pub fn psnr(
     ground_truth: &ToneMappedImage,
     definition: &MetricDefinition,
 ) -> Result<f64> {
-    definition.check(image, ground_truth, 1)?;
-    let (a, b) = (definition.values_of(image), definition.values_of(ground_truth));
-    // Sums of rows, added in order: the same bits on any number of threads.
-    let rows: Vec<f64> = (0..CHANNELS * a.height).into_par_iter().map(|row| row_error(&a, &b, row)).collect();
-    let mean = rows.iter().sum::<f64>() / (CHANNELS * a.height * a.width) as f64;
-    Ok(-10.0 * mean.log10())
+    let pool = squared_error(image, ground_truth, definition, None)?;
+    Ok(decibels(pool.sum / pool.count as f64))
 }
 
-fn row_error(a: &Planes, b: &Planes, row: usize) -> f64 {
+/// The level of a mean squared error below the peak of 1.
+pub(super) fn decibels(mean_squared_error: f64) -> f64 {
+    -10.0 * mean_squared_error.log10()
+}
+
+/// The squared differences of an image and its ground truth over all channels of the mask's pixels.
+///
+/// # Errors
+/// As [`psnr`].
+pub fn squared_error(
+    image: &ToneMappedImage,
+    ground_truth: &ToneMappedImage,
+    definition: &MetricDefinition,
+    mask: Option<&Mask>,
+) -> Result<Pool> {
+    definition.check(image, ground_truth, 1)?;
+    let (a, b) = (definition.values_of(image), definition.values_of(ground_truth));
+    let rows: Vec<Pool> =
+        (0..CHANNELS * a.height).into_par_iter().map(|row| row_error(&a, &b, mask, row)).collect();
+    Ok(Pool::total(&rows))
+}
+
+fn row_error(a: &Planes, b: &Planes, mask: Option<&Mask>, row: usize) -> Pool {
     let (channel, y) = (row / a.height, row % a.height);
-    a.row(channel, y)
-        .iter()
-        .zip(b.row(channel, y))
-        .map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2))
-        .sum()
+    let pairs = a.row(channel, y).iter().zip(b.row(channel, y)).enumerate();
+    let counted = pairs.filter(|(x, _)| counts(mask, y + a.border, x + a.border));
+    Pool::of(counted.map(|(_, (&a, &b))| (f64::from(a) - f64::from(b)).powi(2)))
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{MetricDefinition, Planes};
+use super::{Mask, MetricDefinition, Planes, Pool, counts};
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, ToneMappedImage};
 
@@ -30,20 +30,37 @@ pub fn ssim(
     ground_truth: &ToneMappedImage,
     definition: &MetricDefinition,
 ) -> Result<f64> {
+    let pool = structural_index(image, ground_truth, definition, None)?;
+    Ok(pool.sum / pool.count as f64)
+}
+
+/// The index of every channel and whole window whose middle pixel is in the mask.
+///
+/// # Errors
+/// As [`ssim`].
+pub fn structural_index(
+    image: &ToneMappedImage,
+    ground_truth: &ToneMappedImage,
+    definition: &MetricDefinition,
+    mask: Option<&Mask>,
+) -> Result<Pool> {
     let window = gaussian(definition)?;
     definition.check(image, ground_truth, window.len())?;
     let (a, b) = (definition.values_of(image), definition.values_of(ground_truth));
-    let (height, width) = (a.height - window.len() + 1, a.width - window.len() + 1);
+    let height = a.height - window.len() + 1;
+    let middle = a.border + window.len() / 2;
     let index_of_row = |gathered: &mut Vec<[f64; MOMENTS]>, row: usize| {
-        gather_rows(gathered, &a, &b, &window, (row / height, row % height));
-        gathered.windows(window.len()).map(|columns| index(columns, &window)).sum::<f64>()
+        let top = row % height;
+        gather_rows(gathered, &a, &b, &window, (row / height, top));
+        let windows = gathered.windows(window.len()).enumerate();
+        let counted = windows.filter(|(left, _)| counts(mask, top + middle, left + middle));
+        Pool::of(counted.map(|(_, columns)| index(columns, &window)))
     };
-    // Sums of rows, added in order: the same bits on any number of threads.
-    let rows: Vec<f64> = (0..CHANNELS * height)
+    let rows: Vec<Pool> = (0..CHANNELS * height)
         .into_par_iter()
         .map_init(Vec::new, |gathered, row| index_of_row(gathered, row))
         .collect();
-    Ok(rows.iter().sum::<f64>() / (CHANNELS * height * width) as f64)
+    Ok(Pool::total(&rows))
 }
 
 fn gaussian(definition: &MetricDefinition) -> Result<Vec<f64>> {

@@ -1,0 +1,142 @@
+//! Measures restorations on the images of a dataset: as they are, or told another kernel than theirs.
+
+use anyhow::{Context as _, Result, bail};
+
+use udc::core::dataset::{Dataset, Split, Triplet};
+use udc::core::error;
+use udc::core::image::{LinearImage, ToneMappedImage};
+use udc::eval::{self, EvalConfig, Evaluation, Label, Matrix, Method, Regions, Sample};
+
+use super::pictures::Pictures;
+use super::restorer::{Degraded, Restorer};
+use crate::commands::Session;
+
+/// Restorations with the images of a dataset that they are measured on.
+pub(in crate::commands) struct Comparison<'a> {
+    pub(in crate::commands) dataset: &'a Dataset,
+    pub(in crate::commands) triplets: Vec<Triplet>,
+    pub(in crate::commands) restorers: &'a [Restorer],
+    /// Memory that one restoration may take.
+    pub(in crate::commands) max_memory: u64,
+    pub(in crate::commands) session: &'a Session,
+}
+
+/// What is done beside measuring whole images.
+pub(in crate::commands) struct Extras<'a> {
+    /// Whether regions are measured each for itself.
+    pub(in crate::commands) regions: bool,
+    /// Which images are kept.
+    pub(in crate::commands) pictures: &'a Pictures,
+}
+
+impl<'a> Comparison<'a> {
+    /// Takes the first `limit` triplets of a split, after checking that the restorations can work on them.
+    pub(in crate::commands) fn new(
+        dataset: &'a Dataset,
+        restorers: &'a [Restorer],
+        (split, limit): (Split, Option<usize>),
+        max_memory: u64,
+        session: &'a Session,
+    ) -> Result<Self> {
+        for restorer in restorers {
+            restorer.check(dataset)?;
+            restorer.warning(dataset).into_iter().for_each(|warning| session.warn(warning));
+        }
+        let limit = limit.unwrap_or(usize::MAX);
+        let triplets = dataset.split(split)?.into_iter().take(limit).cloned().collect();
+        Ok(Self { dataset, triplets, restorers, max_memory, session })
+    }
+
+    /// Measures every restoration of every image under its own kernel.
+    pub(in crate::commands) fn measure(
+        &self,
+        config: &EvalConfig,
+        extras: &Extras<'_>,
+    ) -> Result<Evaluation> {
+        let methods: Vec<Method> = self.restorers.iter().map(Restorer::method).collect();
+        let sample = |index: usize, triplet: &Triplet| {
+            let (clean, degraded) = self.read(triplet)?;
+            let kernel = self.dataset.kernel_index(triplet)?;
+            let curve = self.dataset.formation.curve()?;
+            let images = self.restorers.iter().map(|restorer| self.restore(restorer, &degraded, kernel));
+            let images = images.collect::<error::Result<_>>()?;
+            let regions = extras.regions.then(|| Regions::divide(&clean, &degraded, curve));
+            let sample = Sample { ground_truth: curve.tone_map(&clean), images, regions };
+            let scene = format!("{}_{}", triplet.id, triplet.kernel);
+            extras.pictures.keep((index, self.triplets.len()), &scene, &methods, &sample)?;
+            Ok(sample)
+        };
+        let mut evaluation = self.run(config, methods.clone(), sample)?;
+        for (method, restorer) in evaluation.methods.iter_mut().zip(self.restorers) {
+            method.cost = restorer.cost(&evaluation.sizes);
+        }
+        Ok(evaluation)
+    }
+
+    /// Measures every image under every kernel that a restoration may be told, right or wrong.
+    pub(super) fn mismatch(&self, config: &EvalConfig) -> Result<Vec<Matrix>> {
+        let mut matrices = Vec::new();
+        for restorer in self.restorers.iter().filter(|restorer| restorer.knows_the_kernel()) {
+            let told: Vec<Method> = self.dataset.kernel_names().iter().map(Method::restored).collect();
+            let sample = |_, triplet: &Triplet| {
+                let (clean, degraded) = self.read(triplet)?;
+                let images = (0..told.len()).map(|kernel| self.restore(restorer, &degraded, kernel));
+                let images = images.collect::<error::Result<_>>()?;
+                let ground_truth = self.dataset.formation.curve()?.tone_map(&clean);
+                Ok(Sample { ground_truth, images, regions: None })
+            };
+            let evaluation = self.run(config, told.clone(), sample)?;
+            matrices.extend(Matrix::of(&restorer.method().name, &evaluation));
+        }
+        if matrices.is_empty() {
+            bail!(
+                "nothing that is compared is told the kernel; add a --model that takes codes, or a --method"
+            );
+        }
+        Ok(matrices)
+    }
+
+    fn run(
+        &self,
+        config: &EvalConfig,
+        methods: Vec<Method>,
+        mut sample: impl FnMut(usize, &Triplet) -> error::Result<Sample>,
+    ) -> Result<Evaluation> {
+        let bar = self.session.progress.bar(self.triplets.len() as u64, "triplets");
+        let samples = self.triplets.iter().enumerate().map(|(index, triplet)| {
+            let (id, kernel) = (triplet.id.clone(), Some(triplet.kernel.clone()));
+            let sample = sample(index, triplet);
+            bar.inc(1);
+            (Label { id, kernel, angle_deg: triplet.angle_deg }, sample)
+        });
+        let evaluation = eval::measure(config, methods, samples)
+            .with_context(|| format!("measuring on {}", self.dataset.root.display()))?;
+        bar.finish_and_clear();
+        Ok(evaluation)
+    }
+
+    /// The clean and the degraded image of a triplet, of one size.
+    pub(super) fn read(&self, triplet: &Triplet) -> error::Result<(LinearImage, LinearImage)> {
+        let clean = self.dataset.read_ground_truth(triplet)?;
+        let degraded = self.dataset.read_degraded(triplet)?;
+        let size = |image: &LinearImage| format!("{} × {}", image.height(), image.width());
+        if size(&clean) != size(&degraded) {
+            return Err(error::Error::shape("size of the degraded image", size(&clean), size(&degraded)));
+        }
+        Ok((clean, degraded))
+    }
+
+    fn restore(
+        &self,
+        restorer: &Restorer,
+        image: &LinearImage,
+        kernel: usize,
+    ) -> error::Result<ToneMappedImage> {
+        self.session.progress.check()?;
+        let degraded = Degraded { dataset: self.dataset, image, kernel, max_memory: self.max_memory };
+        restorer.restore(&degraded).map_err(|error| match error {
+            error::Error::Interrupted => error,
+            other => error::Error::Unsupported(format!("restored by {}: {other}", restorer.method().name)),
+        })
+    }
+}

@@ -1,0 +1,140 @@
+//! What `udc eval` compares: the degraded image itself, networks, deconvolutions.
+
+use std::path::Path;
+
+use anyhow::{Result, bail};
+
+use udc::core::dataset::Dataset;
+use udc::core::error;
+use udc::core::image::{LinearImage, ToneMappedImage};
+use udc::core::progress::Progress;
+use udc::core::tone::ToneCurve;
+use udc::eval::{Cost, Method};
+use udc::network::Model;
+use udc::restore::deconvolution::{DeconvolutionConfig, deconvolution_bytes, deconvolve};
+use udc::restore::{Conditioning, NetworkRestorer, Tiling, format_bytes, restore_tiled};
+
+use crate::commands::method::MethodArg;
+
+/// Something that makes an image of a degraded one.
+pub(in crate::commands) enum Restorer {
+    /// Leaves the image as it is, to compare with.
+    Nothing,
+    /// A network, by its name in tables.
+    Network(String, Box<Model>),
+    /// A deconvolution with the kernel's PSF.
+    Deconvolution(MethodArg),
+}
+
+/// A degraded image with what a restoration may know of it.
+pub(super) struct Degraded<'a> {
+    pub(super) dataset: &'a Dataset,
+    pub(super) image: &'a LinearImage,
+    /// Index in the bank of the kernel that is taken for the image's.
+    pub(super) kernel: usize,
+    /// Memory that one restoration may take.
+    pub(super) max_memory: u64,
+}
+
+impl Restorer {
+    pub(in crate::commands) fn network(path: &Path) -> error::Result<Self> {
+        Ok(Self::Network(super::name_of(path), Box::new(Model::load(path)?)))
+    }
+
+    pub(super) fn method(&self) -> Method {
+        match self {
+            Self::Nothing => Method::baseline("degraded"),
+            Self::Network(name, _) => Method::restored(name),
+            Self::Deconvolution(method) => Method::restored(method.name()),
+        }
+    }
+
+    /// What it costs to restore images of these sizes, where that is counted.
+    pub(super) fn cost(&self, sizes: &[([usize; 2], usize)]) -> Option<Cost> {
+        let Self::Network(_, model) = self else { return None };
+        let architecture = model.architecture();
+        Some(Cost::of(architecture.parameters(), sizes, |height, width| architecture.macs(height, width)))
+    }
+
+    /// Whether the result depends on the kernel that it is told.
+    pub(super) fn knows_the_kernel(&self) -> bool {
+        match self {
+            Self::Nothing => false,
+            Self::Network(_, model) => model.architecture().condition.uses_code(),
+            Self::Deconvolution(_) => true,
+        }
+    }
+
+    /// Checks, before any work, that the dataset has what the restoration needs.
+    pub(super) fn check(&self, dataset: &Dataset) -> Result<()> {
+        let root = dataset.root.display();
+        match self {
+            Self::Deconvolution(method) if dataset.bank.is_none() => bail!(
+                "{root} has kernel codes and no PSFs, which --method {} needs; name a dataset of `udc synth`",
+                method.name()
+            ),
+            Self::Network(name, model) if self.knows_the_kernel() => {
+                let (needed, found) = (model.architecture().code_dim, dataset.code_dim());
+                if needed != found {
+                    bail!("{name} needs kernel codes of {needed} numbers, and those of {root} have {found}");
+                }
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// What may be wrong between the restoration and the dataset, and need not be.
+    pub(super) fn warning(&self, dataset: &Dataset) -> Option<String> {
+        let Self::Network(name, model) = self else { return None };
+        let own = &dataset.config.as_ref()?.bank_sha256;
+        let trained = model.origin().kernel_bank_sha256.as_ref()?;
+        (self.knows_the_kernel() && own != trained).then(|| {
+            format!(
+                "{name} was trained with another kernel bank than that of {}: its codes mean other PSFs",
+                dataset.root.display()
+            )
+        })
+    }
+
+    pub(super) fn restore(&self, degraded: &Degraded<'_>) -> error::Result<ToneMappedImage> {
+        let curve = degraded.dataset.formation.curve()?;
+        match self {
+            Self::Nothing => Ok(curve.tone_map(degraded.image)),
+            Self::Network(_, model) => degraded.restore_by_network(model, curve),
+            Self::Deconvolution(method) => degraded.deconvolve(*method, curve),
+        }
+    }
+}
+
+impl Degraded<'_> {
+    fn restore_by_network(&self, model: &Model, curve: ToneCurve) -> error::Result<ToneMappedImage> {
+        let code = match model.architecture().condition.uses_code() {
+            true => Conditioning::Code(self.dataset.code_of(self.kernel)?),
+            false => Conditioning::None,
+        };
+        let restorer = NetworkRestorer::new(model, code)?;
+        let tiling = Tiling::within(self.image.height(), self.image.width(), self.max_memory, &restorer)?;
+        restore_tiled(&curve.tone_map(self.image), &tiling, &restorer, &Progress::default())
+    }
+
+    fn deconvolve(&self, method: MethodArg, curve: ToneCurve) -> error::Result<ToneMappedImage> {
+        let ToneCurve { alpha, x_max } = curve;
+        let config =
+            DeconvolutionConfig { alpha, saturation: x_max, ..DeconvolutionConfig::of_method(method.into()) };
+        let bank = self.dataset.bank.as_ref().expect("checked before the work");
+        let psf = &bank.psfs[self.kernel];
+        let (size, of_psf) = ([self.image.height(), self.image.width()], [psf.height(), psf.width()]);
+        let bytes = deconvolution_bytes(size, of_psf, &config);
+        if bytes > self.max_memory {
+            let reason = format!(
+                "{} × {} pixels take {} to deconvolve; allow at least that",
+                size[0],
+                size[1],
+                format_bytes(bytes)
+            );
+            return Err(error::Error::config("max-memory", reason));
+        }
+        Ok(curve.tone_map(&deconvolve(self.image, psf, &config, &Progress::default())?))
+    }
+}

@@ -1,0 +1,83 @@
+//! `--metrics`, `--definition` and the weights of LPIPS: what is measured, made ready to measure.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use clap::{Args, ValueEnum};
+
+use udc::core::metrics::{Measure, Metric, MetricDefinition};
+use udc::eval::EvalConfig;
+use udc::perceptual::Lpips;
+
+/// What is measured and how it is defined.
+#[derive(Args, Debug)]
+pub(super) struct MetricArgs {
+    /// Metrics to compute
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MetricArg::Psnr, MetricArg::Ssim])]
+    metrics: Vec<MetricArg>,
+    /// Round images to 8 bits first, as the published evaluation does, or not
+    #[arg(long, value_enum, default_value_t = DefinitionArg::Released)]
+    definition: DefinitionArg,
+    /// AlexNet's weights for lpips: torchvision's alexnet-owt-7be5be79.pth, or its tensors as .safetensors
+    #[arg(long, value_name = "FILE", requires = "lpips_linear")]
+    lpips_alexnet: Option<PathBuf>,
+    /// Weights of the linear layers for lpips: lpips/weights/v0.1/alex.pth of PerceptualSimilarity
+    #[arg(long, value_name = "FILE", requires = "lpips_alexnet")]
+    lpips_linear: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum MetricArg {
+    Psnr,
+    Ssim,
+    Lpips,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum DefinitionArg {
+    Released,
+    Float,
+}
+
+impl MetricArgs {
+    /// The metrics that were asked for, in the order of tables.
+    pub(super) fn config(&self, allow_missing: bool) -> Result<EvalConfig> {
+        let definition = match self.definition {
+            DefinitionArg::Released => MetricDefinition::released(),
+            DefinitionArg::Float => MetricDefinition::float(),
+        };
+        let is_asked = |metric: &Metric| self.metrics.iter().any(|&asked| Metric::from(asked) == *metric);
+        let metrics: Vec<Metric> = Metric::ALL.into_iter().filter(is_asked).collect();
+        let lpips = self.lpips_alexnet.as_deref().zip(self.lpips_linear.as_deref());
+        Ok(EvalConfig { metrics: measures(&metrics, lpips)?, definition, allow_missing })
+    }
+}
+
+/// Makes metrics ready to measure; `lpips` names the files of AlexNet's weights and of the linear layers'.
+pub(super) fn measures(metrics: &[Metric], lpips: Option<(&Path, &Path)>) -> Result<Vec<Measure>> {
+    let ready = |&metric: &Metric| match (metric, lpips) {
+        (Metric::Lpips, Some((alexnet, linear))) => {
+            let lpips = Lpips::load(alexnet, linear)?;
+            Ok(Measure::new(Metric::Lpips, move |image, ground_truth, definition| {
+                lpips.distance(&definition.apply(image)?, &definition.apply(ground_truth)?)
+            }))
+        }
+        (Metric::Lpips, None) => bail!(
+            "lpips needs weights that are not part of this program: AlexNet's (torchvision's alexnet-owt-7be5be79.pth) \
+             and those of its linear layers (lpips/weights/v0.1/alex.pth of PerceptualSimilarity); name the files with \
+             --lpips-alexnet and --lpips-linear, or validation.lpips-alexnet and validation.lpips-linear in a training"
+        ),
+        _ => Ok(Measure::of(metric)),
+    };
+    metrics.iter().map(ready).collect()
+}
+
+impl From<MetricArg> for Metric {
+    fn from(metric: MetricArg) -> Self {
+        match metric {
+            MetricArg::Psnr => Self::Psnr,
+            MetricArg::Ssim => Self::Ssim,
+            MetricArg::Lpips => Self::Lpips,
+        }
+    }
+}
