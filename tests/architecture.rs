@@ -14,6 +14,7 @@ const IMPORTS: &[(&str, &[&str])] = &[
     ("synth", &["core"]),
     ("train", &["core", "network"]),
     ("restore", &["core", "network"]),
+    ("finish", &["core"]),
     ("eval", &["core"]),
     ("report", &["core"]),
     ("demo", &["core"]),
