@@ -2,16 +2,20 @@
 #![expect(clippy::print_stderr, reason = "this is where the program talks to its user")]
 
 mod bench;
+mod bracket;
 mod codes;
 mod completions;
 mod convert;
 mod crop;
 mod demo;
 mod eval;
+mod finish;
 mod fuse;
 mod info;
 mod man;
+mod picture;
 mod psf;
+mod queue;
 mod report;
 mod restore;
 mod synth;
@@ -79,6 +83,7 @@ enum Command {
     Train(train::TrainArgs),
     Restore(restore::RestoreArgs),
     Eval(eval::EvalArgs),
+    Finish(finish::FinishArgs),
     Report(report::ReportArgs),
     Bench(bench::BenchArgs),
     Info(info::InfoArgs),
@@ -154,6 +159,7 @@ impl Command {
             Self::Train(args) => args.run(session),
             Self::Restore(args) => args.run(session),
             Self::Eval(args) => args.run(session),
+            Self::Finish(args) => args.run(session),
             Self::Report(args) => args.run(session),
             Self::Bench(args) => args.run(session),
             Self::Info(args) => args.run(session),

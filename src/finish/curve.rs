@@ -33,6 +33,13 @@ pub enum Curve {
     None,
 }
 
+impl Default for Curve {
+    /// As the published pictures are shown.
+    fn default() -> Self {
+        Self::Gamma { gamma: 2.8, max: 6.0 }
+    }
+}
+
 impl Curve {
     /// Maps one value.
     pub fn apply(self, light: f32) -> f32 {

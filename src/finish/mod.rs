@@ -37,7 +37,7 @@ impl Default for FinishConfig {
     fn default() -> Self {
         Self {
             clip: Some(16.0),
-            curve: Curve::Gamma { gamma: 2.8, max: 6.0 },
+            curve: Curve::default(),
             clahe: Some(ClaheConfig::default()),
             eight_bit: true,
         }
@@ -82,7 +82,11 @@ pub fn finish(image: LinearImage, look: &Look, config: &FinishConfig) -> Result<
 }
 
 impl FinishConfig {
-    fn check(&self) -> Result<()> {
+    /// Checks that every setting is in range.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the setting that is not.
+    pub fn check(&self) -> Result<()> {
         let positive = |key: &str, value: f32| {
             if value.is_finite() && value > 0.0 {
                 return Ok(());

@@ -11,6 +11,7 @@ mod common;
 mod crop_codes;
 mod eval;
 mod files;
+mod finish;
 mod measure;
 mod restore;
 mod synth;

@@ -271,3 +271,106 @@ fn refuses_too_little_memory_naming_what_would_do() {
     }
     assert!(fail(scratch.path(), &["restore", "x", "--max-memory", "lots"], 2).contains("2GiB"));
 }
+
+/// A mosaic of a scene in three exposures, 10 bits above a black level, as a camera would store it.
+fn write_raw_bracket(folder: &Path, exposures: &[(&str, f32)], shift: usize) {
+    std::fs::create_dir_all(folder).unwrap();
+    for (index, (name, time)) in exposures.iter().enumerate() {
+        let mosaic = ArrayD::from_shape_fn(vec![96, 112], |place| {
+            let (y, x) = (place[0], place[1] + shift * index);
+            let lamp = |cy: f32, cx: f32| (-((y as f32 - cy).powi(2) + (x as f32 - cx).powi(2)) / 30.0).exp();
+            let light = 0.2 + 12.0 * lamp(40.0, 50.0) + 6.0 * lamp(70.0, 20.0) + 9.0 * lamp(20.0, 90.0);
+            (64.0 + (light * time).min(1.0) * 959.0).round()
+        });
+        io::write_array(&folder.join(name), &mosaic, true).unwrap();
+    }
+}
+
+const RAW: [&str; 8] = ["--white", "1023", "--black", "64", "--bayer", "rggb", "--exposures", "1,1/4,1/16"];
+
+#[test]
+fn restores_brackets_of_mosaics_folder_by_folder() {
+    let scratch = scratch();
+    let exposures = [("1.npy", 1.0), ("2.npy", 0.25), ("3.npy", 0.0625)];
+    for scene in ["scenes/a", "scenes/b"] {
+        write_raw_bracket(&scratch.path().join(scene), &exposures, 0);
+    }
+    let how = ["--method", "wiener", "--psf", "psf.exr"];
+    let restore = |more: &[&'static str]| [&["restore", "scenes"][..], &RAW, &how, more].concat();
+    succeed(scratch.path(), &restore(&["-o", "out"]));
+    let balanced = ["-o", "balanced", "--white-balance", "2,1,1.5"];
+    succeed(scratch.path(), &restore(&balanced));
+    let read = |name: &str| io::read_image::<Linear>(&scratch.path().join(name)).unwrap();
+    let (plain, balanced) = (read("out/a.exr"), read("balanced/a.exr"));
+    assert_eq!(plain, read("out/b.exr"));
+    for (channel, gain) in [2.0, 1.0, 1.5].into_iter().enumerate() {
+        let ratio = balanced.channel(channel)[[48, 100]] / plain.channel(channel)[[48, 100]];
+        assert!((ratio / gain - 1.0).abs() < 0.05, "channel {channel}: {ratio}");
+    }
+    std::fs::remove_file(scratch.path().join("scenes/b/2.npy")).unwrap();
+    let output = udc(scratch.path(), &restore(&["-o", "missing"]));
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("1 of 2 images") && said.contains("expected 3 pictures"), "{said}");
+    assert!(scratch.path().join("missing/a.exr").exists());
+}
+
+#[test]
+fn refuses_a_bracket_that_moved_unless_told() {
+    let scratch = scratch();
+    let exposures = [("1.npy", 1.0), ("2.npy", 0.25), ("3.npy", 0.0625)];
+    write_raw_bracket(&scratch.path().join("moved"), &exposures, 4);
+    let how = ["--method", "wiener", "--psf", "psf.exr", "-o", "out.exr"];
+    let restore = [&["restore", "moved"][..], &RAW, &how].concat();
+    let said = fail(scratch.path(), &restore, 1);
+    assert!(said.contains("picture 2") && said.contains("--allow-motion"), "{said}");
+    succeed(scratch.path(), &[&restore[..], &["--allow-motion"]].concat());
+}
+
+#[test]
+fn reads_exposure_times_from_the_files_and_says_when_there_are_none() {
+    let scratch = scratch();
+    let scene = io::read_image::<Linear>(&scratch.path().join("scene.exr")).unwrap();
+    let write = |name: &str, time: f32, exposure_s| {
+        let planes = scene.planes().mapv(|v| (v * time).min(1.0));
+        let pixels = io::Pixels { exposure_s, ..io::Pixels::of_planes(planes) };
+        let options = io::PixelOptions { overwrite: true, ..io::PixelOptions::default() };
+        io::write_pixels(&scratch.path().join(name), &pixels, options).unwrap();
+    };
+    for (name, time) in [("1.exr", 1.0), ("2.exr", 0.25), ("3.exr", 0.0625)] {
+        write(name, time, Some(f64::from(time)));
+    }
+    let how = ["--method", "wiener", "--psf", "psf.exr"];
+    let restore = [&["restore", "--bracket", "1.exr", "2.exr", "3.exr"][..], &how].concat();
+    succeed(scratch.path(), &[&restore[..], &["-o", "bracket.exr"]].concat());
+    succeed(scratch.path(), &[&["restore", "scene.exr", "-o", "single.exr"][..], &how].concat());
+    let [a, b] = ["bracket.exr", "single.exr"]
+        .map(|name| io::read_image::<Linear>(&scratch.path().join(name)).unwrap());
+    assert!(a.as_slice().iter().zip(b.as_slice()).all(|(a, b)| (a - b).abs() < 1e-3));
+    write("2.exr", 0.25, None);
+    let said = fail(scratch.path(), &[&restore[..], &["-o", "o.exr"]].concat(), 1);
+    assert!(said.contains("add --exposures"), "{said}");
+}
+
+#[test]
+fn goes_on_where_it_ended() {
+    let scratch = scratch();
+    let folder = scratch.path().join("captures");
+    std::fs::create_dir(&folder).unwrap();
+    for name in ["a.exr", "b.exr", "c.exr"] {
+        std::fs::copy(scratch.path().join("scene.exr"), folder.join(name)).unwrap();
+    }
+    let restore = |more: &[&'static str]| {
+        [&["restore", "captures", "--method", "wiener", "--psf", "psf.exr", "-o", "out"][..], more].concat()
+    };
+    succeed(scratch.path(), &restore(&[]));
+    let written = |name: &str| scratch.path().join("out").join(name).metadata().unwrap().modified().unwrap();
+    let before = written("a.exr");
+    std::fs::remove_file(scratch.path().join("out/b.exr")).unwrap();
+    let said = succeed(scratch.path(), &restore(&["--resume"]));
+    assert!(said.contains("2 of 3 images are there") && said.contains("b.exr"), "{said}");
+    assert_eq!(written("a.exr"), before);
+    assert!(fail(scratch.path(), &restore(&[]), 1).contains("--overwrite"));
+    let said = fail(scratch.path(), &restore(&["--resume", "--balance", "0.5"]), 1);
+    assert!(said.contains("other settings"), "{said}");
+}

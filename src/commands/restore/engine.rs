@@ -4,16 +4,18 @@ use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
+use udc::core::error::Error;
+use udc::core::image::{CHANNELS, ToneMappedImage};
 use udc::core::io::read_psf;
 use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
 use udc::network::Model;
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, Method, deconvolution_bytes, deconvolve};
-use udc::restore::{Conditioning, NetworkRestorer, Tiling, format_bytes, restore_tiled};
+use udc::restore::{Conditioning, NetworkRestorer, Restorer, Tiling, format_bytes, restore_tiled};
 
-use super::files::AnyImage;
 use super::{RestoreArgs, text};
 use crate::commands::Session;
+use crate::commands::picture::AnyImage;
 
 #[derive(Args, Debug)]
 pub(super) struct MethodArgs {
@@ -61,7 +63,13 @@ enum BorderArg {
 pub(super) struct Engine {
     kind: Kind,
     max_memory: u64,
+    /// Whether another image is read and another one written meanwhile.
+    in_queue: bool,
 }
+
+/// Frames of 32-bit RGB that the queue holds beside the image in work: one that was read, with its file, and one that
+/// is written, with its file.
+const QUEUED_FRAMES: u64 = 4;
 
 enum Kind {
     Network { path: String, model: Box<Model>, conditioning: Conditioning, tile: Option<usize> },
@@ -69,7 +77,12 @@ enum Kind {
 }
 
 impl Engine {
-    pub(super) fn new(args: &RestoreArgs, curve: ToneCurve, session: &Session) -> Result<Self> {
+    pub(super) fn new(
+        args: &RestoreArgs,
+        curve: ToneCurve,
+        in_queue: bool,
+        session: &Session,
+    ) -> Result<Self> {
         let kind = match (&args.model, args.method.method, &args.code.psf) {
             (Some(path), ..) => {
                 let model = Box::new(Model::load(path)?);
@@ -83,7 +96,7 @@ impl Engine {
             }
             _ => bail!("name a --model, or a --method with its --psf"),
         };
-        Ok(Self { kind, max_memory: args.max_memory })
+        Ok(Self { kind, max_memory: args.max_memory, in_queue })
     }
 
     /// Restores one image; says beforehand what memory that takes.
@@ -94,10 +107,14 @@ impl Engine {
         saturation: f32,
         session: &Session,
     ) -> Result<AnyImage> {
+        let progress = if self.in_queue { session.progress.without_bars() } else { session.progress.clone() };
         match &self.kind {
             Kind::Network { model, conditioning, tile, .. } => {
-                let restorer = NetworkRestorer::new(model, conditioning.clone())?;
                 let image = image.into_tone_mapped(curve);
+                let restorer = Beside {
+                    restorer: NetworkRestorer::new(model, conditioning.clone())?,
+                    bytes: self.queued_bytes([image.height(), image.width()]),
+                };
                 let tiling = self.tiling(image.height(), image.width(), *tile, &restorer)?;
                 let (height, width) = tiling.window();
                 session.detail(format_args!(
@@ -107,16 +124,16 @@ impl Engine {
                     tiling.len(),
                     format_bytes(tiling.bytes(&restorer))
                 ));
-                Ok(AnyImage::ToneMapped(restore_tiled(&image, &tiling, &restorer, &session.progress)?))
+                Ok(AnyImage::ToneMapped(restore_tiled(&image, &tiling, &restorer, &progress)?))
             }
             Kind::Deconvolution { psf, config, .. } => {
                 let image = image.into_linear(curve);
                 let (size, of_psf) = ([image.height(), image.width()], [psf.height(), psf.width()]);
-                let bytes = deconvolution_bytes(size, of_psf, config);
+                let bytes = deconvolution_bytes(size, of_psf, config) + self.queued_bytes(size);
                 session.detail(format_args!("{} × {}: {}", size[0], size[1], format_bytes(bytes)));
                 self.require(bytes, size)?;
                 let config = DeconvolutionConfig { saturation, ..*config };
-                Ok(AnyImage::Linear(deconvolve(&image, psf, &config, &session.progress)?))
+                Ok(AnyImage::Linear(deconvolve(&image, psf, &config, &progress)?))
             }
         }
     }
@@ -140,7 +157,7 @@ impl Engine {
         height: usize,
         width: usize,
         tile: Option<usize>,
-        restorer: &NetworkRestorer<'_>,
+        restorer: &dyn Restorer,
     ) -> Result<Tiling> {
         let Some(tile) = tile else {
             return Ok(Tiling::within(height, width, self.max_memory, restorer)?);
@@ -148,6 +165,12 @@ impl Engine {
         let tiling = Tiling::with_tile(height, width, tile)?;
         self.require(tiling.bytes(restorer), [height, width])?;
         Ok(tiling)
+    }
+
+    /// What the queue holds meanwhile, if all images are of this size.
+    fn queued_bytes(&self, [height, width]: [usize; 2]) -> u64 {
+        let frame = (CHANNELS * size_of::<f32>() * height * width) as u64;
+        if self.in_queue { QUEUED_FRAMES * frame } else { 0 }
     }
 
     fn require(&self, bytes: u64, [height, width]: [usize; 2]) -> Result<()> {
@@ -160,6 +183,22 @@ impl Engine {
             );
         }
         Ok(())
+    }
+}
+
+/// A restorer that shares the memory with something else.
+struct Beside<'a> {
+    restorer: NetworkRestorer<'a>,
+    bytes: u64,
+}
+
+impl Restorer for Beside<'_> {
+    fn window_bytes(&self, height: usize, width: usize) -> u64 {
+        self.restorer.window_bytes(height, width) + self.bytes
+    }
+
+    fn restore(&self, image: &ToneMappedImage, top: usize, left: usize) -> Result<ToneMappedImage, Error> {
+        self.restorer.restore(image, top, left)
     }
 }
 
