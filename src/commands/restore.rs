@@ -14,6 +14,7 @@ use serde_json::{Value, json};
 use udc::core::io::{WriteOptions, read_provenance};
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
+use udc::restore::Highlights;
 
 use super::Session;
 use super::bracket::BracketArgs;
@@ -63,6 +64,9 @@ pub(crate) struct RestoreArgs {
     /// What to write [default: the same as the input]
     #[arg(long, value_enum, value_name = "DOMAIN")]
     output_domain: Option<DomainArg>,
+    /// What to do where the capture is saturated
+    #[arg(long, value_enum, value_name = "WHAT", default_value_t = HighlightsArg::Network)]
+    highlights: HighlightsArg,
     /// Format of the files in an output folder
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t = FormatArg::Exr)]
     format: FormatArg,
@@ -92,6 +96,26 @@ enum FormatArg {
     Npy,
     Png,
     Tif,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum HighlightsArg {
+    /// Leave what the network or the deconvolution makes of them
+    Network,
+    /// Keep the capture's values in every saturated pixel
+    Keep,
+    /// Keep them inside of large saturated areas, fading to the restored values at their edges
+    Blend,
+}
+
+impl From<HighlightsArg> for Highlights {
+    fn from(highlights: HighlightsArg) -> Self {
+        match highlights {
+            HighlightsArg::Network => Self::Network,
+            HighlightsArg::Keep => Self::Keep,
+            HighlightsArg::Blend => Self::Blend,
+        }
+    }
 }
 
 impl RestoreArgs {

@@ -1,18 +1,26 @@
 //! What restores an image: a network with its code, or a deconvolution with its PSF.
 
+use std::time::Instant;
+
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
+use udc::codes::interpolate_code;
 use udc::core::error::Error;
 use udc::core::image::{CHANNELS, ToneMappedImage};
 use udc::core::io::read_psf;
+use udc::core::kernel_code::KernelBank;
 use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
 use udc::network::Model;
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, Method, deconvolution_bytes, deconvolve};
-use udc::restore::{Conditioning, NetworkRestorer, Restorer, Tiling, format_bytes, restore_tiled};
+use udc::restore::{
+    Conditioning, Highlights, NetworkRestorer, Restorer, SATURATED_PART, Tiling, blend_highlights,
+    format_bytes, restore_tiled, search_angle,
+};
 
+use super::code::KnownCode;
 use super::{RestoreArgs, text};
 use crate::commands::Session;
 use crate::commands::picture::AnyImage;
@@ -65,6 +73,7 @@ pub(super) struct Engine {
     max_memory: u64,
     /// Whether another image is read and another one written meanwhile.
     in_queue: bool,
+    highlights: Highlights,
 }
 
 /// Frames of 32-bit RGB that the queue holds beside the image in work: one that was read, with its file, and one that
@@ -72,7 +81,7 @@ pub(super) struct Engine {
 const QUEUED_FRAMES: u64 = 4;
 
 enum Kind {
-    Network { path: String, model: Box<Model>, conditioning: Conditioning, tile: Option<usize> },
+    Network { path: String, model: Box<Model>, code: KnownCode, tile: Option<usize> },
     Deconvolution { path: String, psf: Psf, config: DeconvolutionConfig },
 }
 
@@ -86,9 +95,9 @@ impl Engine {
         let kind = match (&args.model, args.method.method, &args.code.psf) {
             (Some(path), ..) => {
                 let model = Box::new(Model::load(path)?);
-                let conditioning = args.code.resolve(&model, session)?;
-                NetworkRestorer::new(&model, conditioning.clone())?;
-                Kind::Network { path: text(path), model, conditioning, tile: args.tile }
+                let code = args.code.resolve(&model, session)?;
+                NetworkRestorer::new(&model, code.example())?;
+                Kind::Network { path: text(path), model, code, tile: args.tile }
             }
             (None, Some(method), Some(psf)) => {
                 let config = args.method.config(method, curve);
@@ -96,7 +105,8 @@ impl Engine {
             }
             _ => bail!("name a --model, or a --method with its --psf"),
         };
-        Ok(Self { kind, max_memory: args.max_memory, in_queue })
+        let highlights = args.highlights.into();
+        Ok(Self { kind, max_memory: args.max_memory, in_queue, highlights })
     }
 
     /// Restores one image; says beforehand what memory that takes.
@@ -109,12 +119,15 @@ impl Engine {
     ) -> Result<AnyImage> {
         let progress = if self.in_queue { session.progress.without_bars() } else { session.progress.clone() };
         match &self.kind {
-            Kind::Network { model, conditioning, tile, .. } => {
+            Kind::Network { model, code, tile, .. } => {
                 let image = image.into_tone_mapped(curve);
-                let restorer = Beside {
-                    restorer: NetworkRestorer::new(model, conditioning.clone())?,
-                    bytes: self.queued_bytes([image.height(), image.width()]),
+                let seen = ToneCurve { x_max: saturation, ..curve };
+                let conditioning = match code {
+                    KnownCode::Fixed(conditioning) => conditioning.clone(),
+                    KnownCode::Search(bank) => self.search(&image, (model, bank), seen, session)?,
                 };
+                let queued = self.queued_bytes([image.height(), image.width()]);
+                let restorer = Beside { restorer: NetworkRestorer::new(model, conditioning)?, bytes: queued };
                 let tiling = self.tiling(image.height(), image.width(), *tile, &restorer)?;
                 let (height, width) = tiling.window();
                 session.detail(format_args!(
@@ -124,7 +137,9 @@ impl Engine {
                     tiling.len(),
                     format_bytes(tiling.bytes(&restorer))
                 ));
-                Ok(AnyImage::ToneMapped(restore_tiled(&image, &tiling, &restorer, &progress)?))
+                let restored = restore_tiled(&image, &tiling, &restorer, &progress)?;
+                let level = curve.compress(SATURATED_PART * saturation);
+                Ok(AnyImage::ToneMapped(blend_highlights(restored, &image, level, self.highlights)?))
             }
             Kind::Deconvolution { psf, config, .. } => {
                 let image = image.into_linear(curve);
@@ -133,7 +148,9 @@ impl Engine {
                 session.detail(format_args!("{} × {}: {}", size[0], size[1], format_bytes(bytes)));
                 self.require(bytes, size)?;
                 let config = DeconvolutionConfig { saturation, ..*config };
-                Ok(AnyImage::Linear(deconvolve(&image, psf, &config, &progress)?))
+                let restored = deconvolve(&image, psf, &config, &progress)?;
+                let level = SATURATED_PART * saturation;
+                Ok(AnyImage::Linear(blend_highlights(restored, &image, level, self.highlights)?))
             }
         }
     }
@@ -141,15 +158,47 @@ impl Engine {
     /// The method with every setting resolved, for provenance.
     pub(super) fn describe(&self) -> Value {
         match &self.kind {
-            Kind::Network { path, conditioning, tile, .. } => {
-                let code = match conditioning {
-                    Conditioning::Code(code) => Some(code.to_vec()),
-                    Conditioning::None | Conditioning::Map(_) => None,
+            Kind::Network { path, code, tile, .. } => {
+                let code = match code {
+                    KnownCode::Fixed(Conditioning::Code(code)) => Some(json!(code.to_vec())),
+                    KnownCode::Fixed(Conditioning::None | Conditioning::Map(_)) => None,
+                    KnownCode::Search(_) => Some(json!("auto")),
                 };
-                json!({"model": path, "code": code, "tile": tile, "max-memory": self.max_memory})
+                json!({
+                    "model": path, "code": code, "tile": tile, "max-memory": self.max_memory,
+                    "highlights": self.highlights,
+                })
             }
-            Kind::Deconvolution { path, config, .. } => json!({"psf": path, "deconvolution": config}),
+            Kind::Deconvolution { path, config, .. } => {
+                json!({"psf": path, "deconvolution": config, "highlights": self.highlights})
+            }
         }
+    }
+
+    /// The code of the angle that explains a capture best.
+    fn search(
+        &self,
+        image: &ToneMappedImage,
+        (model, bank): (&Model, &KernelBank),
+        curve: ToneCurve,
+        session: &Session,
+    ) -> Result<Conditioning> {
+        let started = Instant::now();
+        let silent = session.progress.without_bars();
+        let restore = |kernel: usize, window: &ToneMappedImage| {
+            let restorer = NetworkRestorer::new(model, Conditioning::Code(bank.code(kernel).to_owned()))?;
+            let tiling = Tiling::within(window.height(), window.width(), self.max_memory, &restorer)?;
+            restore_tiled(window, &tiling, &restorer, &silent)
+        };
+        let found = search_angle(image, bank, curve, &restore, &session.progress)?;
+        let smallest = found.residuals[found.best];
+        session.say(format_args!(
+            "the panel is turned by {:+.1}° (nearest kernel {}, residual {smallest:.5}; found in {:.1} s)",
+            found.angle_deg,
+            bank.kernel_name(found.best),
+            started.elapsed().as_secs_f64()
+        ))?;
+        Ok(Conditioning::Code(interpolate_code(bank, found.angle_deg)?))
     }
 
     fn tiling(

@@ -12,6 +12,7 @@ mod describe;
 mod exr;
 mod folder;
 mod format;
+mod grey_tiff;
 mod guard;
 mod inputs;
 mod npy;

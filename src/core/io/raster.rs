@@ -11,6 +11,7 @@ use image::{
 use ndarray::{Array3, ArrayView3};
 
 use super::format::{Encoding, Format};
+use super::grey_tiff;
 use super::guard::guarded;
 use super::planes::{from_interleaved, to_interleaved};
 use super::{MAX_PIXELS, PixelOptions, Pixels};
@@ -27,6 +28,12 @@ const JPEG_QUALITY: u8 = 95;
 
 /// Decodes an image; grey stays one plane, integers are divided by their type's maximum.
 pub(super) fn decode(path: &Path, bytes: &[u8], format: Format) -> Result<(Pixels, Encoding)> {
+    if format == Format::Tiff
+        && let Some(planes) = grey_tiff::decode(bytes)
+    {
+        let planes = planes.map_err(|reason| Error::format(path, reason))?;
+        return Ok((Pixels::of_planes(planes), Encoding { format, sample_type: "float".to_owned() }));
+    }
     let image = guarded(|| decode_dynamic(bytes, format)).map_err(|reason| Error::format(path, reason))?;
     let sample_type = match image.color() {
         ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => "uint8",
