@@ -14,7 +14,7 @@ use super::bracket::{BracketArgs, names_of};
 use super::psf::check_float_output;
 use udc::core::io::{WriteOptions, check_output, expand_inputs, read_pixels, write_image, write_psf};
 use udc::core::provenance::Provenance;
-use udc::psf::{Bracket, MeasureConfig, Normalization, fuse, measure_psf};
+use udc::psf::{Bracket, FuseConfig, MeasureConfig, Normalization, fuse, measure_psf};
 
 use summary::Summary;
 
@@ -75,7 +75,7 @@ impl FuseArgs {
         if let Some(mask) = &mask {
             bracket = bracket.with_mask(mask.clone()).with_context(doing)?;
         }
-        let config = pictures.config;
+        let config = FuseConfig { demosaic_linear: self.psf, ..pictures.config };
         let fused = fuse(bracket, &config).with_context(doing)?;
         let measure = self.psf.then(|| self.measure_config());
         let measured = measure.as_ref().map(|measure| measure_psf(&fused.image, mask.as_ref(), measure));

@@ -2,6 +2,7 @@
 
 mod code;
 mod engine;
+mod field;
 mod files;
 
 use std::path::{Path, PathBuf};
@@ -123,7 +124,7 @@ impl RestoreArgs {
         let curve = ToneCurve::new(self.alpha, self.x_max)?;
         self.raw.config()?;
         let mut jobs = self.jobs(session)?;
-        let engine = Engine::new(&self, curve, jobs.len() > 1, session)?;
+        let engine = Engine::new(&self, curve, &jobs, session)?;
         let restoration = Restoration { args: &self, engine, curve, session };
         if self.resume {
             let count = jobs.len();

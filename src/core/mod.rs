@@ -6,6 +6,7 @@ pub mod color;
 pub mod dataset;
 pub mod error;
 pub mod fft;
+pub mod field;
 pub mod image;
 pub mod io;
 pub mod kernel_code;

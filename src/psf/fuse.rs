@@ -7,7 +7,7 @@ use crate::core::error::{Error, Result};
 use crate::core::image::LinearImage;
 
 use super::alignment::{Motion, check_motion, motions};
-use super::bayer::{BayerPattern, demosaic, greens_look_swapped, unpack};
+use super::bayer::{BayerPattern, demosaic, demosaic_scene, greens_look_swapped, unpack};
 use super::bracket::Bracket;
 use super::exposure_times::{check_order, estimate_times, ratios_found};
 use super::inpaint::inpaint;
@@ -42,6 +42,9 @@ pub struct FuseConfig {
     /// The colours of the mosaic; none for images of three channels.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bayer: Option<BayerPattern>,
+    /// Whether the colours of a mosaic are interpolated in linear light, which keeps energy, or compressed, which keeps
+    /// lamps from spoiling what is around them.
+    pub demosaic_linear: bool,
     /// Gains of red, green and blue, applied before demosaicing.
     pub white_balance: [f64; 3],
     /// Whether the ratios of the exposure times are taken from the pictures instead.
@@ -58,6 +61,7 @@ impl Default for FuseConfig {
             saturation: 0.99,
             merge: MergeRule::Longest,
             bayer: None,
+            demosaic_linear: false,
             white_balance: [1.0; 3],
             estimate_exposures: false,
             max_motion_px: Some(1.0),
@@ -169,7 +173,8 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
     let mosaic = config.bayer.map(|pattern| (merged.index_axis(Axis(0), 0), pattern));
     let greens_look_swapped = mosaic.is_some_and(|(mosaic, pattern)| greens_look_swapped(mosaic, pattern));
     let planes = match mosaic {
-        Some((mosaic, pattern)) => demosaic(mosaic, pattern)?,
+        Some((mosaic, pattern)) if config.demosaic_linear => demosaic(mosaic, pattern)?,
+        Some((mosaic, pattern)) => demosaic_scene(mosaic, pattern)?,
         None => merged,
     };
     let full = config.saturation / times.last().expect("a bracket has at least one exposure");

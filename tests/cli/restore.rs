@@ -374,3 +374,101 @@ fn goes_on_where_it_ended() {
     let said = fail(scratch.path(), &restore(&["--resume", "--balance", "0.5"]), 1);
     assert!(said.contains("other settings"), "{said}");
 }
+
+/// After Ctrl-C there are finished files and nothing else, and the run can be taken up again.
+#[cfg(unix)]
+#[test]
+fn an_interrupt_leaves_finished_files_only() {
+    let scratch = scratch();
+    let folder = scratch.path().join("captures");
+    std::fs::create_dir(&folder).unwrap();
+    write_scene(&scratch.path().join("large.exr"), 160, 200);
+    let count = 30;
+    for index in 0..count {
+        std::fs::copy(scratch.path().join("large.exr"), folder.join(format!("{index:02}.exr"))).unwrap();
+    }
+    let restore = ["restore", "captures", "--method", "constrained", "--psf", "psf.exr", "-o", "out"];
+    let run = std::process::Command::new(env!("CARGO_BIN_EXE_udc"))
+        .args(restore)
+        .current_dir(scratch.path())
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    while !scratch.path().join("out/00.exr").exists() {
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let pid = run.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    let output = run.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("interrupted"), "{said}");
+    let names = io::list_folder(&scratch.path().join("out")).unwrap();
+    assert!((1..count).contains(&names.len()), "{names:?}");
+    for name in &names {
+        io::read_image::<Linear>(&scratch.path().join("out").join(name)).unwrap();
+    }
+    let said = succeed(scratch.path(), &[&restore[..], &["--resume"]].concat());
+    assert!(said.contains(&format!("{} of {count} images are there", names.len())), "{said}");
+    assert_eq!(io::list_folder(&scratch.path().join("out")).unwrap().len(), count);
+}
+
+#[test]
+fn finds_the_angle_and_treats_highlights_as_told() {
+    let scratch = scratch();
+    let common = ["restore", "scene.exr", "--model", &model(), "--bank", "bank.safetensors", "--angle"];
+    let run = |more: &[&str]| succeed(scratch.path(), &[&common[..], more].concat());
+    let said = run(&["auto", "-o", "auto.exr"]);
+    assert!(said.contains("the panel is turned by") && said.contains("nearest kernel r"), "{said}");
+    let read = |name: &str| io::read_image::<Linear>(&scratch.path().join(name)).unwrap();
+    let scene = read("scene.exr");
+    // Everything at 6 and above counts as saturated, so that the patches of the scene are.
+    run(&["0", "--x-max", "6", "-o", "network.exr"]);
+    run(&["0", "--x-max", "6", "--highlights", "keep", "-o", "keep.exr"]);
+    let (network, keep) = (read("network.exr"), read("keep.exr"));
+    let mut kept = 0;
+    for ((place, &captured), &value) in scene.planes().indexed_iter().zip(keep.planes()) {
+        if captured >= 6.0 {
+            kept += 1;
+            assert!((value - 6.0).abs() < 1e-2, "{value} at {place:?}");
+        } else if captured < 5.9 {
+            assert_eq!(value, network.planes()[place]);
+        }
+    }
+    assert!(kept > 100, "{kept}");
+    assert!(fail(scratch.path(), &[&common[..], &["maybe", "-o", "o.exr"]].concat(), 2).contains("auto"));
+}
+
+/// A field with one PSF at every place is that PSF; one that varies changes the frame where it does.
+#[test]
+fn interpolates_codes_over_the_field() {
+    let scratch = scratch();
+    let turned = udc::codes::rotate(&psf(), 8.0).unwrap();
+    io::write_psf(&scratch.path().join("turned.exr"), &turned, &WriteOptions::default()).unwrap();
+    let write = |name: &str, right: &str| {
+        let text = format!("rows = 1\ncolumns = 2\npsfs = [\"psf.exr\", \"{right}\"]\n");
+        std::fs::write(scratch.path().join(name), text).unwrap();
+    };
+    write("same.toml", "psf.exr");
+    write("varying.toml", "turned.exr");
+    let common = ["restore", "scene.exr", "--model", &model(), "--bank", "bank.safetensors"];
+    let restore = |output: &str, flag: &str, file: &str| {
+        succeed(scratch.path(), &[&common[..], &[flag, file, "-o", output]].concat());
+        io::read_image::<Linear>(&scratch.path().join(output)).unwrap()
+    };
+    let one = restore("one.exr", "--psf", "psf.exr");
+    let same = restore("same.exr", "--field", "same.toml");
+    let varying = restore("varying.exr", "--field", "varying.toml");
+    let worst = |a: &LinearImage, x: usize| {
+        let column = |image: &LinearImage| image.planes().slice(ndarray::s![.., .., x]).to_owned();
+        (column(a) - column(&one)).iter().fold(0.0f32, |worst, d| worst.max(d.abs()))
+    };
+    let everywhere = (0..56).map(|x| worst(&same, x)).fold(0.0, f32::max);
+    assert!(everywhere < 1e-4, "{everywhere}");
+    assert!(worst(&varying, 55) > 10.0 * everywhere, "{} {everywhere}", worst(&varying, 55));
+    std::fs::write(scratch.path().join("short.toml"), "rows = 2\ncolumns = 2\npsfs = [\"psf.exr\"]\n")
+        .unwrap();
+    let refused = [&common[..], &["--field", "short.toml", "-o", "o.exr"]].concat();
+    assert!(fail(scratch.path(), &refused, 1).contains("names 1 PSFs for 2 × 2 places"));
+}

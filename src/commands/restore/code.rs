@@ -12,6 +12,7 @@ use udc::core::kernel_code::{KernelBank, KernelCode};
 use udc::network::Model;
 use udc::restore::Conditioning;
 
+use super::field::Field;
 use crate::commands::Session;
 
 #[derive(Args, Debug)]
@@ -24,6 +25,9 @@ pub(super) struct CodeArgs {
     #[arg(long, value_name = "DEGREES|auto", requires = "bank", conflicts_with_all = ["psf", "code"])]
     #[arg(allow_negative_numbers = true, value_parser = parse_angle)]
     angle: Option<AngleArg>,
+    /// PSFs of several places of the frame (.toml: rows, columns, psfs row by row), whose codes are interpolated
+    #[arg(long, value_name = "FIELD", requires = "bank", conflicts_with_all = ["angle", "psf", "code"])]
+    field: Option<PathBuf>,
     /// Kernel code itself (.npy)
     #[arg(long, value_name = "CODE", conflicts_with_all = ["bank", "psf", "method"])]
     code: Option<PathBuf>,
@@ -53,6 +57,8 @@ pub(super) enum KnownCode {
     Fixed(Conditioning),
     /// The kernels, one of whose angles is to be found in each capture.
     Search(Box<KernelBank>),
+    /// A code for each of several places.
+    Field(Field),
 }
 
 impl KnownCode {
@@ -61,6 +67,7 @@ impl KnownCode {
         match self {
             Self::Fixed(conditioning) => conditioning.clone(),
             Self::Search(bank) => Conditioning::Code(bank.code(0).to_owned()),
+            Self::Field(field) => Conditioning::Code(field.codes[0].clone()),
         }
     }
 }
@@ -73,6 +80,10 @@ impl CodeArgs {
                 session.warn("the model was trained without kernel codes; --bank, --angle, --code and --psf change nothing");
             }
             return Ok(KnownCode::Fixed(Conditioning::None));
+        }
+        if let (Some(field), Some(bank)) = (&self.field, &self.bank) {
+            check_bank(bank, model, session)?;
+            return Ok(KnownCode::Field(Field::read(field, |psf| projected(bank, psf, session))?));
         }
         let code = match (&self.code, &self.bank, self.angle, &self.psf) {
             (Some(code), ..) => read_code(code)?,

@@ -16,11 +16,13 @@ use udc::core::tone::ToneCurve;
 use udc::network::Model;
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, Method, deconvolution_bytes, deconvolve};
 use udc::restore::{
-    Conditioning, Highlights, NetworkRestorer, Restorer, SATURATED_PART, Tiling, blend_highlights,
+    Conditioning, Highlights, NetworkRestorer, Restorer, SATURATED_PART, Tiling, blend_highlights, code_map,
     format_bytes, restore_tiled, search_angle,
 };
 
 use super::code::KnownCode;
+use super::field::Field;
+use super::files::Job;
 use super::{RestoreArgs, text};
 use crate::commands::Session;
 use crate::commands::picture::AnyImage;
@@ -71,14 +73,14 @@ enum BorderArg {
 pub(super) struct Engine {
     kind: Kind,
     max_memory: u64,
-    /// Whether another image is read and another one written meanwhile.
-    in_queue: bool,
+    /// Frames that the queue holds meanwhile; none for a single image.
+    queued_frames: Option<u64>,
     highlights: Highlights,
 }
 
-/// Frames of 32-bit RGB that the queue holds beside the image in work: one that was read, with its file, and one that
-/// is written, with its file.
-const QUEUED_FRAMES: u64 = 4;
+/// Frames of 32-bit RGB that the queue holds beside the image in work and the pictures that are read: the file of one of
+/// these, and an image that is written, with its file.
+const QUEUED_FRAMES: u64 = 3;
 
 enum Kind {
     Network { path: String, model: Box<Model>, code: KnownCode, tile: Option<usize> },
@@ -86,12 +88,7 @@ enum Kind {
 }
 
 impl Engine {
-    pub(super) fn new(
-        args: &RestoreArgs,
-        curve: ToneCurve,
-        in_queue: bool,
-        session: &Session,
-    ) -> Result<Self> {
+    pub(super) fn new(args: &RestoreArgs, curve: ToneCurve, jobs: &[Job], session: &Session) -> Result<Self> {
         let kind = match (&args.model, args.method.method, &args.code.psf) {
             (Some(path), ..) => {
                 let model = Box::new(Model::load(path)?);
@@ -106,7 +103,9 @@ impl Engine {
             _ => bail!("name a --model, or a --method with its --psf"),
         };
         let highlights = args.highlights.into();
-        Ok(Self { kind, max_memory: args.max_memory, in_queue, highlights })
+        let pictures = jobs.iter().map(|job| job.inputs.len() as u64).max().unwrap_or(0);
+        let queued_frames = (jobs.len() > 1).then_some(QUEUED_FRAMES + pictures);
+        Ok(Self { kind, max_memory: args.max_memory, queued_frames, highlights })
     }
 
     /// Restores one image; says beforehand what memory that takes.
@@ -117,7 +116,11 @@ impl Engine {
         saturation: f32,
         session: &Session,
     ) -> Result<AnyImage> {
-        let progress = if self.in_queue { session.progress.without_bars() } else { session.progress.clone() };
+        let progress = if self.queued_frames.is_some() {
+            session.progress.without_bars()
+        } else {
+            session.progress.clone()
+        };
         match &self.kind {
             Kind::Network { model, code, tile, .. } => {
                 let image = image.into_tone_mapped(curve);
@@ -125,8 +128,15 @@ impl Engine {
                 let conditioning = match code {
                     KnownCode::Fixed(conditioning) => conditioning.clone(),
                     KnownCode::Search(bank) => self.search(&image, (model, bank), seen, session)?,
+                    KnownCode::Field(Field { codes, grid }) => {
+                        Conditioning::Map(code_map(codes, grid, [image.height(), image.width()])?)
+                    }
                 };
-                let queued = self.queued_bytes([image.height(), image.width()]);
+                let map = match &conditioning {
+                    Conditioning::Map(map) => (map.len() * size_of::<f32>()) as u64,
+                    Conditioning::None | Conditioning::Code(_) => 0,
+                };
+                let queued = map + self.queued_bytes([image.height(), image.width()]);
                 let restorer = Beside { restorer: NetworkRestorer::new(model, conditioning)?, bytes: queued };
                 let tiling = self.tiling(image.height(), image.width(), *tile, &restorer)?;
                 let (height, width) = tiling.window();
@@ -163,6 +173,9 @@ impl Engine {
                     KnownCode::Fixed(Conditioning::Code(code)) => Some(json!(code.to_vec())),
                     KnownCode::Fixed(Conditioning::None | Conditioning::Map(_)) => None,
                     KnownCode::Search(_) => Some(json!("auto")),
+                    KnownCode::Field(field) => {
+                        Some(json!(field.codes.iter().map(|code| code.to_vec()).collect::<Vec<_>>()))
+                    }
                 };
                 json!({
                     "model": path, "code": code, "tile": tile, "max-memory": self.max_memory,
@@ -219,7 +232,7 @@ impl Engine {
     /// What the queue holds meanwhile, if all images are of this size.
     fn queued_bytes(&self, [height, width]: [usize; 2]) -> u64 {
         let frame = (CHANNELS * size_of::<f32>() * height * width) as u64;
-        if self.in_queue { QUEUED_FRAMES * frame } else { 0 }
+        self.queued_frames.unwrap_or(0) * frame
     }
 
     fn require(&self, bytes: u64, [height, width]: [usize; 2]) -> Result<()> {

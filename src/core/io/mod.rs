@@ -276,7 +276,10 @@ fn to_rgb(path: &Path, planes: Array3<f32>) -> Result<Array3<f32>> {
         }
         channels => Err(Error::format(
             path,
-            format!("has {channels} channels, as packed Bayer data; an RGB or grey image is needed"),
+            format!(
+                "has {channels} channels, as packed Bayer data; an RGB or grey image is needed (or --bayer, in a command \
+                 that has it)"
+            ),
         )),
     }
 }
