@@ -37,7 +37,9 @@ type Outcomes<'a, S> = (&'a <S as Stages>::Job, Result<<S as Stages>::Output>);
 /// # Errors
 /// The failures; an interrupt or a closed stdout at once.
 pub(crate) fn run_all<S: Stages>(stages: &S, jobs: &[S::Job], session: &Session) -> Result<()> {
-    let bar = session.progress.bar(if jobs.len() > 1 { jobs.len() as u64 } else { 0 }, "images");
+    // A single job shows its own progress.
+    let progress = if jobs.len() > 1 { session.progress.clone() } else { session.progress.without_bars() };
+    let bar = progress.bar(jobs.len() as u64, "images");
     let failures = std::thread::scope(|scope| {
         let (read, inputs) = sync_channel(0);
         let (computed, outputs) = sync_channel(0);

@@ -195,9 +195,8 @@ impl Stages for Restoration<'_> {
     fn compute(&self, job: &Job, capture: Capture) -> Result<Self::Output> {
         self.session.progress.check()?;
         let started = Instant::now();
-        let saturation = capture.saturation.unwrap_or(self.curve.x_max).min(self.curve.x_max);
         let domain = self.args.output_domain.unwrap_or(capture.pixels.domain());
-        let restored = self.engine.restore(capture.pixels, self.curve, saturation, self.session)?;
+        let restored = self.engine.restore(&job.name(), capture, self.curve, self.session)?;
         self.session.detail(format_args!("{}: {:.2} s", job.name(), started.elapsed().as_secs_f64()));
         Ok((restored, domain))
     }

@@ -22,7 +22,7 @@ use udc::restore::{
 
 use super::code::KnownCode;
 use super::field::Field;
-use super::files::Job;
+use super::files::{Capture, Job};
 use super::{RestoreArgs, text};
 use crate::commands::Session;
 use crate::commands::picture::AnyImage;
@@ -108,14 +108,16 @@ impl Engine {
         Ok(Self { kind, max_memory: args.max_memory, queued_frames, highlights })
     }
 
-    /// Restores one image; says beforehand what memory that takes.
+    /// Restores one capture; says beforehand what memory that takes.
     pub(super) fn restore(
         &self,
-        image: AnyImage,
+        name: &str,
+        capture: Capture,
         curve: ToneCurve,
-        saturation: f32,
         session: &Session,
     ) -> Result<AnyImage> {
+        let saturation = capture.saturation.unwrap_or(curve.x_max).min(curve.x_max);
+        let image = capture.pixels;
         let progress = if self.queued_frames.is_some() {
             session.progress.without_bars()
         } else {
@@ -127,7 +129,11 @@ impl Engine {
                 let seen = ToneCurve { x_max: saturation, ..curve };
                 let conditioning = match code {
                     KnownCode::Fixed(conditioning) => conditioning.clone(),
-                    KnownCode::Search(bank) => self.search(&image, (model, bank), seen, session)?,
+                    KnownCode::Search(bank) => {
+                        let (conditioning, found) = self.search(&image, (model, bank), seen, session)?;
+                        session.say(format_args!("{name}: {found}"))?;
+                        conditioning
+                    }
                     KnownCode::Field(Field { codes, grid }) => {
                         Conditioning::Map(code_map(codes, grid, [image.height(), image.width()])?)
                     }
@@ -188,14 +194,14 @@ impl Engine {
         }
     }
 
-    /// The code of the angle that explains a capture best.
+    /// The code of the angle that explains a capture best, and what to tell about it.
     fn search(
         &self,
         image: &ToneMappedImage,
         (model, bank): (&Model, &KernelBank),
         curve: ToneCurve,
         session: &Session,
-    ) -> Result<Conditioning> {
+    ) -> Result<(Conditioning, String)> {
         let started = Instant::now();
         let silent = session.progress.without_bars();
         let restore = |kernel: usize, window: &ToneMappedImage| {
@@ -205,13 +211,13 @@ impl Engine {
         };
         let found = search_angle(image, bank, curve, &restore, &session.progress)?;
         let smallest = found.residuals[found.best];
-        session.say(format_args!(
+        let found_text = format!(
             "the panel is turned by {:+.1}° (nearest kernel {}, residual {smallest:.5}; found in {:.1} s)",
             found.angle_deg,
             bank.kernel_name(found.best),
             started.elapsed().as_secs_f64()
-        ))?;
-        Ok(Conditioning::Code(interpolate_code(bank, found.angle_deg)?))
+        );
+        Ok((Conditioning::Code(interpolate_code(bank, found.angle_deg)?), found_text))
     }
 
     fn tiling(
