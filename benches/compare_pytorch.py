@@ -140,11 +140,26 @@ def network(side):
     return lambda: layers(image, code)
 
 
+def training_step(images, side):
+    layers = Layers().to(memory_format=torch.channels_last)
+    optimizer = torch.optim.Adam(layers.parameters(), lr=2e-4)
+    image, code, clean = tensor(images, 3, side, side), tensor(images, 5, side, side), tensor(images, 3, side, side)
+
+    def step():
+        optimizer.zero_grad()
+        F.l1_loss(layers(image, code), clean).backward()
+        optimizer.step()
+
+    return step
+
+
 def in_pytorch(name):
     """The call that does in PyTorch what a line of `udc bench` names."""
     numbers = [int(number) for number in re.findall(r"\d+", name.replace("3×3", "").replace("²", ""))]
     if name.startswith("network"):
         return network(numbers[0])
+    if name.startswith("training step"):
+        return training_step(*numbers)
     if name.startswith("up"):
         return up(*numbers)
     if name.startswith("dynamic filter"):
@@ -175,7 +190,7 @@ def main():
     print(f"{'':44} {'udc ms':>10} {'PyTorch ms':>11} {'ratio':>7}")
     for line in lines[1:]:
         name, ms = re.match(r"(.*?):?\s+([\d.]+) ms", line).groups()
-        gradient = "backward" in name or " to " in name
+        gradient = any(word in name for word in ("backward", " to ", "training"))
         with torch.set_grad_enabled(gradient):
             theirs = best(in_pytorch(name), arguments.seconds) * 1e3
         print(f"{name:44} {float(ms):10.2f} {theirs:11.2f} {theirs / float(ms):6.1f}×")

@@ -3,7 +3,8 @@
 //! Data flows one way, each stage a module that takes values and returns values:
 //! captures → [`psf`] → [`codes`] → [`synth`] (of [`crop`]s) → [`train`] → [`restore`] → [`finish`], [`eval`] → [`report`].
 //! The stages never import one another; they meet through the types and files of [`core`]. The binary's
-//! commands connect them.
+//! commands connect them. Beneath [`train`] and [`restore`] lie the networks ([`network`]) and the loops that they
+//! spend their time in ([`kernels`]); beneath [`train`] and [`eval`] what trained eyes see ([`perceptual`]).
 //!
 //! # Axes and units
 //! Images are RGB, planar, `[channel, height, width]`; batches `[item, channel, height, width]`; positions
@@ -31,6 +32,7 @@ pub mod eval;
 pub mod finish;
 pub mod kernels;
 pub mod network;
+pub mod perceptual;
 pub mod psf;
 pub mod report;
 pub mod restore;

@@ -1,7 +1,7 @@
 //! Turns an angle between the rotations of a bank into a kernel code.
 
 use crate::core::error::{Error, Result};
-use crate::core::kernel_code::{KernelBank, KernelCode};
+use crate::core::kernel_code::{BankCodes, KernelCode};
 
 /// Interpolates the code of a panel angle linearly between the two neighbouring rotations of the bank.
 ///
@@ -11,8 +11,8 @@ use crate::core::kernel_code::{KernelBank, KernelCode};
 ///
 /// # Panics
 /// Never: the angle was found to lie within the bank's range.
-pub fn interpolate_code(bank: &KernelBank, angle_deg: f64) -> Result<KernelCode> {
-    let Some(angles) = &bank.angles_deg else {
+pub fn interpolate_code(bank: &BankCodes, angle_deg: f64) -> Result<KernelCode> {
+    let Some(angles) = bank.angles_deg() else {
         return Err(Error::Unsupported(
             "the kernel bank was not made by rotating one PSF and knows no angles; give a code or a PSF instead"
                 .to_owned(),
@@ -40,14 +40,14 @@ mod tests {
     use crate::core::psf::Psf;
     use ndarray::Array3;
 
-    fn bank(angles: Option<Vec<f64>>) -> KernelBank {
+    fn bank(angles: Option<Vec<f64>>) -> BankCodes {
         let psf = |slope: f32| {
             let energy = Array3::from_shape_fn((3, 4, 4), |(_, y, x)| {
                 1.0 + slope * y as f32 + slope * slope * x as f32
             });
             Psf::from_energy(energy).unwrap()
         };
-        make_bank([0.1, 0.5, 2.0].map(psf).to_vec(), angles, 2).unwrap()
+        make_bank([0.1, 0.5, 2.0].map(psf).to_vec(), angles, 2).unwrap().to_codes()
     }
 
     #[test]

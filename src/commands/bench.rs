@@ -10,8 +10,9 @@ use udc::core::image::ToneMappedImage;
 use udc::core::kernel_code::KernelCode;
 use udc::kernels::{Isa, benchmark, peak};
 use udc::network::{Architecture, Backend, Initialisation, Model, Origin, Parameters, weights::Weights};
+use udc::train::{InMemory, Patch, TrainConfig, Trainer, TrainingData as _};
 
-use super::Session;
+use super::{Session, peak_memory_bytes};
 
 /// Time the network's operations and the whole network on this machine
 #[derive(Args, Debug)]
@@ -23,6 +24,9 @@ pub(crate) struct BenchArgs {
     /// Side of the images that the whole network restores
     #[arg(long, value_name = "PIXELS", default_values_t = [256, 800], value_parser = clap::value_parser!(u32).range(1..))]
     size: Vec<u32>,
+    /// Batches that the full network is trained on, as 4x128 for four crops of 128 × 128
+    #[arg(long, value_name = "BATCH", default_value = "4x128", value_parser = parse_batch)]
+    train: Vec<Batch>,
     /// Time only the operations whose names contain this
     #[arg(long, value_name = "TEXT", default_value = "")]
     only: String,
@@ -55,8 +59,45 @@ impl BenchArgs {
             }
         });
         outcome?;
-        self.size.iter().try_for_each(|side| time_network(session, *side as usize, patience))
+        self.size.iter().try_for_each(|side| time_network(session, *side as usize, patience))?;
+        self.train.iter().try_for_each(|batch| time_training(session, *batch, patience))
     }
+}
+
+/// A training batch: so many square crops of so many pixels a side.
+#[derive(Clone, Copy, Debug)]
+struct Batch {
+    crops: usize,
+    side: usize,
+}
+
+fn parse_batch(text: &str) -> Result<Batch, String> {
+    let parts =
+        text.split_once('x').and_then(|(crops, side)| Some((crops.parse().ok()?, side.parse().ok()?)));
+    match parts {
+        Some((crops, side)) if crops > 0 && side > 0 => Ok(Batch { crops, side }),
+        _ => Err("must be a number of crops and their side, as 4x128".to_owned()),
+    }
+}
+
+/// Times a step of the training: forward, L1, backward, Adam.
+fn time_training(session: &Session, Batch { crops, side }: Batch, patience: Duration) -> Result<()> {
+    let mut config = TrainConfig::default();
+    (config.data.batch, config.data.accumulate, config.data.crop) = (crops, 1, side);
+    let image = |value| ToneMappedImage::from_planes(Array3::from_elem((3, side, side), value));
+    let code = Some(KernelCode::zeros(config.architecture.code_dim));
+    let data = InMemory(vec![Patch { degraded: image(0.5)?, ground_truth: image(0.25)?, code }]);
+    let mut trainer = Trainer::new(&config, None, data.len(), Backend::default())?;
+    let mut outcome = Ok(());
+    let seconds = benchmark::best_time(patience, || {
+        if outcome.is_ok() {
+            outcome = trainer.step(&data).map(|_| ());
+        }
+    });
+    outcome?;
+    let memory = peak_memory_bytes()
+        .map_or(String::new(), |bytes| format!(", the process has taken up to {} MiB", bytes >> 20));
+    session.say(format!("training step {crops}×{side}²: {:.1} ms{memory}", seconds * 1e3))
 }
 
 /// Times the whole network, with random weights, on one image.

@@ -5,18 +5,19 @@ mod text;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use serde_json::{Value, json};
 
 use super::Session;
-use udc::core::io::{Description, describe, describe_psf, expand_inputs};
+use udc::core::io::{Description, describe, describe_psf, expand_inputs, read_text};
 use udc::network::weights;
+use udc::train::TrainConfig;
 
-/// Describe a file: image, PSF, kernel bank, model, dataset
+/// Describe a file: image, PSF, kernel bank, model, dataset, training configuration
 #[derive(Args, Debug)]
 #[command(
-    after_help = "Example: udc info scene.exr bank.safetensors model.pth dataset/\n         udc info --psf \
+    after_help = "Example: udc info scene.exr bank.safetensors model.pth dataset/ configs/sftmd.toml\n         udc info --psf \
                         psf.exr\n         udc info --json captures/*.png | jq .channels[0].max"
 )]
 pub(crate) struct InfoArgs {
@@ -87,6 +88,9 @@ impl InfoArgs {
         if is_checkpoint(file) {
             return examine_model(file);
         }
+        if file.extension().is_some_and(|extension| extension == "toml") {
+            return examine_training(file);
+        }
         let description = if self.psf { describe_psf(file)? } else { describe(file)? };
         if let Description::Model(model) = &description
             && model.metadata.get("format").is_some_and(|format| format == weights::FORMAT)
@@ -102,12 +106,27 @@ fn is_checkpoint(file: &Path) -> bool {
     file.extension().is_some_and(|extension| extension == "pth" || extension == "pt")
 }
 
+/// Describes the network that a training's configuration asks for.
+fn examine_training(file: &Path) -> Result<(Value, String)> {
+    let config = TrainConfig::from_toml(&read_text(file)?, &[])
+        .with_context(|| format!("reading {} as a training's configuration", file.display()))?;
+    let architecture = config.architecture;
+    let object = json!({
+        "kind": "training-configuration",
+        "architecture": architecture.to_json(),
+        "parameters": architecture.parameters(),
+        "macs_800": architecture.macs(800, 800),
+    });
+    Ok((object, format!("training configuration\n{}", architecture.describe())))
+}
+
 fn examine_model(file: &Path) -> Result<(Value, String)> {
     let model = weights::describe(file)?;
     let object = json!({
         "kind": "model",
         "architecture": model.architecture.to_json(),
         "parameters": model.architecture.parameters(),
+        "macs_800": model.architecture.macs(800, 800),
         "training": model.origin.training,
         "kernel_bank_sha256": model.origin.kernel_bank_sha256,
     });

@@ -6,11 +6,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
 use clap::Args;
-use sha2::{Digest, Sha256};
 
 use udc::core::dataset::{BANK_FILE, DatasetConfig, FORMAT, Split, VERSION};
 use udc::core::io;
-use udc::core::psf::hex;
 use udc::restore::{format_bytes, parse_bytes};
 use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, list_scenes};
 
@@ -104,7 +102,7 @@ impl SynthArgs {
             version: VERSION,
             program: concat!("udc ", env!("CARGO_PKG_VERSION")).to_owned(),
             bank: BANK_FILE.to_owned(),
-            bank_sha256: hex(&Sha256::digest(&bank_bytes)),
+            bank_sha256: io::bank_sha256_of(&bank_bytes),
             seed: self.seed,
             division: division.to_string(),
             image_format: self.storage.format.extension().to_owned(),

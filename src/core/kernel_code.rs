@@ -41,7 +41,51 @@ pub struct KernelBank {
     pub angles_deg: Option<Vec<f64>>,
 }
 
+/// The codes of a bank without its PSFs: all that a network is told.
+///
+/// # Shapes
+/// `codes` is `[K, b]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BankCodes {
+    codes: Array2<f32>,
+    angles_deg: Option<Vec<f64>>,
+}
+
+impl BankCodes {
+    /// Checks that there is at least one code and an angle for each, if there are angles.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] otherwise.
+    pub fn new(codes: Array2<f32>, angles_deg: Option<Vec<f64>>) -> Result<Self> {
+        let count = codes.nrows();
+        let angles = angles_deg.as_ref().map_or(count, Vec::len);
+        if count == 0 || angles != count {
+            let found = format!("{angles} angles and {count} codes");
+            return Err(Error::shape("kernel bank", "one angle for each of its codes", found));
+        }
+        Ok(Self { codes, angles_deg })
+    }
+
+    /// The code of kernel `index`.
+    ///
+    /// # Panics
+    /// When there is no such kernel.
+    pub fn code(&self, index: usize) -> ArrayView1<'_, f32> {
+        self.codes.row(index)
+    }
+
+    /// The rotation of each kernel in degrees, if the set was made by rotation.
+    pub fn angles_deg(&self) -> Option<&[f64]> {
+        self.angles_deg.as_deref()
+    }
+}
+
 impl KernelBank {
+    /// The codes alone.
+    pub fn to_codes(&self) -> BankCodes {
+        BankCodes { codes: self.codes.clone(), angles_deg: self.angles_deg.clone() }
+    }
+
     /// Checks that the parts fit together and keeps them as a bank.
     ///
     /// # Errors

@@ -2,7 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::direct::forward::{self as direct, Geometry, OutputRows};
+use super::direct::few_outputs::{self, OutputRows as FewOutputRows};
+use super::direct::forward::{self as direct, Geometry, MOST_SIDE, OutputRows};
 use super::finish::Finish;
 use super::rows::Rows;
 use super::shape::Shape;
@@ -29,6 +30,7 @@ pub struct Convolution {
 
 enum Method {
     Winograd(winograd::Weights),
+    FewOutputs(few_outputs::Weights),
     Direct(direct::Weights),
 }
 
@@ -88,6 +90,8 @@ impl Convolution {
         let method = if (side, stride) == (3, 1) && whole_groups && winograd::applies(isa, inputs, outputs) {
             let weight = |o: usize, i: usize| std::array::from_fn(|tap| weight(o, i, tap));
             Method::Winograd(winograd::Weights::pack(isa, (inputs, outputs), weight, bias))
+        } else if order == Order::Plain && few_outputs::applies(isa, geometry) {
+            Method::FewOutputs(few_outputs::Weights::pack(isa, geometry, weight, bias))
         } else {
             Method::Direct(direct::Weights::pack(isa, geometry, weight, bias))
         };
@@ -151,6 +155,10 @@ impl Convolution {
                     weights.isa.run(TileRows { weights, width, order: self.order, rows });
                 });
             }
+            Method::FewOutputs(weights) => blocks.into_par_iter().for_each(|block| {
+                let RowBlock { input, first, output, finish } = block;
+                weights.isa.run(FewOutputRows { weights, input, first, output, finish });
+            }),
             Method::Direct(weights) => blocks.into_par_iter().for_each(|block| match self.order {
                 Order::Plain => weights.isa.run(block.into_output_rows(weights)),
                 Order::Shuffled => shuffle_block(weights, block, width),
@@ -207,7 +215,8 @@ pub(crate) fn shuffled_output(output: usize, channels: usize) -> usize {
 
 fn check_parameters(geometry: Geometry, weight: &[f32], bias: &[f32]) -> usize {
     let Geometry { side, stride, .. } = geometry;
-    assert!(matches!((side, stride), (1 | 3, 1 | 2)), "a convolution of side {side}, stride {stride}");
+    let is_known = side % 2 == 1 && side <= MOST_SIDE && matches!(stride, 1 | 2 | 4);
+    assert!(is_known, "a convolution of side {side}, stride {stride}");
     assert_eq!(weight.len(), geometry.weight_len(), "weights of {geometry:?}");
     assert_eq!(bias.len(), geometry.outputs, "biases of {geometry:?}");
     side * side
@@ -218,7 +227,7 @@ mod tests {
     use super::*;
     use crate::kernels::testing::{Values, assert_close, naive};
 
-    /// Rows × columns that leave tiles, strips and register tiles unfilled in every way.
+    /// Rows × columns that leave tiles, batches and register tiles unfilled in every way.
     const EXTENTS: [(usize, usize); 7] = [(1, 1), (1, 7), (4, 4), (5, 3), (9, 13), (6, 50), (17, 8)];
 
     fn check(isa: Isa, geometry: Geometry, shape: Shape) {
@@ -245,8 +254,20 @@ mod tests {
 
     #[test]
     fn three_by_three_agrees_with_the_sum_written_down() {
-        let channels =
-            [(1, 1), (3, 32), (8, 32), (32, 3), (4, 4), (5, 8), (8, 8), (16, 16), (16, 48), (32, 32)];
+        let channels = [
+            (1, 1),
+            (3, 32),
+            (8, 32),
+            (32, 3),
+            (16, 1),
+            (48, 2),
+            (4, 4),
+            (5, 8),
+            (8, 8),
+            (16, 16),
+            (16, 48),
+            (32, 32),
+        ];
         for isa in Isa::available() {
             for (inputs, outputs) in channels {
                 for (height, width) in EXTENTS {
@@ -268,6 +289,22 @@ mod tests {
                     let shape = Shape::new(2, height, width, inputs);
                     check(isa, Geometry { inputs, outputs, side: 3, stride: 2 }, shape);
                     check(isa, Geometry { inputs, outputs, side: 1, stride: 1 }, shape);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn large_convolutions_agree_with_the_sum_written_down() {
+        for isa in Isa::available() {
+            for (inputs, outputs, side, stride) in [(8, 3, 9, 1), (3, 16, 11, 4), (4, 20, 5, 1), (2, 3, 7, 2)]
+            {
+                for (height, width) in EXTENTS {
+                    check(
+                        isa,
+                        Geometry { inputs, outputs, side, stride },
+                        Shape::new(2, height, width, inputs),
+                    );
                 }
             }
         }

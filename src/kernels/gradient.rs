@@ -122,6 +122,7 @@ mod tests {
             (16, 32, 3, 2, 1, 8, 29),
             (2, 1, 3, 2, 1, 1, 1),
             (5, 7, 1, 1, 2, 3, 4),
+            (4, 3, 9, 1, 1, 6, 11),
         ];
         for (inputs, outputs, side, stride, images, height, width) in cases {
             let geometry = Geometry { inputs, outputs, side, stride };

@@ -6,8 +6,8 @@
 //!
 //! # Map
 //! - [`Isa`]: which vector instructions run, chosen once; `UDC_SIMD=avx512|avx2|portable` forces a path.
-//! - [`Convolution`]: 3 × 3 and 1 × 1, by `winograd` where channels fill whole vectors and the stride is 1, by
-//!   the `direct` kernel elsewhere; [`convolution`] also has its gradients.
+//! - [`Convolution`]: any odd side up to 11, by `winograd` where it is 3, channels fill whole vectors and the
+//!   stride is 1, by the `direct` kernel elsewhere; [`convolution`] also has its gradients.
 //! - [`res_block`], [`up_convolution`], [`dynamic_filter`]: the network's blocks, forward and backward.
 //! - [`stream`]: whole networks, a few rows at a time, through rolling windows planned beforehand.
 //!

@@ -2,27 +2,32 @@
 
 use std::cell::Cell;
 
-/// Sixteen floats on a cache line of their own: what a 512-bit vector moves at once.
-#[derive(Clone, Copy)]
-#[repr(C, align(64))]
-struct CacheLine([f32; 16]);
+/// Floats per cache line: what a 512-bit vector moves at once.
+const LINE: usize = 16;
 
 /// A growable buffer of floats that begins on a cache line.
 #[derive(Default)]
 pub(crate) struct AlignedBuffer {
-    lines: Vec<CacheLine>,
+    floats: Vec<f32>,
+    /// Where the first whole cache line begins.
+    start: usize,
     len: usize,
 }
 
 impl AlignedBuffer {
-    /// Allocates `len` zeros.
+    /// Allocates `len` zeros; large buffers on huge pages, where the system grants them.
+    ///
+    /// Zeros come from the system, page by page when they are first used: by the threads that use them.
     pub(crate) fn zeros(len: usize) -> Self {
-        Self { lines: vec![CacheLine([0.0; 16]); len.div_ceil(16)], len }
+        let mut floats = vec![0.0; len + LINE];
+        huge_pages::advise(&mut floats);
+        let start = floats.as_ptr().align_offset(LINE * size_of::<f32>()).min(LINE);
+        Self { floats, start, len }
     }
 
     /// Makes the buffer at least `len` long; what it holds is left as it is.
     fn grow(&mut self, len: usize) {
-        if self.lines.len() * 16 < len {
+        if self.floats.len() < len + LINE {
             *self = Self::zeros(len);
         }
         self.len = len;
@@ -30,16 +35,39 @@ impl AlignedBuffer {
 
     /// The floats.
     pub(crate) fn as_slice(&self) -> &[f32] {
-        // SAFETY: a `CacheLine` is sixteen floats without padding (its size equals its alignment), the
-        // vector holds at least `len / 16` of them, rounded up, and all of them are initialised.
-        unsafe { std::slice::from_raw_parts(self.lines.as_ptr().cast(), self.len) }
+        &self.floats[self.start..self.start + self.len]
     }
 
     /// The floats, writable.
     pub(crate) fn as_mut_slice(&mut self) -> &mut [f32] {
-        // SAFETY: as for `as_slice`; the exclusive borrow of the vector is passed on.
-        unsafe { std::slice::from_raw_parts_mut(self.lines.as_mut_ptr().cast(), self.len) }
+        &mut self.floats[self.start..self.start + self.len]
     }
+}
+
+/// Asks the system for huge pages: a row of tiles reads dozens of streams, each on a page of its own, more
+/// than the first level of address translation holds of the small ones.
+mod huge_pages {
+    /// The size that Linux gives on x86-64 and on most others; smaller buffers gain nothing.
+    #[cfg(target_os = "linux")]
+    const HUGE_PAGE: usize = 2 << 20;
+
+    /// Advises memory that nothing has touched yet; a refusal changes speed only.
+    #[cfg(target_os = "linux")]
+    pub(super) fn advise(memory: &mut [f32]) {
+        let (start, bytes) = (memory.as_mut_ptr().addr(), size_of_val(memory));
+        let first = start.next_multiple_of(HUGE_PAGE);
+        let whole = (start + bytes).saturating_sub(first) / HUGE_PAGE * HUGE_PAGE;
+        if whole == 0 {
+            return;
+        }
+        let pointer = memory.as_mut_ptr().cast::<u8>().wrapping_add(first - start);
+        // SAFETY: the range lies within the slice, which is borrowed exclusively, begins on a page, and the
+        // advice changes how it is backed, not what it holds.
+        unsafe { libc::madvise(pointer.cast(), whole, libc::MADV_HUGEPAGE) };
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    pub(super) fn advise(_memory: &mut [f32]) {}
 }
 
 thread_local! {
@@ -61,7 +89,7 @@ pub(crate) fn lend(len: usize) -> Lent {
 impl Lent {
     /// The floats, to be cut into parts.
     pub(crate) fn scratch(&mut self) -> Scratch<'_> {
-        Scratch(self.0.as_mut_slice())
+        Scratch::of(&mut self.0)
     }
 }
 
@@ -75,6 +103,11 @@ impl Drop for Lent {
 pub(crate) struct Scratch<'a>(&'a mut [f32]);
 
 impl<'a> Scratch<'a> {
+    /// Makes a buffer's floats available.
+    pub(crate) fn of(buffer: &'a mut AlignedBuffer) -> Self {
+        Self(buffer.as_mut_slice())
+    }
+
     /// Cuts off the next `len` floats, a multiple of 16 to keep what follows aligned.
     pub(crate) fn take(&mut self, len: usize) -> &'a mut [f32] {
         debug_assert_eq!(len % 16, 0, "parts of the working memory are whole cache lines");

@@ -1,16 +1,14 @@
-//! Turns a configuration of DISCNet into the list of its layers: names, shapes, resolutions, and the counts
-//! that follow from them.
+//! What a network is configured by, and what follows from it: the list of its layers, the numbers of weights
+//! and operations, the surroundings that a pixel depends on.
 
 use serde::{Deserialize, Serialize};
 
+use super::layers::{Layer, LayerWeights, TensorSpec};
+use super::{de_unet, discnet, sftmd, srmdnf};
 use crate::core::error::{Error, Result};
-use crate::core::image::CHANNELS;
 
-/// Number of resolutions of the network; each has half the sides of the one before.
-pub(super) const LEVELS: usize = 3;
-
-/// Image sides must be multiples of this: two halvings.
-pub(super) const SIDE_MULTIPLE: usize = 1 << (LEVELS - 1);
+/// The side of the image that descriptions give the cost of.
+const DESCRIBED_SIDE: usize = 800;
 
 /// The family of networks that a model belongs to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -19,6 +17,14 @@ pub enum Kind {
     /// The dynamic skip connection network.
     #[default]
     Discnet,
+    /// Its restoration branch alone: a U-Net with plain skip connections.
+    Unet,
+    /// SRMD without noise input and without up-sampling: plain convolutions of image and degradation map.
+    Srmdnf,
+    /// SFTMD without up-sampling: residual blocks that the degradation map modulates.
+    Sftmd,
+    /// A U-Net with two image encoders.
+    DeUnet,
 }
 
 /// What the filters of the skip connections are predicted from.
@@ -60,19 +66,19 @@ pub enum Scales {
     Multi,
 }
 
-/// A configuration of DISCNet; the default is the published network.
+/// A configuration of a network; the default is the published DISCNet.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Architecture {
     /// The family of networks.
     pub kind: Kind,
-    /// n: channels of the finest scale; the next ones have 2n and 4n.
+    /// n: channels of the finest scale; coarser ones have 2n, 4n, …
     pub features: usize,
-    /// What the dynamic filters are predicted from.
+    /// What the dynamic filters are predicted from; for the other kinds, what the network reads.
     pub condition: Condition,
-    /// Which scales have dynamic filters.
+    /// Which scales have dynamic filters (DISCNet).
     pub scales: Scales,
-    /// s: side of the dynamic filters.
+    /// s: side of the dynamic filters (DISCNet).
     pub filter_size: usize,
     /// b: length of the kernel code.
     pub code_dim: usize,
@@ -90,37 +96,6 @@ impl Default for Architecture {
             code_dim: 5,
         }
     }
-}
-
-/// One layer with weights.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Layer {
-    /// The released name, without `.weight` and `.bias`.
-    pub(super) name: String,
-    /// What it holds.
-    pub(super) weights: LayerWeights,
-    /// 0 for full resolution, 1 for half, 2 for a quarter: where its output is computed.
-    pub(super) level: usize,
-}
-
-/// The weights of a layer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum LayerWeights {
-    /// A convolution with bias; those inside residual blocks are initialised on their own terms.
-    Convolution { inputs: usize, outputs: usize, size: usize, residual: bool },
-    /// The one slope of a PReLU.
-    Slope,
-}
-
-/// Name, shape and initial distribution of one weight tensor.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct TensorSpec {
-    /// The released name.
-    pub(super) name: String,
-    /// The shape.
-    pub(super) shape: Vec<usize>,
-    /// The layer that it belongs to.
-    pub(super) weights: LayerWeights,
 }
 
 impl Architecture {
@@ -143,7 +118,21 @@ impl Architecture {
             let reason = format!("must be between 1 and 1024, found {}", self.code_dim);
             return Err(Error::config("code-dim", reason));
         }
-        Ok(())
+        self.validate_condition()
+    }
+
+    /// Every kind but DISCNet reads one thing only; the key says so for all who look at it.
+    fn validate_condition(&self) -> Result<()> {
+        let (fixed, name) = match self.kind {
+            Kind::Discnet => return Ok(()),
+            Kind::Unet => (Condition::None, "none"),
+            Kind::DeUnet => (Condition::Image, "image"),
+            Kind::Srmdnf | Kind::Sftmd => (Condition::ImagePsf, "image+psf"),
+        };
+        if self.condition == fixed {
+            return Ok(());
+        }
+        Err(Error::config("condition", format!("must be \"{name}\" for this kind of network; set it so")))
     }
 
     /// The configuration as JSON, as files carry it.
@@ -154,6 +143,28 @@ impl Architecture {
         serde_json::to_value(self).expect("architectures are plain data")
     }
 
+    /// The configuration and what it costs, a line each, for people to read; keys that this kind of network does
+    /// not look at are left out.
+    pub fn describe(&self) -> String {
+        let json = self.to_json();
+        let is_read = |key: &str| match key {
+            "scales" | "filter-size" => self.kind == Kind::Discnet && self.condition != Condition::None,
+            "code-dim" => self.condition.uses_code(),
+            _ => true,
+        };
+        let of_key = |(key, value): (&String, &serde_json::Value)| {
+            let text = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+            format!("  {key:<14}{text}")
+        };
+        let mut lines: Vec<String> =
+            json.as_object().into_iter().flatten().filter(|(key, _)| is_read(key)).map(of_key).collect();
+        lines.push(format!("  {:<14}{}", "parameters", self.parameters()));
+        #[expect(clippy::cast_precision_loss, reason = "a figure of five digits")]
+        let gmac = self.macs(DESCRIBED_SIDE, DESCRIBED_SIDE) as f64 / 1e9;
+        lines.push(format!("  {:<14}{gmac:.2} GMAC for {DESCRIBED_SIDE} × {DESCRIBED_SIDE} pixels", "cost"));
+        lines.join("\n")
+    }
+
     /// Number of trainable numbers.
     pub fn parameters(&self) -> u64 {
         self.tensors().iter().map(|tensor| tensor.shape.iter().product::<usize>() as u64).sum()
@@ -161,12 +172,12 @@ impl Architecture {
 
     /// Multiply-accumulates of all convolutions for one image of `height` × `width`.
     ///
-    /// Sides are rounded up to multiples of 4 as the network does. The application of the predicted filters
+    /// Sides are rounded up as the network does. The application of the predicted filters
     /// (25 · 56 more a pixel for the published network) is not counted, as in the paper's figure.
     pub fn macs(&self, height: usize, width: usize) -> u64 {
+        let multiple = self.side_multiple();
         let pixels = |level: usize| {
-            (height.next_multiple_of(SIDE_MULTIPLE) >> level)
-                * (width.next_multiple_of(SIDE_MULTIPLE) >> level)
+            (height.next_multiple_of(multiple) >> level) * (width.next_multiple_of(multiple) >> level)
         };
         let of_layer = |layer: &Layer| match layer.weights {
             LayerWeights::Convolution { inputs, outputs, size, .. } => {
@@ -177,104 +188,40 @@ impl Architecture {
         self.layers().iter().map(of_layer).sum()
     }
 
-    /// Channels at a level: n, 2n, 4n.
-    pub(super) fn channels(&self, level: usize) -> usize {
-        self.features << level
+    /// What the sides that the network computes are multiples of: it halves its resolution so many times.
+    /// Images of other sides are continued by repetition at the bottom and on the right.
+    pub fn side_multiple(&self) -> usize {
+        match self.kind {
+            Kind::Discnet | Kind::Unet => 1 << (discnet::LEVELS - 1),
+            Kind::Srmdnf | Kind::Sftmd => 1,
+            Kind::DeUnet => 1 << (de_unet::LEVELS - 1),
+        }
     }
 
-    /// Channels that the condition encoder reads; `None` when there is no such encoder.
-    pub(super) fn condition_channels(&self) -> Option<usize> {
-        let image = if self.condition.uses_image() { CHANNELS } else { 0 };
-        let code = if self.condition.uses_code() { self.code_dim } else { 0 };
-        (image + code > 0).then_some(image + code)
-    }
-
-    /// Whether the skip connection of a level has dynamic filters.
-    pub(super) fn has_filters(&self, level: usize) -> bool {
-        self.condition != Condition::None && (self.scales == Scales::Multi || level == LEVELS - 1)
+    /// Pixels around a tile, starting at a multiple of [`Self::side_multiple`], that its restoration may
+    /// depend on, rounded up to such a multiple.
+    pub fn halo(&self) -> usize {
+        match self.kind {
+            Kind::Discnet | Kind::Unet => discnet::HALO,
+            Kind::Srmdnf => srmdnf::HALO,
+            Kind::Sftmd => sftmd::HALO,
+            Kind::DeUnet => de_unet::HALO,
+        }
     }
 
     /// Every weight tensor under its released name, in a fixed order.
     pub(super) fn tensors(&self) -> Vec<TensorSpec> {
-        let of_layer = |layer: Layer| {
-            let weights = layer.weights;
-            let tensor =
-                |part: &str, shape| TensorSpec { name: format!("{}.{part}", layer.name), shape, weights };
-            match weights {
-                LayerWeights::Convolution { inputs, outputs, size, .. } => {
-                    vec![tensor("weight", vec![outputs, inputs, size, size]), tensor("bias", vec![outputs])]
-                }
-                LayerWeights::Slope => vec![tensor("weight", vec![1])],
-            }
-        };
-        self.layers().into_iter().flat_map(of_layer).collect()
+        self.layers().into_iter().flat_map(Layer::tensors).collect()
     }
 
     /// Every layer with weights, in a fixed order.
-    pub(super) fn layers(&self) -> Vec<Layer> {
-        let mut list = LayerList(Vec::new());
-        self.encoder(&mut list, "conv", CHANNELS);
-        if let Some(inputs) = self.condition_channels() {
-            self.encoder(&mut list, "kconv", inputs);
+    fn layers(&self) -> Vec<Layer> {
+        match self.kind {
+            Kind::Discnet | Kind::Unet => discnet::layers(self),
+            Kind::Srmdnf => srmdnf::layers(self),
+            Kind::Sftmd => sftmd::layers(self),
+            Kind::DeUnet => de_unet::layers(self),
         }
-        for level in (0..LEVELS).filter(|&level| self.has_filters(level)) {
-            self.filter_generator(&mut list, level);
-        }
-        for level in (0..LEVELS - 1).rev() {
-            let (fine, coarse, scale) = (self.channels(level), self.channels(level + 1), level + 1);
-            list.convolution(format!("upconv_{scale}1.0"), [coarse, 4 * fine, 3], level + 1);
-            list.res_block(&format!("upconv_{scale}2"), fine, level);
-            list.res_block(&format!("upconv_{scale}3"), fine, level);
-        }
-        list.convolution("final_conv.0".to_owned(), [self.features, CHANNELS, 3], 0);
-        list.0
-    }
-
-    fn encoder(&self, list: &mut LayerList, prefix: &str, inputs: usize) {
-        for level in 0..LEVELS {
-            let (channels, scale) = (self.channels(level), level + 1);
-            let inputs = if level == 0 { inputs } else { self.channels(level - 1) };
-            list.convolution(format!("{prefix}_{scale}1.0"), [inputs, channels, 3], level);
-            list.res_block(&format!("{prefix}_{scale}2"), channels, level);
-            list.res_block(&format!("{prefix}_{scale}3"), channels, level);
-        }
-    }
-
-    fn filter_generator(&self, list: &mut LayerList, level: usize) {
-        let (name, channels) = (filter_generator_name(level), self.channels(level));
-        list.convolution(format!("{name}.0.0"), [channels, channels, 3], level);
-        list.slope(format!("{name}.0.1"), level);
-        list.res_block(&format!("{name}.1"), channels, level);
-        list.res_block(&format!("{name}.2"), channels, level);
-        let filters = channels * self.filter_size * self.filter_size;
-        list.convolution(format!("{name}.3.0"), [channels, filters, 1], level);
-        list.slope(format!("{name}.3.1"), level);
-    }
-}
-
-/// The released name of a level's filter generator; the coarsest has no digit.
-pub(super) fn filter_generator_name(level: usize) -> String {
-    if level == LEVELS - 1 { "dynamic_kernel".to_owned() } else { format!("dynamic_kernel{}", level + 1) }
-}
-
-struct LayerList(Vec<Layer>);
-
-impl LayerList {
-    fn convolution(&mut self, name: String, [inputs, outputs, size]: [usize; 3], level: usize) {
-        let weights = LayerWeights::Convolution { inputs, outputs, size, residual: false };
-        self.0.push(Layer { name, weights, level });
-    }
-
-    fn res_block(&mut self, name: &str, channels: usize, level: usize) {
-        let weights =
-            LayerWeights::Convolution { inputs: channels, outputs: channels, size: 3, residual: true };
-        for part in ["conv1", "conv2"] {
-            self.0.push(Layer { name: format!("{name}.{part}"), weights, level });
-        }
-    }
-
-    fn slope(&mut self, name: String, level: usize) {
-        self.0.push(Layer { name, weights: LayerWeights::Slope, level });
     }
 }
 
@@ -301,6 +248,27 @@ mod tests {
     fn has_the_published_number_of_multiply_accumulates() {
         assert_eq!(Architecture::default().macs(800, 800), 364_339_200_000);
         assert_eq!(Architecture::default().macs(797, 799), 364_339_200_000);
+    }
+
+    /// The paper prints 1.49 M and 951, 3.85 M and 2460 (with an addition for each bias), 9.02 M and 169.
+    #[test]
+    fn the_networks_compared_with_have_the_published_size() {
+        let of_kind = |kind, features, condition| {
+            let architecture = Architecture { kind, features, condition, ..Architecture::default() };
+            architecture.validate().unwrap();
+            (architecture.parameters(), architecture.macs(800, 800))
+        };
+        assert_eq!(of_kind(Kind::Unet, 32, Condition::None).0, 1_422_883);
+        assert_eq!(of_kind(Kind::Srmdnf, 128, Condition::ImagePsf), (1_488_643, 951_828_480_000));
+        assert_eq!(of_kind(Kind::Sftmd, 64, Condition::ImagePsf), (3_844_227, 2_454_773_760_000));
+        assert_eq!(of_kind(Kind::DeUnet, 32, Condition::Image), (9_019_459, 169_267_200_000));
+    }
+
+    #[test]
+    fn a_condition_that_a_kind_does_not_read_is_refused() {
+        let architecture = Architecture { kind: Kind::Unet, ..Architecture::default() };
+        let message = architecture.validate().unwrap_err().to_string();
+        assert!(message.contains("condition") && message.contains("\"none\""), "{message}");
     }
 
     #[test]

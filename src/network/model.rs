@@ -8,8 +8,8 @@ use serde_json::Value;
 
 use super::architecture::Architecture;
 use super::backend::Backend;
-use super::discnet::DiscNet;
 use super::inference::Inference;
+use super::networks::Network;
 use super::weights::{self, Weights};
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
@@ -29,7 +29,7 @@ pub struct Origin {
 /// A network with its weights on a device, for inference.
 #[derive(Clone, Debug)]
 pub struct Model {
-    network: DiscNet,
+    network: Network,
     origin: Origin,
     /// The weights packed for whole images, once the first is restored.
     inference: Arc<OnceLock<Inference>>,
@@ -55,7 +55,7 @@ impl Model {
     /// Puts weights on a backend's device.
     pub fn new(weights: &Weights, backend: Backend) -> Self {
         let device = backend.device();
-        let network = DiscNet::new(&weights.architecture, &weights.parameters, &device);
+        let network = Network::new(&weights.architecture, &weights.parameters, &device);
         Self { network, origin: weights.origin.clone(), inference: Arc::default() }
     }
 

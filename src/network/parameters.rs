@@ -7,7 +7,8 @@ use std::collections::BTreeMap;
 use rand_distr::{Distribution, StandardNormal, Uniform};
 use serde::{Deserialize, Serialize};
 
-use super::architecture::{Architecture, LayerWeights, TensorSpec};
+use super::architecture::Architecture;
+use super::layers::{LayerWeights, TensorSpec};
 use crate::core::error::{Error, Result};
 use crate::core::io::TensorData;
 use crate::core::rng::{self, Rng};

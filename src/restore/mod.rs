@@ -11,4 +11,4 @@ pub use angle::{AngleSearch, SEARCH_WINDOW_PX, search_angle};
 pub use field::code_map;
 pub use highlights::{Highlights, SATURATED_PART, blend_highlights};
 pub use network::{Conditioning, NetworkRestorer};
-pub use tiles::{ALIGNMENT, HALO, Restorer, Tiling, format_bytes, parse_bytes, restore_tiled};
+pub use tiles::{ALIGNMENT, Restorer, Tiling, format_bytes, parse_bytes, restore_tiled};

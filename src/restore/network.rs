@@ -2,7 +2,7 @@
 
 use ndarray::{Array3, s};
 
-use super::tiles::Restorer;
+use super::tiles::{ALIGNMENT, Restorer};
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::core::kernel_code::KernelCode;
@@ -54,6 +54,14 @@ impl<'a> NetworkRestorer<'a> {
 }
 
 impl Restorer for NetworkRestorer<'_> {
+    fn halo(&self) -> usize {
+        self.model.architecture().halo().next_multiple_of(self.alignment())
+    }
+
+    fn alignment(&self) -> usize {
+        self.model.architecture().side_multiple().next_multiple_of(ALIGNMENT)
+    }
+
     fn window_bytes(&self, height: usize, width: usize) -> u64 {
         // The window is copied out of the image and restored to another copy.
         let copies = 2 * (CHANNELS * size_of::<f32>() * height * width) as u64;
@@ -69,5 +77,54 @@ impl Restorer for NetworkRestorer<'_> {
                 self.model.restore_with_map(image, &map.slice(window))
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::progress::Progress;
+    use crate::network::weights::Weights;
+    use crate::network::{Architecture, Backend, Condition, Initialisation, Kind, Origin, Parameters};
+    use crate::restore::{Tiling, restore_tiled};
+
+    fn model(kind: Kind, condition: Condition) -> Model {
+        let architecture = Architecture { kind, condition, features: 2, ..Architecture::default() };
+        let parameters = Parameters::random(&architecture, Initialisation::Paper, 6);
+        Model::new(&Weights { architecture, parameters, origin: Origin::default() }, Backend::default())
+    }
+
+    /// Sums of 32-bit floats differ where windows begin elsewhere.
+    #[test]
+    fn tiles_of_every_network_are_those_of_the_whole_image() {
+        let kinds = [
+            (Kind::Discnet, Condition::ImagePsf),
+            (Kind::Unet, Condition::None),
+            (Kind::Srmdnf, Condition::ImagePsf),
+            (Kind::Sftmd, Condition::ImagePsf),
+            (Kind::DeUnet, Condition::Image),
+        ];
+        let value = |(c, y, x)| ((c * 7919 + y * 104_729 + x * 1299) % 1000) as f32 / 1000.0;
+        let image = ToneMappedImage::from_planes(Array3::from_shape_fn((3, 50, 403), value)).unwrap();
+        for (kind, condition) in kinds {
+            let model = model(kind, condition);
+            let code = Conditioning::Code(KernelCode::from_elem(5, 0.3));
+            let restorer = NetworkRestorer::new(&model, code).unwrap();
+            let whole = restorer.restore(&image, 0, 0).unwrap();
+            let largest = whole.as_slice().iter().fold(0.0f32, |m, v| m.max(v.abs()));
+            let tiling = Tiling::with_tile(50, 403, 48, &restorer).unwrap();
+            let tiled = restore_tiled(&image, &tiling, &restorer, &Progress::default()).unwrap();
+            let pairs = whole.as_slice().iter().zip(tiled.as_slice());
+            let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(error <= 1e-5 * largest, "{kind:?}: {error:e} of {largest}");
+        }
+    }
+
+    #[test]
+    fn tiles_that_a_deep_network_cannot_halve_are_refused() {
+        let model = model(Kind::DeUnet, Condition::Image);
+        let restorer = NetworkRestorer::new(&model, Conditioning::None).unwrap();
+        let message = Tiling::with_tile(64, 64, 36, &restorer).unwrap_err().to_string();
+        assert!(message.contains("multiple of 16"), "{message}");
     }
 }

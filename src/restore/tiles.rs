@@ -7,11 +7,7 @@ use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::core::progress::Progress;
 
-/// Pixels around a tile that its restoration may depend on, rounded up to the alignment; the receptive
-/// field of DISCNet has a radius of 79 for every filter size.
-pub const HALO: usize = 80;
-
-/// Tiles and windows start at multiples of this: the network halves its resolution twice.
+/// Tiles and windows start at multiples of this at least: the published network halves its resolution twice.
 pub const ALIGNMENT: usize = 4;
 
 /// The shortest side of a tile that is chosen by itself: below it most of the work is halo.
@@ -23,6 +19,12 @@ const FRAMES_IN_MEMORY: u64 = 4;
 
 /// Restores one window of an image on its own.
 pub trait Restorer {
+    /// Pixels around a tile that its restoration may depend on, a multiple of the alignment.
+    fn halo(&self) -> usize;
+
+    /// What tiles and windows start at multiples of, itself one of [`ALIGNMENT`].
+    fn alignment(&self) -> usize;
+
     /// Bytes that it takes to restore one window, the window itself included.
     fn window_bytes(&self, height: usize, width: usize) -> u64;
 
@@ -55,13 +57,15 @@ impl Tiling {
     /// Cuts an image into tiles of at most `tile` × `tile` pixels.
     ///
     /// # Errors
-    /// [`Error::Config`] when `tile` is zero or no multiple of 4.
-    pub fn with_tile(height: usize, width: usize, tile: usize) -> Result<Self> {
-        if tile == 0 || !tile.is_multiple_of(ALIGNMENT) {
-            let reason = format!("must be a positive multiple of {ALIGNMENT}, found {tile}");
+    /// [`Error::Config`] when `tile` is zero or no multiple of the restorer's alignment.
+    pub fn with_tile(height: usize, width: usize, tile: usize, restorer: &dyn Restorer) -> Result<Self> {
+        let alignment = restorer.alignment();
+        if tile == 0 || !tile.is_multiple_of(alignment) {
+            let reason = format!("must be a positive multiple of {alignment}, found {tile}");
             return Err(Error::config("tile", reason));
         }
-        Ok(Self { rows: cut(height, tile), columns: cut(width, tile) })
+        let halo = restorer.halo();
+        Ok(Self { rows: cut(height, tile, halo), columns: cut(width, tile, halo) })
     }
 
     /// Chooses the tiles with the least work whose restoration stays under `max_bytes`.
@@ -72,9 +76,9 @@ impl Tiling {
         let most = |side: usize| side.div_ceil(SHORTEST_TILE);
         let mut best: Option<(usize, Self)> = None;
         for count in 1..=most(width) {
-            let columns = cut_evenly(width, count);
+            let columns = cut_evenly(width, count, restorer);
             let fitting = (1..=most(height))
-                .map(|count| Self { rows: cut_evenly(height, count), columns: columns.clone() })
+                .map(|count| Self { rows: cut_evenly(height, count, restorer), columns: columns.clone() })
                 .find(|tiling| tiling.bytes(restorer) <= max_bytes);
             if let Some(tiling) = fitting
                 && best.as_ref().is_none_or(|(work, _)| tiling.work() < *work)
@@ -83,7 +87,9 @@ impl Tiling {
             }
         }
         best.map(|(_, tiling)| tiling).ok_or_else(|| {
-            let smallest = Self { rows: cut(height, SHORTEST_TILE), columns: cut(width, SHORTEST_TILE) };
+            let halo = restorer.halo();
+            let cut = |side| cut(side, SHORTEST_TILE, halo);
+            let smallest = Self { rows: cut(height), columns: cut(width) };
             let reason = format!(
                 "{} are too few for an image of {height} × {width}; allow at least {}",
                 format_bytes(max_bytes),
@@ -131,17 +137,17 @@ impl Span {
 }
 
 /// Cuts `side` pixels into spans of `tile`, the last one shorter, each with its halo.
-fn cut(side: usize, tile: usize) -> Vec<Span> {
+fn cut(side: usize, tile: usize, halo: usize) -> Vec<Span> {
     let span = |start: usize| {
         let end = side.min(start + tile);
-        Span { start, end, window_start: start.saturating_sub(HALO), window_end: side.min(end + HALO) }
+        Span { start, end, window_start: start.saturating_sub(halo), window_end: side.min(end + halo) }
     };
     (0..side).step_by(tile).map(span).collect()
 }
 
 /// Cuts `side` pixels into at most `count` spans of nearly one length.
-fn cut_evenly(side: usize, count: usize) -> Vec<Span> {
-    cut(side, side.div_ceil(count).next_multiple_of(ALIGNMENT))
+fn cut_evenly(side: usize, count: usize, restorer: &dyn Restorer) -> Vec<Span> {
+    cut(side, side.div_ceil(count).next_multiple_of(restorer.alignment()), restorer.halo())
 }
 
 /// Restores an image tile by tile.
@@ -222,10 +228,20 @@ pub fn format_bytes(bytes: u64) -> String {
 mod tests {
     use super::*;
 
+    const HALO: usize = 80;
+
     /// Sums the four pixels at a halo's distance, with zeros beyond the border as the network pads.
     struct Corners;
 
     impl Restorer for Corners {
+        fn halo(&self) -> usize {
+            HALO
+        }
+
+        fn alignment(&self) -> usize {
+            ALIGNMENT
+        }
+
         fn window_bytes(&self, height: usize, width: usize) -> u64 {
             (height * width * 1000) as u64
         }
@@ -251,7 +267,7 @@ mod tests {
         let image = image(203, 310);
         let whole = Corners.restore(&image, 0, 0).unwrap();
         for tile in [64, 100, 200, 400] {
-            let tiling = Tiling::with_tile(203, 310, tile).unwrap();
+            let tiling = Tiling::with_tile(203, 310, tile, &Corners).unwrap();
             let tiled = restore_tiled(&image, &tiling, &Corners, &Progress::default()).unwrap();
             assert_eq!(tiled, whole, "tiles of {tile}");
         }
@@ -259,7 +275,10 @@ mod tests {
 
     #[test]
     fn windows_keep_a_full_halo_except_at_the_border() {
-        for tiling in [Tiling::with_tile(501, 333, 96).unwrap(), Tiling::with_tile(64, 64, 4).unwrap()] {
+        for tiling in [
+            Tiling::with_tile(501, 333, 96, &Corners).unwrap(),
+            Tiling::with_tile(64, 64, 4, &Corners).unwrap(),
+        ] {
             for (spans, side) in
                 [(&tiling.rows, tiling.rows.last()), (&tiling.columns, tiling.columns.last())]
             {
@@ -306,7 +325,7 @@ mod tests {
 
     #[test]
     fn refuses_tiles_off_the_alignment() {
-        assert!(Tiling::with_tile(100, 100, 90).is_err());
-        assert!(Tiling::with_tile(100, 100, 0).is_err());
+        assert!(Tiling::with_tile(100, 100, 90, &Corners).is_err());
+        assert!(Tiling::with_tile(100, 100, 0, &Corners).is_err());
     }
 }

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::core::error::{Error, Result};
 use crate::network::{Architecture, Initialisation};
+use crate::perceptual::FeatureDistance;
 
 /// Everything that decides what a training computes; the default is the paper's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -100,12 +101,27 @@ impl Default for DataConfig {
 pub struct LossConfig {
     /// Weight of the mean absolute difference between restored and clean crop, both tone-mapped.
     pub l1: f64,
+    /// The distance of VGG-19's features of the two.
+    pub perceptual: PerceptualConfig,
 }
 
 impl Default for LossConfig {
+    /// The first alone: the second needs a file of weights.
     fn default() -> Self {
-        Self { l1: 1.0 }
+        Self { l1: 1.0, perceptual: PerceptualConfig::default() }
     }
+}
+
+/// The part of the loss that compares features of VGG-19, conv5_4.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct PerceptualConfig {
+    /// Weight of the distance, 0.01 in the paper and its code; 0 leaves it out.
+    pub weight: f64,
+    /// How features are compared.
+    pub distance: FeatureDistance,
+    /// VGG-19's weights, `.pth` or `.safetensors`.
+    pub file: String,
 }
 
 /// How a step changes the weights: Adam.
@@ -232,11 +248,17 @@ impl TrainConfig {
         if let Some((key, _)) = counts.into_iter().find(|(_, count)| *count == 0) {
             return Err(Error::config(key, "must be at least 1, found 0"));
         }
-        let optimizer = &self.optimizer;
+        let (optimizer, perceptual) = (&self.optimizer, self.loss.perceptual.weight);
         let is_share = |value: f64| (0.0..1.0).contains(&value);
         let is_positive = |value: f64| value > 0.0 && value.is_finite();
         let ranges = [
             ("loss.l1", self.loss.l1, is_positive(self.loss.l1), "positive"),
+            (
+                "loss.perceptual.weight",
+                perceptual,
+                perceptual == 0.0 || is_positive(perceptual),
+                "0 (off) or positive",
+            ),
             (
                 "optimizer.learning-rate",
                 optimizer.learning_rate,
@@ -381,7 +403,7 @@ mod tests {
             }
             count += 1;
         }
-        assert_eq!(count, 13);
+        assert_eq!(count, 17);
     }
 
     #[test]
@@ -411,6 +433,10 @@ mod tests {
         assert!(message("", &["data.crop=large"]).contains("--set data.crop=large"));
         assert!(message("", &["data.batch=0"]).contains("data.batch: must be at least 1"));
         assert!(message("", &["optimizer.beta1=1.0"]).contains("optimizer.beta1"));
+        assert!(
+            message("", &["loss.perceptual.weight=-1"]).contains("loss.perceptual.weight: must be 0 (off)")
+        );
+        assert!(message("", &["architecture.kind=unet"]).contains("must be \"none\""));
         assert!(message("", &["schedule.minimum=1.0"]).contains("schedule.minimum"));
         assert!(message("", &["data.crop"]).contains("expected key.path=value"));
     }

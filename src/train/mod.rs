@@ -16,8 +16,8 @@ mod trainer;
 mod validation;
 
 pub use config::{
-    CheckpointConfig, DataConfig, Degradation, LossConfig, OptimizerConfig, ScheduleConfig, TrainConfig,
-    ValidationConfig,
+    CheckpointConfig, DataConfig, Degradation, LossConfig, OptimizerConfig, PerceptualConfig, ScheduleConfig,
+    TrainConfig, ValidationConfig,
 };
 pub use data::{Degrade, InMemory, OnTheFlyData, Patch, StoredData, TrainingData, Window};
 pub use run::{Job, Outcome, Start, read_config};

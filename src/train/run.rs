@@ -118,9 +118,6 @@ impl Job<'_> {
                 (None, checkpoints.latest(&self.config.architecture)?)
             }
         };
-        io::create_folder(folder)?;
-        let text = self.config.to_toml();
-        io::write_atomically(&folder.join(CONFIG_FILE), true, |out| out.write_all(text.as_bytes()))?;
         let begins_with_weights = initial.is_some();
         let (trainer, best) = match checkpoint {
             Some(Checkpoint { state, best }) => {
@@ -128,6 +125,9 @@ impl Job<'_> {
             }
             None => (Trainer::new(self.config, initial, self.data.len(), self.backend)?, None),
         };
+        io::create_folder(folder)?;
+        let text = self.config.to_toml();
+        io::write_atomically(&folder.join(CONFIG_FILE), true, |out| out.write_all(text.as_bytes()))?;
         let log = open_log(&folder.join(LOG_FILE), trainer.iteration())?;
         let folder = folder.to_owned();
         let run = Run {

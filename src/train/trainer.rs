@@ -7,13 +7,13 @@ use serde::Serialize;
 
 use super::config::TrainConfig;
 use super::data::{Patch, TrainingData};
-use super::loss::loss;
+use super::loss::Loss;
 use super::optimizer::{Gradients, Moments, average, clip, global_norm};
 use super::sampler::Sampler;
 use super::schedule::learning_rate;
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, ToneMappedImage};
-use crate::network::{Backend, DiscNet, Parameters};
+use crate::network::{Backend, Network, Parameters};
 
 /// What one step did.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -34,6 +34,7 @@ pub struct Trainer {
     config: TrainConfig,
     device: Device,
     sampler: Sampler,
+    loss: Loss,
     pub(super) state: State,
 }
 
@@ -54,7 +55,8 @@ impl Trainer {
     /// Starts a training over `items` items from the given weights, or from random ones.
     ///
     /// # Errors
-    /// [`Error::Config`] when the configuration is out of range; [`Error::Unsupported`] without items.
+    /// [`Error::Config`] when the configuration is out of range; [`Error::Unsupported`] without items; those of
+    /// reading the weights that the loss needs.
     pub fn new(
         config: &TrainConfig,
         initial: Option<Parameters>,
@@ -82,7 +84,8 @@ impl Trainer {
             ));
         }
         let sampler = Sampler::new(config.seed, items, config.data.shuffle);
-        Ok(Self { config: config.clone(), device: backend.device().autodiff(), sampler, state })
+        let loss = Loss::new(&config.loss)?;
+        Ok(Self { config: config.clone(), device: backend.device().autodiff(), sampler, loss, state })
     }
 
     /// Number of steps done.
@@ -104,7 +107,7 @@ impl Trainer {
         let config = self.config.clone();
         let state = &self.state;
         let rate = learning_rate(&config.optimizer, &config.schedule, state.iteration);
-        let network = DiscNet::new(&config.architecture, &state.parameters, &self.device);
+        let network = Network::new(&config.architecture, &state.parameters, &self.device);
         let (mut total, mut gradients) = (0.0, Gradients::new());
         for part in 0..config.data.accumulate {
             let patches = self.draw(data, part)?;
@@ -142,11 +145,10 @@ impl Trainer {
     }
 
     /// The loss of a batch and its gradients.
-    fn differentiate(&self, network: &DiscNet, patches: &[Patch]) -> Result<(f64, Gradients)> {
+    fn differentiate(&self, network: &Network, patches: &[Patch]) -> Result<(f64, Gradients)> {
         let batch = Batch::new(network, patches, &self.device)?;
         let restored = network.forward(batch.degraded, batch.codes);
-        let loss = loss(restored, batch.ground_truth, &self.config.loss);
-        let value = f64::from(loss.clone().into_scalar::<f32>());
+        let (value, loss) = self.loss.of(restored, batch.ground_truth)?;
         let mut collect =
             Collect { gradients: loss.backward(), found: vec![None; self.state.parameters.len()] };
         network.visit(&mut collect);
@@ -187,7 +189,7 @@ struct Batch {
 }
 
 impl Batch {
-    fn new(network: &DiscNet, patches: &[Patch], device: &Device) -> Result<Self> {
+    fn new(network: &Network, patches: &[Patch], device: &Device) -> Result<Self> {
         let images = |of: fn(&Patch) -> &ToneMappedImage| {
             let (height, width) = (of(&patches[0]).height(), of(&patches[0]).width());
             let values: Vec<f32> = patches.iter().flat_map(|patch| of(patch).as_slice()).copied().collect();
@@ -200,7 +202,7 @@ impl Batch {
         })
     }
 
-    fn codes(network: &DiscNet, patches: &[Patch], device: &Device) -> Result<Option<Tensor<4>>> {
+    fn codes(network: &Network, patches: &[Patch], device: &Device) -> Result<Option<Tensor<4>>> {
         if !network.architecture().condition.uses_code() {
             return Ok(None);
         }

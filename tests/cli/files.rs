@@ -48,6 +48,19 @@ fn info_prints_json_that_a_script_can_use() {
 }
 
 #[test]
+fn info_tells_what_a_configured_network_costs() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = concat!(env!("CARGO_MANIFEST_DIR"), "/configs/sftmd.toml");
+    let text = succeed(folder.path(), &["info", config]);
+    for part in ["sftmd", "parameters    3844227", "2454.77 GMAC"] {
+        assert!(text.contains(part), "{text}");
+    }
+    std::fs::write(folder.path().join("other.toml"), "[display]\nkind = \"none\"\n").unwrap();
+    let message = fail(folder.path(), &["info", "other.toml"], 1);
+    assert!(message.contains("as a training's configuration") && message.contains("display"), "{message}");
+}
+
+#[test]
 fn info_goes_on_after_a_file_that_it_cannot_describe() {
     let folder = tempfile::tempdir().unwrap();
     let output = udc(folder.path(), &["info", &fixture("strings.npy"), &fixture("rgb8.png")]);

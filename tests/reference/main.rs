@@ -13,6 +13,8 @@ mod finish;
 mod formation;
 mod fusion;
 mod metrics;
+mod networks;
 mod panorama;
+mod perceptual;
 mod training;
 mod wiener;

@@ -7,7 +7,7 @@ use clap::Args;
 use ndarray::{Array1, Axis};
 
 use udc::codes::{interpolate_code, project};
-use udc::core::io::{bank_sha256, read_array, read_bank, read_psf};
+use udc::core::io::{bank_sha256, read_array, read_bank, read_bank_codes, read_psf};
 use udc::core::kernel_code::{KernelBank, KernelCode};
 use udc::network::Model;
 use udc::restore::Conditioning;
@@ -93,7 +93,7 @@ impl CodeArgs {
             }
             (None, Some(bank), Some(AngleArg::Degrees(angle)), _) => {
                 check_bank(bank, model, session)?;
-                interpolate_code(&read_bank(bank)?, angle)
+                interpolate_code(&read_bank_codes(bank)?, angle)
                     .with_context(|| format!("finding the code of {angle}° in {}", bank.display()))?
             }
             (None, Some(bank), None, Some(psf)) => {

@@ -217,7 +217,7 @@ impl Engine {
             bank.kernel_name(found.best),
             started.elapsed().as_secs_f64()
         );
-        Ok((Conditioning::Code(interpolate_code(bank, found.angle_deg)?), found_text))
+        Ok((Conditioning::Code(interpolate_code(&bank.to_codes(), found.angle_deg)?), found_text))
     }
 
     fn tiling(
@@ -230,7 +230,7 @@ impl Engine {
         let Some(tile) = tile else {
             return Ok(Tiling::within(height, width, self.max_memory, restorer)?);
         };
-        let tiling = Tiling::with_tile(height, width, tile)?;
+        let tiling = Tiling::with_tile(height, width, tile, restorer)?;
         self.require(tiling.bytes(restorer), [height, width])?;
         Ok(tiling)
     }
@@ -263,6 +263,14 @@ struct Beside<'a> {
 impl Restorer for Beside<'_> {
     fn window_bytes(&self, height: usize, width: usize) -> u64 {
         self.restorer.window_bytes(height, width) + self.bytes
+    }
+
+    fn halo(&self) -> usize {
+        self.restorer.halo()
+    }
+
+    fn alignment(&self) -> usize {
+        self.restorer.alignment()
     }
 
     fn restore(&self, image: &ToneMappedImage, top: usize, left: usize) -> Result<ToneMappedImage, Error> {

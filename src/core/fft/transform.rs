@@ -149,7 +149,7 @@ impl Transform {
                 }
             }
             let [a, b] = &scratch.real;
-            let samples = &mut scratch.complex[..self.width];
+            let samples = &mut scratch.pairs[..self.width];
             for ((z, &a), &b) in samples.iter_mut().zip(a).zip(b) {
                 *z = Complex64::new(a, b);
             }
@@ -185,13 +185,16 @@ impl Transform {
         );
         out.par_chunks_mut(BLOCK * window.width).enumerate().for_each_init(
             || self.lend_scratch(),
-            |scratch, (index, rows)| {
-                let scratch = &mut **scratch;
-                for (pair, rows) in rows.chunks_mut(2 * window.width).enumerate() {
-                    join_pair(&blocks, block_len, index * BLOCK + 2 * pair, &mut scratch.complex);
-                    let samples = &mut scratch.complex[..self.width];
+            |scratch, (index, out)| {
+                let (scratch, stride) = (&mut **scratch, self.width + 1);
+                let first = index * BLOCK;
+                let rows = first..first + out.len() / window.width;
+                join_pairs(&blocks, block_len, rows, &mut scratch.pairs, stride);
+                let pairs = scratch.pairs.chunks_exact_mut(stride);
+                for (pair, out) in pairs.zip(out.chunks_mut(2 * window.width)) {
+                    let samples = &mut pair[..self.width];
                     self.along_rows.inverse.process_with_scratch(samples, &mut scratch.fft);
-                    self.keep_pair(&samples[window.left..], window.width, rows);
+                    self.keep_pair(&samples[window.left..], window.width, out);
                 }
             },
         );
@@ -226,8 +229,8 @@ impl Transform {
 struct Scratch {
     /// Two rows.
     real: [Vec<f64>; 2],
-    /// Both as one, with one place more for [`join_pair`].
-    complex: Vec<Complex64>,
+    /// The rows of a block, each two as one, with the places that [`join_pairs`] wants.
+    pairs: Vec<Complex64>,
     /// The columns of a block.
     columns: Vec<Complex64>,
     fft: Vec<Complex64>,
@@ -238,7 +241,7 @@ impl Scratch {
         let fft_len = transform.along_rows.scratch_len().max(transform.along_columns.scratch_len());
         Self {
             real: [vec![0.0; transform.width], vec![0.0; transform.width]],
-            complex: vec![Complex64::default(); transform.width + 1],
+            pairs: vec![Complex64::default(); BLOCK / 2 * (transform.width + 1)],
             columns: vec![Complex64::default(); BLOCK * transform.height],
             fft: vec![Complex64::default(); fft_len],
         }
@@ -274,24 +277,33 @@ fn transpose(columns: &[Complex64], stride: usize, block: &mut [Complex64]) {
     }
 }
 
-/// Joins the half spectra A and B of rows `row` and `row + 1` to that of the complex row a + ib:
-/// `Z[k] = A + iB` and `Z[−k] = conj(A − iB)`. Beyond the last row, B repeats A.
+/// Joins the half spectra A and B of each two of `rows` to that of the complex row a + ib: `Z[k] = A + iB` and
+/// `Z[−k] = conj(A − iB)`. Where the last row is alone, B repeats A.
 ///
-/// `z` has one place more than samples, so that Z[−0] has somewhere to go.
-fn join_pair(blocks: &[Complex64], block_len: usize, row: usize, z: &mut [Complex64]) {
-    let n = z.len() - 1;
+/// The spectra stand `stride` apart in `zs`, one place more than samples, so that Z[−0] has somewhere to go. All
+/// rows together read each block in one piece.
+fn join_pairs(
+    blocks: &[Complex64],
+    block_len: usize,
+    rows: Range<usize>,
+    zs: &mut [Complex64],
+    stride: usize,
+) {
+    let n = stride - 1;
     let columns = n / 2 + 1;
-    let second = if (row + 2) * BLOCK <= block_len { row + 1 } else { row };
     for (block, start) in blocks.chunks_exact(block_len).zip((0..columns).step_by(BLOCK)) {
         let count = BLOCK.min(columns - start);
-        let a = &block[row * BLOCK..][..count];
-        let b = &block[second * BLOCK..][..count];
-        for ((z, a), b) in z[start..].iter_mut().zip(a).zip(b) {
-            *z = Complex64::new(a.re - b.im, a.im + b.re);
-        }
-        let mirrored = z[..=n - start].iter_mut().rev();
-        for ((z, a), b) in mirrored.zip(a).zip(b) {
-            *z = Complex64::new(a.re + b.im, b.re - a.im);
+        for (z, row) in zs.chunks_exact_mut(stride).zip(rows.clone().step_by(2)) {
+            let a = &block[row * BLOCK..][..count];
+            let second = if row + 1 < rows.end { row + 1 } else { row };
+            let b = &block[second * BLOCK..][..count];
+            for ((z, a), b) in z[start..].iter_mut().zip(a).zip(b) {
+                *z = Complex64::new(a.re - b.im, a.im + b.re);
+            }
+            let mirrored = z[..=n - start].iter_mut().rev();
+            for ((z, a), b) in mirrored.zip(a).zip(b) {
+                *z = Complex64::new(a.re + b.im, b.re - a.im);
+            }
         }
     }
 }

@@ -2,10 +2,13 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
+use std::fs::File;
+use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use ndarray::{Array, Array1, Array2, Array3, Dimension};
-use safetensors::SafeTensors;
+use safetensors::tensor::Metadata;
+use safetensors::{Dtype, SafeTensors};
 use sha2::{Digest, Sha256};
 
 use super::array::write_array;
@@ -14,7 +17,7 @@ use super::container::{TensorData, encode_safetensors, floats, le_bytes, metadat
 use super::format::read_all;
 use super::{WriteOptions, write_psf};
 use crate::core::error::{Error, Result};
-use crate::core::kernel_code::{CodeBasis, KernelBank};
+use crate::core::kernel_code::{BankCodes, CodeBasis, KernelBank};
 use crate::core::psf::{Psf, hex};
 
 /// What the metadata of a kernel bank calls it.
@@ -75,12 +78,103 @@ pub fn write_published_bank(folder: &Path, name: &str, bank: &KernelBank, overwr
     Ok(())
 }
 
-/// SHA-256 of a bank's file, in hexadecimal: how other files refer to it.
+/// The identity of a bank, by which other files refer to it: SHA-256 of its header and codes, in hexadecimal.
+/// The header holds the PSFs' own hash, so that a large bank is identified without being read.
 ///
 /// # Errors
-/// [`Error::Io`] when the file cannot be read.
+/// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is no bank.
 pub fn bank_sha256(path: &Path) -> Result<String> {
-    Ok(hex(&Sha256::digest(read_all(path)?)))
+    let head = open(path).and_then(|file| Head::read(file).map_err(|reason| Error::format(path, reason)))?;
+    Ok(head.sha256())
+}
+
+/// As [`bank_sha256`], of a bank's bytes.
+///
+/// # Panics
+/// When the bytes are none of [`encode_bank`].
+pub fn bank_sha256_of(bytes: &[u8]) -> String {
+    Head::read(Cursor::new(bytes)).expect("encoded banks have a head").sha256()
+}
+
+/// Reads the codes of a bank without its PSFs.
+///
+/// # Errors
+/// Those of [`read_bank`], as far as they concern what is read.
+pub fn read_bank_codes(path: &Path) -> Result<BankCodes> {
+    let parse = |head: Head| {
+        check_kind(&head.metadata)?;
+        let codes = Array2::from_shape_vec((head.shape[0], head.shape[1]), head.values()?)
+            .map_err(|error| error.to_string())?;
+        BankCodes::new(codes, angles(&head.metadata)?).map_err(|error| error.to_string())
+    };
+    let head = Head::read(open(path)?);
+    head.and_then(parse).map_err(|reason| Error::format(path, reason))
+}
+
+fn open(path: &Path) -> Result<File> {
+    File::open(path).map_err(|source| Error::io("open", path, source))
+}
+
+/// The header of a bank and the bytes of its codes.
+struct Head {
+    header: Vec<u8>,
+    metadata: HashMap<String, String>,
+    shape: [usize; 2],
+    codes: Vec<u8>,
+}
+
+/// The most bytes that a header may declare, far above what a bank needs.
+const LONGEST_HEADER: u64 = 1 << 20;
+
+/// The most numbers that codes may have.
+const MOST_CODES: usize = 1 << 20;
+
+impl Head {
+    fn read(mut file: impl Read + Seek) -> Result<Self, String> {
+        let mut length = [0; 8];
+        let unreadable = |error: std::io::Error| format!("is no kernel bank: {error}");
+        file.read_exact(&mut length).map_err(unreadable)?;
+        let declared = u64::from_le_bytes(length);
+        if declared > LONGEST_HEADER {
+            return Err("is no kernel bank: its header is too long".into());
+        }
+        let mut header = length.to_vec();
+        file.by_ref().take(declared).read_to_end(&mut header).map_err(unreadable)?;
+        let table: Metadata = serde_json::from_slice(&header[length.len()..])
+            .map_err(|error| format!("is no safetensors file: {error}"))?;
+        let metadata = table.metadata().clone().unwrap_or_default();
+        let codes = table.info("codes").ok_or("has no tensor `codes`")?;
+        let [count, dim] = codes.shape[..] else {
+            return Err(format!("tensor `codes` has shape {:?}; expected two axes", codes.shape));
+        };
+        if codes.dtype != Dtype::F32 || count.saturating_mul(dim) > MOST_CODES {
+            return Err(format!(
+                "tensor `codes` is {:?} of {:?}; expected codes in F32",
+                codes.shape, codes.dtype
+            ));
+        }
+        let start = (header.len() + codes.data_offsets.0) as u64;
+        file.seek(SeekFrom::Start(start)).map_err(unreadable)?;
+        let mut bytes = vec![0; count * dim * size_of::<f32>()];
+        file.read_exact(&mut bytes).map_err(|_| "is damaged: it ends within its codes")?;
+        Ok(Self { header, metadata, shape: [count, dim], codes: bytes })
+    }
+
+    fn sha256(&self) -> String {
+        let mut hash = Sha256::new();
+        hash.update(&self.header);
+        hash.update(&self.codes);
+        hex(&hash.finalize())
+    }
+
+    fn values(&self) -> Result<Vec<f32>, String> {
+        let (elements, _) = self.codes.as_chunks::<4>();
+        let values: Vec<f32> = elements.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect();
+        if values.iter().any(|value| !value.is_finite()) {
+            return Err("tensor `codes` holds a NaN or an infinity".into());
+        }
+        Ok(values)
+    }
 }
 
 fn parse(bytes: &[u8]) -> Result<KernelBank, String> {

@@ -31,7 +31,9 @@ use super::psf::Psf;
 
 pub use array::{read_array, write_array};
 pub use atomic::{check_output, write_atomically};
-pub use bank::{bank_sha256, encode_bank, read_bank, write_bank, write_published_bank};
+pub use bank::{
+    bank_sha256, bank_sha256_of, encode_bank, read_bank, read_bank_codes, write_bank, write_published_bank,
+};
 pub use container::{TensorData, write_safetensors};
 pub use describe::{
     ArrayDescription, BankDescription, Description, ImageDescription, ModelDescription, PsfChannel,

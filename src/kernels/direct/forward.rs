@@ -6,6 +6,9 @@ use crate::kernels::rows::Rows;
 use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines};
 use crate::kernels::simd::{Isa, Kernel, Simd, load_strided};
 
+/// The largest side of a convolution: AlexNet's first layer has it.
+pub(crate) const MOST_SIDE: usize = 11;
+
 /// The extent of a convolution: zero padding of half the side, rounded down.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Geometry {
@@ -13,9 +16,9 @@ pub struct Geometry {
     pub inputs: usize,
     /// Channels written.
     pub outputs: usize,
-    /// Rows and columns of the weights: 1 or 3.
+    /// Rows and columns of the weights: odd, up to 11.
     pub side: usize,
-    /// Pixels from one output to the next: 1 or 2.
+    /// Pixels from one output to the next.
     pub stride: usize,
 }
 
@@ -104,12 +107,14 @@ impl Kernel for OutputRows<'_> {
         let edge = scratch.take(side * edge_row);
         for row in 0..output.len() / row_len {
             let top = ((first + row) * stride).cast_signed() - (side / 2).cast_signed();
-            let rows: [Option<&[f32]>; 3] =
-                std::array::from_fn(|k| if k < side { input.row(top + k.cast_signed()) } else { None });
+            let mut rows: [Option<&[f32]>; MOST_SIDE] = [None; MOST_SIDE];
+            for (k, row) in rows.iter_mut().enumerate().take(side) {
+                *row = input.row(top + k.cast_signed());
+            }
             let at = row * row_len;
             let mut line = Line { weights, rows, width, edge, edge_row, output, at };
             // SAFETY: `rows` are whole rows of the input, `output` holds one output row from `at`, and the
-            // edge buffer three runs of the most pixels that a register tile sees.
+            // edge buffer `side` runs of the most pixels that a register tile sees.
             unsafe { with_register_tile!(S, weights.vectors, output_line(simd, finish, &mut line)) };
         }
     }
@@ -118,7 +123,7 @@ impl Kernel for OutputRows<'_> {
 /// One output row and what it is computed from.
 struct Line<'a, 'b> {
     weights: &'a Weights,
-    rows: [Option<&'a [f32]>; 3],
+    rows: [Option<&'a [f32]>; MOST_SIDE],
     /// Columns of the input.
     width: usize,
     edge: &'b mut [f32],
@@ -184,7 +189,7 @@ impl Line<'_, '_> {
         let Geometry { inputs, side, stride, .. } = self.weights.geometry;
         let left = (x * stride).cast_signed() - (side / 2).cast_signed();
         let columns = (tile - 1) * stride + side;
-        for (k, row) in self.rows.iter().enumerate() {
+        for (k, row) in self.rows.iter().take(side).enumerate() {
             if let Some(row) = row {
                 let to = &mut self.edge[k * self.edge_row..][..columns * inputs];
                 copy_columns(row, left, inputs, to);

@@ -4,7 +4,7 @@
 //! In NHWC the three (or one) pixels that an output sees in one input row are one run of `3 · inputs` floats.
 //! A register tile takes several neighbouring outputs of a row; each of its rows walks such a run, `stride`
 //! pixels from its neighbour's, against weights packed `[panel][row][column · input][output of the panel]`.
-//! [`forward`] does that; [`weight_gradient`] multiplies the same runs with the outputs' gradients;
+//! [`forward`] does that, [`few_outputs`] with vectors of inputs where outputs would not fill one; [`weight_gradient`] multiplies the same runs with the outputs' gradients;
 //! [`input_gradient`] is the transposed convolution of stride 2, sorted by the parity of rows and columns.
 //!
 //! # Borders
@@ -14,6 +14,7 @@
 //! # Error
 //! Sums of `9 · inputs` products in order: about 1e-6 of the largest output at 32 inputs.
 
+pub(crate) mod few_outputs;
 pub(crate) mod forward;
 pub(crate) mod input_gradient;
 pub(crate) mod weight_gradient;

@@ -58,6 +58,9 @@ pub(crate) trait Simd: Copy + Send + Sync + 'static {
     /// Takes `value` where `sign > 0` and `slope · value` elsewhere: with `sign = value` a leaky rectifier
     /// of any slope, with another `sign` its derivative.
     fn leak(self, sign: Self::Vector, value: Self::Vector, slope: Self::Vector) -> Self::Vector;
+
+    /// Adds the lanes, in a tree.
+    fn sum(self, a: Self::Vector) -> f32;
 }
 
 /// Reads `N` vectors whose starts lie `stride` apart.
@@ -216,6 +219,7 @@ mod tests {
                 let v = simd.load(&from, 1);
                 let leaked = simd.leak(v, v, simd.splat(0.5));
                 simd.store(&mut to, 0, simd.sub_mul(simd.splat(1.0), leaked, simd.splat(2.0)));
+                to.push(simd.sum(leaked));
             }
             to
         }
@@ -228,8 +232,9 @@ mod tests {
                 let v = i as f32 - 1.0;
                 1.0 - 2.0 * if v > 0.0 { v } else { 0.5 * v }
             };
-            let found = isa.run(Probe);
-            assert_eq!(found, (0..isa.lanes()).map(expected).collect::<Vec<_>>(), "{}", isa.name());
+            let mut expected: Vec<_> = (0..isa.lanes()).map(expected).collect();
+            expected.push(expected.iter().map(|value| (1.0 - value) / 2.0).sum());
+            assert_eq!(isa.run(Probe), expected, "{}", isa.name());
         }
     }
 

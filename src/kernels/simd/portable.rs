@@ -64,4 +64,9 @@ impl Simd for Portable {
     fn leak(self, sign: [f32; 4], value: [f32; 4], slope: [f32; 4]) -> [f32; 4] {
         lanes(|i| if sign[i] > 0.0 { value[i] } else { slope[i] * value[i] })
     }
+
+    #[inline(always)]
+    fn sum(self, a: [f32; 4]) -> f32 {
+        (a[0] + a[2]) + (a[1] + a[3])
+    }
 }

@@ -13,6 +13,7 @@
 //! and lays the windows out once; it is known before the run. It grows with the image's width, not with its
 //! height.
 
+mod pixelwise;
 mod plan;
 mod run;
 
@@ -21,6 +22,7 @@ pub use run::Source;
 
 use super::convolution::Convolution;
 use super::dynamic_filter::DynamicFilter;
+use pixelwise::Pixelwise;
 
 /// A tensor of a network under construction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,6 +52,7 @@ struct Step {
 enum Operation {
     Convolution { convolution: Convolution, input: Tensor, slope: f32, add: Option<Tensor> },
     DynamicFilter { filter: DynamicFilter, condition: Tensor, features: Tensor },
+    Pixelwise { function: Pixelwise, inputs: Vec<Tensor> },
 }
 
 impl Network {
@@ -97,6 +100,47 @@ impl Network {
         assert_eq!(spec.channels, filter.channels(), "channels that a dynamic filter reads");
         let output = self.tensor(spec);
         self.steps.push(Step { operation: Operation::DynamicFilter { filter, condition, features }, output });
+        output
+    }
+
+    /// Appends the concatenation of two tensors' channels.
+    ///
+    /// # Panics
+    /// When the tensors have different sides.
+    pub fn concatenate(&mut self, first: Tensor, second: Tensor) -> Tensor {
+        let channels = self.tensors[first.0].channels + self.tensors[second.0].channels;
+        self.pixelwise(Pixelwise::Concatenate, vec![first, second], channels)
+    }
+
+    /// Appends the sum of two tensors.
+    ///
+    /// # Panics
+    /// When the tensors have different sides or channels.
+    pub fn add(&mut self, first: Tensor, second: Tensor) -> Tensor {
+        let channels = self.tensors[first.0].channels;
+        assert_eq!(self.tensors[second.0].channels, channels, "channels of tensors that are added");
+        self.pixelwise(Pixelwise::Add, vec![first, second], channels)
+    }
+
+    /// Appends `leak(x · sigmoid(scale) + offset)`, the leaky rectifier having slope `slope` (1 for none).
+    ///
+    /// # Panics
+    /// When the tensors have different sides or channels.
+    pub fn modulate(&mut self, x: Tensor, scale: Tensor, offset: Tensor, slope: f32) -> Tensor {
+        let channels = self.tensors[x.0].channels;
+        for other in [scale, offset] {
+            assert_eq!(self.tensors[other.0].channels, channels, "channels of what modulates a tensor");
+        }
+        self.pixelwise(Pixelwise::Modulate { slope }, vec![x, scale, offset], channels)
+    }
+
+    fn pixelwise(&mut self, function: Pixelwise, inputs: Vec<Tensor>, channels: usize) -> Tensor {
+        let reduction = self.tensors[inputs[0].0].reduction;
+        for input in &inputs {
+            assert_eq!(self.tensors[input.0].reduction, reduction, "sides of tensors joined pixel by pixel");
+        }
+        let output = self.tensor(TensorSpec { channels, reduction });
+        self.steps.push(Step { operation: Operation::Pixelwise { function, inputs }, output });
         output
     }
 

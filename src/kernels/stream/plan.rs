@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use super::{Network, Operation, Step, Tensor};
 use crate::kernels::convolution::BLOCK_ROWS;
+use crate::kernels::scratch::whole_lines;
 
 /// Rows that windows come in: those of a shuffled block, so that every block lies in one piece.
 pub(super) const WINDOW_UNIT: usize = 2 * BLOCK_ROWS;
@@ -11,8 +12,15 @@ pub(super) const WINDOW_UNIT: usize = 2 * BLOCK_ROWS;
 /// Input rows per portion for up to two threads: two rows of tiles at a quarter of the resolution.
 const PORTION: usize = 32;
 
-/// Input pixels per portion at least: portions of narrow images are higher, so that strips are filled.
+/// Input pixels per portion at least: portions of narrow images are higher, so that batches are filled.
 const PORTION_PIXELS: usize = 1 << 14;
+
+/// Sides of the input per side of a step from which on it waits for two portions: weights of coarse steps
+/// exceed the second-level cache and are read from afar each time.
+const COARSE: usize = 4;
+
+/// Floats between windows: five cache lines.
+const SKEW: usize = 80;
 
 /// The windows of all tensors for one size of image.
 pub struct Plan<'a> {
@@ -46,8 +54,23 @@ impl<'a> Plan<'a> {
 
     /// Bytes that all windows take.
     pub fn bytes(&self) -> usize {
-        let tensors = (0..self.windows.len()).map(Tensor);
-        tensors.map(|t| self.windows[t.0] * self.row_len(t)).sum::<usize>() * size_of::<f32>()
+        self.arena_len() * size_of::<f32>()
+    }
+
+    /// Floats that all windows take, one after another.
+    pub(super) fn arena_len(&self) -> usize {
+        (0..self.windows.len()).map(|t| self.window_space(Tensor(t))).sum()
+    }
+
+    /// Floats of a tensor's window.
+    pub(super) fn window_len(&self, tensor: Tensor) -> usize {
+        self.windows[tensor.0] * self.row_len(tensor)
+    }
+
+    /// The same up to where the next window begins: on a cache line, and never at the same place of a page,
+    /// so that streams through several windows fall on different cache sets.
+    pub(super) fn window_space(&self, tensor: Tensor) -> usize {
+        whole_lines(self.window_len(tensor)) + SKEW
     }
 
     /// Rows of a tensor.
@@ -94,23 +117,35 @@ pub(super) struct Rows<'a> {
     pub(super) computed: Vec<usize>,
     /// Rows that each step has computed, before shuffling.
     done: Vec<usize>,
+    /// Input rows fed.
     fed: usize,
+    /// Portions begun.
+    portions: usize,
 }
 
 impl<'a> Rows<'a> {
     pub(super) fn new(plan: &'a Plan<'a>) -> Self {
         let network = plan.network;
-        Self { plan, computed: vec![0; network.tensors.len()], done: vec![0; network.steps.len()], fed: 0 }
+        Self {
+            plan,
+            computed: vec![0; network.tensors.len()],
+            done: vec![0; network.steps.len()],
+            fed: 0,
+            portions: 0,
+        }
     }
 
-    /// The input rows to feed next, if there are any.
+    /// The input rows to feed next, none once all are; nothing when the last step has computed its last row.
     pub(super) fn next_portion(&mut self) -> Option<Range<usize>> {
+        let last = self.plan.network.steps.last()?.output;
         let start = self.fed;
         self.fed = (start + self.plan.portion).min(self.plan.height);
-        (start < self.fed).then_some(start..self.fed)
+        self.portions += 1;
+        (self.computed[last.0] < self.plan.height_of(last)).then_some(start..self.fed)
     }
 
-    /// The rows that a step can compute now, before shuffling; counts them as computed.
+    /// The rows that a step computes now, before shuffling: what its inputs allow, but no more than a portion,
+    /// so that the last steps do not catch up all at once when the input ends. Counts them as computed.
     pub(super) fn advance(&mut self, step: usize) -> Range<usize> {
         let Step { operation, output } = &self.plan.network.steps[step];
         let height = self.plan.height_of(*output);
@@ -130,7 +165,15 @@ impl<'a> Rows<'a> {
             Operation::DynamicFilter { filter, condition, features } => {
                 (self.computed[condition.0].min(ready(*features, filter.size() / 2)), height, 1)
             }
+            Operation::Pixelwise { inputs, .. } => {
+                let computed = inputs.iter().map(|input| self.computed[input.0]);
+                (computed.min().unwrap_or(0), height, 1)
+            }
         };
+        let period = if self.plan.height / height < COARSE { 1 } else { 2 };
+        let is_due = self.portions.is_multiple_of(period) || self.fed == self.plan.height;
+        let most = if is_due { period * self.plan.portion * height / self.plan.height } else { 0 };
+        let rows = rows.min(self.done[step] + most);
         let rows = if rows >= height { height } else { rows / BLOCK_ROWS * BLOCK_ROWS };
         let start = std::mem::replace(&mut self.done[step], rows);
         self.computed[output.0] = rows * factor;
@@ -158,6 +201,11 @@ impl<'a> Rows<'a> {
                     }
                     if *features == tensor {
                         oldest = oldest.min(done.saturating_sub(filter.size() / 2));
+                    }
+                }
+                Operation::Pixelwise { inputs, .. } => {
+                    if inputs.contains(&tensor) {
+                        oldest = oldest.min(done);
                     }
                 }
             }

@@ -2,13 +2,15 @@
 
 use std::ops::Range;
 
+use rayon::prelude::*;
+
 use super::plan::{Rows as Schedule, WINDOW_UNIT};
 use super::{Operation, Plan, Tensor};
 use crate::kernels::convolution::{BLOCK_ROWS, RowBlock};
 use crate::kernels::dynamic_filter::FilterBlock;
 use crate::kernels::finish::Finish;
 use crate::kernels::rows::Rows;
-use crate::kernels::scratch::AlignedBuffer;
+use crate::kernels::scratch::{AlignedBuffer, Scratch};
 
 /// Writes one input row, given its number: `width · channels` floats.
 pub type Source<'a> = &'a dyn Fn(usize, &mut [f32]);
@@ -30,14 +32,14 @@ impl Plan<'_> {
     ) -> Result<(), E> {
         let network = self.network;
         assert_eq!(sources.len(), network.inputs.len(), "sources for the network's inputs");
-        let window = |t: usize| AlignedBuffer::zeros(self.windows[t] * self.row_len(Tensor(t)));
-        let mut windows: Vec<AlignedBuffer> = (0..network.tensors.len()).map(window).collect();
+        let mut arena = AlignedBuffer::zeros(self.arena_len());
+        let mut windows = self.lay_out(&mut arena);
         let mut schedule = Schedule::new(self);
         while let Some(portion) = schedule.next_portion() {
             proceed(portion.start)?;
             for (input, source) in network.inputs.iter().zip(sources) {
                 let row_len = self.row_len(*input);
-                let window = windows[input.0].as_mut_slice();
+                let window = &mut *windows[input.0];
                 for y in portion.clone() {
                     source(y, &mut window[y % self.windows[input.0] * row_len..][..row_len]);
                 }
@@ -47,10 +49,10 @@ impl Plan<'_> {
                 let rows = schedule.advance(s);
                 let is_last = s + 1 == network.steps.len();
                 // Out of the list while it is written, so that the others can be read.
-                let mut output = std::mem::take(&mut windows[step.output.0]);
-                self.compute(s, rows.clone(), output.as_mut_slice(), &windows);
+                let output = std::mem::take(&mut windows[step.output.0]);
+                self.compute(s, rows.clone(), output, &windows);
                 if is_last {
-                    self.hand_out(step.output, rows, output.as_slice(), &mut sink);
+                    self.hand_out(step.output, rows, output, &mut sink);
                 }
                 windows[step.output.0] = output;
             }
@@ -58,11 +60,18 @@ impl Plan<'_> {
         Ok(())
     }
 
+    /// Cuts the arena into the windows of all tensors.
+    fn lay_out<'a>(&self, arena: &'a mut AlignedBuffer) -> Vec<&'a mut [f32]> {
+        let mut scratch = Scratch::of(arena);
+        let mut window = |t| &mut scratch.take(self.window_space(Tensor(t)))[..self.window_len(Tensor(t))];
+        (0..self.windows.len()).map(&mut window).collect()
+    }
+
     /// Computes some rows of a step, in blocks.
-    fn compute(&self, step: usize, rows: Range<usize>, output: &mut [f32], windows: &[AlignedBuffer]) {
+    fn compute(&self, step: usize, rows: Range<usize>, output: &mut [f32], windows: &[&mut [f32]]) {
         let step = &self.network.steps[step];
         let row_len = self.row_len(step.output);
-        let view = |t: Tensor| Rows::window(windows[t.0].as_slice(), self.windows[t.0], self.height_of(t));
+        let view = |t: Tensor| Rows::window(windows[t.0], self.windows[t.0], self.height_of(t));
         match &step.operation {
             Operation::Convolution { convolution, input, slope, add } => {
                 let factor = convolution.factor();
@@ -70,7 +79,7 @@ impl Plan<'_> {
                 let finish = |first: usize, len: usize| {
                     let Some(add) = add else { return Finish::Leak(*slope) };
                     let start = first * factor % self.windows[add.0] * row_len;
-                    Finish::LeakThenAdd(*slope, &windows[add.0].as_slice()[start..start + len])
+                    Finish::LeakThenAdd(*slope, &windows[add.0][start..start + len])
                 };
                 let block = |Block { first, rows, output }| {
                     let len = rows * factor * row_len;
@@ -93,6 +102,18 @@ impl Plan<'_> {
                 };
                 let blocks = blocks(rows, output, BLOCK_ROWS * row_len);
                 filter.compute(blocks.into_iter().map(block).collect());
+            }
+            Operation::Pixelwise { function, inputs } => {
+                let views: Vec<Rows<'_>> = inputs.iter().map(|&input| view(input)).collect();
+                let channels = |t: &Tensor| self.network.tensors[t.0].channels;
+                let channels: Vec<usize> = inputs.iter().map(channels).collect();
+                blocks(rows, output, BLOCK_ROWS * row_len).into_par_iter().for_each(|block| {
+                    for (y, row) in block.output.chunks_exact_mut(row_len).take(block.rows).enumerate() {
+                        let y = (block.first + y).cast_signed();
+                        let rows: Vec<&[f32]> = views.iter().map(|view| view.nearest_row(y)).collect();
+                        function.apply(&rows, &channels, row);
+                    }
+                });
             }
         }
     }
@@ -162,7 +183,8 @@ mod tests {
         }
     }
 
-    /// A small U-Net with everything in it: residual block, stride, up-convolution with skip, filter.
+    /// A small U-Net with everything in it: residual block, stride, up-convolution with skip, filter, large
+    /// convolution, modulation by two halves of a concatenation.
     fn network() -> Network {
         let mut layers = Layers { values: Values::new(1) };
         let stride_two = Geometry { inputs: CHANNELS, outputs: 2 * CHANNELS, side: 3, stride: 2 };
@@ -179,6 +201,11 @@ mod tests {
             (layers.convolution(same(2 * CHANNELS)), layers.convolution(same(2 * CHANNELS)));
         let coarse = network.res_block(coarse, first, second, 0.2);
         let fine = network.convolution(coarse, layers.up(), 0.2, Some(filtered));
+        let joined = network.concatenate(fine, image);
+        let large = Geometry { inputs: CHANNELS + 3, outputs: CHANNELS, side: 9, stride: 1 };
+        let scale = network.convolution(joined, layers.convolution(large), 0.2, None);
+        let fine = network.modulate(fine, scale, refined, 0.0);
+        let fine = network.add(fine, refined);
         let last = layers.convolution(Geometry::three_by_three(CHANNELS, 3));
         network.convolution(fine, last, 0.2, Some(image));
         network

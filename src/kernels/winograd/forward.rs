@@ -1,17 +1,17 @@
-//! Inputs and transformed weights to outputs, one strip of tiles at a time.
+//! Inputs and transformed weights to outputs, one batch of tiles at a time.
 //!
 //! # Layout
 //! Transformed weights are `[panel][point 6×6][input][output of the panel]`, a panel being as many outputs as
-//! a register tile has columns, so that a product reads them in one run. Between the steps values lie as
-//! `[point][tile row][column][channel]`, then `[point][tile][channel]`; rows of buffers are a cache line
-//! longer than needed, because strides of a power of two make the six streams of a transform fall on the
-//! same cache sets.
+//! a register tile has columns, so that a product reads them in one run. Transformed inputs and products lie
+//! as `[point][tile][channel]`; the 36 parts are a cache line longer than needed, because strides of a power
+//! of two make the streams of a transform fall on the same cache sets.
 //!
 //! # Sizes
-//! A strip is [`strip_tiles`] tiles. At 32 channels 24 tiles keep each product's operands in the first-level
-//! cache; at 128 the transformed weights (2.4 MB) no longer fit the second level, and 54 tiles (nine register
-//! tiles of six rows) reuse each of them often enough. Images narrower than a strip put several rows of tiles
-//! into one.
+//! Both transforms of a tile stay in registers and the top of the stack, one vector of channels at a time.
+//! What lies between them takes `36 · tiles · channels` floats: 24 tiles at 32 channels 110 KB, twice, which
+//! the second-level cache holds beside the weights. At 128 channels the weights (2.4 MB) exceed that cache,
+//! and 48 tiles reuse each of them often enough. Batches count tiles along all rows of a task, so that narrow
+//! images fill them too.
 
 use rayon::prelude::*;
 
@@ -40,18 +40,23 @@ pub(crate) fn applies(isa: Isa, inputs: usize, outputs: usize) -> bool {
     inputs.is_multiple_of(isa.lanes()) && outputs.is_multiple_of(isa.lanes())
 }
 
-/// How many tiles make a strip.
-fn strip_tiles(channels: usize) -> usize {
+/// How many tiles a batch has at most.
+fn most_tiles(channels: usize) -> usize {
     match channels {
-        0..=48 => 24,
-        49..=96 => 36,
-        _ => 54,
+        0..=96 => 24,
+        _ => 48,
     }
+}
+
+/// How many tiles make a batch of a task of `tiles`: equal shares, but whole register tiles.
+fn tiles_per_batch(weights: &Weights, tiles: usize) -> usize {
+    let most = most_tiles(weights.inputs.max(weights.outputs));
+    tiles.div_ceil(tiles.div_ceil(most)).next_multiple_of(MOST_ROWS)
 }
 
 /// How many rows of tiles of an image `width` wide one task should be given.
 pub(crate) fn rows_per_task(weights: &Weights, width: usize) -> usize {
-    (strip_tiles(weights.inputs.max(weights.outputs)) / width.div_ceil(TILE)).max(1)
+    (most_tiles(weights.inputs.max(weights.outputs)) / width.div_ceil(TILE)).max(1)
 }
 
 impl Weights {
@@ -165,231 +170,227 @@ impl Kernel for TileRows<'_, '_> {
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
         let Self { weights, width, order, rows } = self;
-        let tiles_across = width.div_ceil(TILE);
-        let most = (strip_tiles(weights.inputs.max(weights.outputs)) / rows.len()).clamp(1, tiles_across);
-        // Strips of equal length: a short one at the end would waste most of a register tile.
-        let length = tiles_across.div_ceil(tiles_across.div_ceil(most));
-        let sizes = Sizes::new(weights, rows.len(), length);
+        let across = width.div_ceil(TILE);
+        let tiles = across * rows.len();
+        let batch = tiles_per_batch(weights, tiles);
+        let sizes = Sizes::new(weights, batch, width);
         let mut lent = lend(sizes.total());
         let mut scratch = lent.scratch();
         let mut buffers = Buffers {
-            vertical: scratch.take(POINTS * sizes.vertical),
-            inputs: scratch.take(POINTS * sizes.inputs),
-            products: scratch.take(POINTS * sizes.products),
-            sums: scratch.take(POINTS * sizes.sums),
+            inputs: scratch.take(POINTS * POINTS * sizes.inputs),
+            products: scratch.take(POINTS * POINTS * sizes.products),
+            patch: scratch.take(sizes.patch),
             zeros: scratch.take(sizes.zeros),
         };
         buffers.zeros.fill(0.0);
-        for first in (0..tiles_across).step_by(length) {
-            let tiles = length.min(tiles_across - first);
-            let strip = Strip { weights, width, order, first, tiles, rows: rows.len(), sizes };
-            // SAFETY: the buffers have the sizes that `Sizes` gives for strips of up to `length` tiles.
-            unsafe { strip.compute(simd, rows, &mut buffers) };
+        let place = Placement::new(order, width, weights.outputs);
+        for first in (0..tiles).step_by(batch) {
+            let count = batch.min(tiles - first);
+            let batch = Batch { weights, width, across, first, count, sizes, place };
+            // SAFETY: the buffers have the sizes that `Sizes` gives for batches of up to `batch` tiles.
+            unsafe { batch.compute(simd, rows, &mut buffers) };
         }
     }
 }
 
-/// Distances between the six parts of each buffer, in floats.
+/// Distances between the 36 parts of the first two buffers, and the lengths of the others, in floats.
 #[derive(Clone, Copy)]
 struct Sizes {
-    vertical_row: usize,
-    vertical: usize,
     inputs: usize,
     products: usize,
-    sums_row: usize,
-    sums: usize,
+    patch: usize,
     zeros: usize,
 }
 
 impl Sizes {
-    fn new(weights: &Weights, rows: usize, tiles: usize) -> Self {
+    fn new(weights: &Weights, tiles: usize, width: usize) -> Self {
         const SKEW: usize = 16;
-        let columns = tiles * TILE + POINTS - TILE;
-        let vertical_row = whole_lines(columns * weights.inputs) + SKEW;
-        let sums_row = whole_lines(tiles * TILE * weights.outputs) + SKEW;
-        let padded_tiles = rows * tiles + MOST_ROWS;
+        let padded_tiles = tiles + MOST_ROWS;
         Self {
-            vertical_row,
-            vertical: rows * vertical_row,
             inputs: whole_lines(padded_tiles * weights.inputs) + SKEW,
             products: whole_lines(padded_tiles * weights.outputs) + SKEW,
-            sums_row,
-            sums: rows * sums_row,
-            zeros: whole_lines(columns * weights.inputs),
+            patch: whole_lines(POINTS * POINTS * weights.inputs),
+            zeros: whole_lines(width * weights.inputs),
         }
     }
 
     fn total(&self) -> usize {
-        POINTS * (self.vertical + self.inputs + self.products + self.sums) + self.zeros
+        POINTS * POINTS * (self.inputs + self.products) + self.patch + self.zeros
     }
 }
 
-/// What lies between the steps; each but `zeros` in six parts.
+/// What lies between the steps.
 struct Buffers<'a> {
-    vertical: &'a mut [f32],
+    /// Transformed inputs, `[point][tile][input]`.
     inputs: &'a mut [f32],
+    /// Their products with the weights, `[point][tile][output]`.
     products: &'a mut [f32],
-    sums: &'a mut [f32],
+    /// The inputs of a tile at the image's border, `[row][column][input]`.
+    patch: &'a mut [f32],
+    /// A row of zeros.
     zeros: &'a mut [f32],
 }
 
-/// One strip of tiles.
+/// Some tiles, counted along the rows of a task.
 #[derive(Clone, Copy)]
-struct Strip<'a> {
+struct Batch<'a> {
     weights: &'a Weights,
     width: usize,
-    order: Order,
-    /// The first tile's number within its row.
-    first: usize,
     /// Tiles per row.
-    tiles: usize,
-    /// Rows of tiles.
-    rows: usize,
+    across: usize,
+    first: usize,
+    count: usize,
     sizes: Sizes,
+    place: Placement,
 }
 
-impl Strip<'_> {
-    /// Computes the outputs of the strip.
+/// Where a tile of a batch lies.
+#[derive(Clone, Copy)]
+struct Position {
+    /// Its number within the batch.
+    tile: usize,
+    /// The row of tiles.
+    row: usize,
+    /// Its number within the row.
+    across: usize,
+}
+
+impl Batch<'_> {
+    /// Computes the outputs of the batch.
     ///
     /// # Safety
-    /// The buffers have the sizes of `self.sizes`, made for at least as many tiles and rows.
+    /// The buffers have the sizes of `self.sizes`, made for at least as many tiles.
     #[inline(always)]
     unsafe fn compute<S: Simd>(self, simd: S, rows: &mut [TileRow<'_>], buffers: &mut Buffers<'_>) {
         // SAFETY: the caller's promise covers each step.
         unsafe {
-            for (q, row) in rows.iter().enumerate() {
-                self.transform_columns(simd, q, row, buffers);
+            for tile in 0..self.count {
+                let place = self.position(tile);
+                self.transform_inputs(simd, &rows[place.row], place, buffers);
             }
-            let vectors = self.weights.vectors;
-            for point_row in 0..POINTS {
-                self.transform_rows(simd, point_row, buffers);
-                with_register_tile!(S, vectors, multiply(simd, &self, point_row, buffers));
-                self.invert_rows(simd, point_row, buffers);
-            }
-            for (q, row) in rows.iter_mut().enumerate() {
-                let output = &mut *row.output;
-                with_finisher!(row.finish, f => self.invert_columns(simd, q, f, output, buffers));
+            with_register_tile!(S, self.weights.vectors, multiply(simd, &self, buffers));
+            for tile in 0..self.count {
+                let place = self.position(tile);
+                let TileRow { output, finish, .. } = &mut rows[place.row];
+                let products = &*buffers.products;
+                with_finisher!(*finish, f => self.invert(simd, f, place, products, output));
             }
         }
     }
 
-    /// Step 1, vertical: Bᵀ over six input rows, for every column that the strip's tiles see.
     #[inline(always)]
-    unsafe fn transform_columns<S: Simd>(
+    fn position(self, tile: usize) -> Position {
+        Position { tile, row: (self.first + tile) / self.across, across: (self.first + tile) % self.across }
+    }
+
+    /// Bᵀ·d·B of one tile, all channels.
+    #[inline(always)]
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "the loop transposes: a column becomes an entry of each row"
+    )]
+    unsafe fn transform_inputs<S: Simd>(
         self,
         simd: S,
-        q: usize,
         row: &TileRow<'_>,
+        Position { tile, across, .. }: Position,
         buffers: &mut Buffers<'_>,
     ) {
         let channels = self.weights.inputs;
-        let columns = self.tiles * TILE + POINTS - TILE;
-        // Column 0 of the buffer is image column 4·first − 1.
-        let before = usize::from(self.first == 0);
-        let until = columns.min(self.width + 1 - self.first * TILE);
-        let len = (until - before) * channels;
-        let start = (self.first * TILE + before - 1) * channels;
-        let rows = row.inputs.map(|row| row.map_or(&buffers.zeros[..len], |row| &row[start..start + len]));
-        let sizes = self.sizes;
-        for point in 0..POINTS {
-            let at = point * sizes.vertical + q * sizes.vertical_row;
-            buffers.vertical[at..at + before * channels].fill(0.0);
-            buffers.vertical[at + until * channels..at + columns * channels].fill(0.0);
-        }
-        let to = q * sizes.vertical_row + before * channels;
-        for at in (0..len).step_by(S::LANES) {
-            // SAFETY: `len` is a multiple of the vector (the channels are), each row slice is `len` long, and
-            // the buffer's row holds `columns · channels` floats from `q · vertical_row`.
+        let Buffers { inputs, patch, zeros, .. } = buffers;
+        let rows = row.inputs.map(|row| row.unwrap_or(zeros));
+        // The tile's six columns begin one before its outputs.
+        let inside = across > 0 && across * TILE + POINTS - 1 <= self.width;
+        let (rows, start) = if inside {
+            (rows, (across * TILE - 1) * channels)
+        } else {
+            self.fill_patch(&rows, across, patch);
+            let row_len = POINTS * channels;
+            (std::array::from_fn(|y| &patch[y * row_len..][..row_len]), 0)
+        };
+        for c in (0..channels).step_by(S::LANES) {
+            // SAFETY: six columns from `start` lie within each row, channels filling whole vectors; the
+            // buffer holds 36 parts with room for `count` tiles.
             unsafe {
-                let mut d = [simd.splat(0.0); POINTS];
-                for (vector, row) in d.iter_mut().zip(&rows) {
-                    *vector = simd.load(row, at);
+                let mut d = [[simd.splat(0.0); POINTS]; POINTS];
+                for x in 0..POINTS {
+                    let mut column = [simd.splat(0.0); POINTS];
+                    for (vector, row) in column.iter_mut().zip(&rows) {
+                        *vector = simd.load(row, start + x * channels + c);
+                    }
+                    let column = transform::input(simd, column);
+                    for y in 0..POINTS {
+                        d[y][x] = column[y];
+                    }
                 }
-                let v = transform::input(simd, d);
-                store_strided(simd, buffers.vertical, to + at, sizes.vertical, &v);
+                for (y, row) in d.into_iter().enumerate() {
+                    let v = transform::input(simd, row);
+                    let to = y * POINTS * self.sizes.inputs + tile * channels + c;
+                    store_strided(simd, inputs, to, self.sizes.inputs, &v);
+                }
             }
         }
     }
 
-    /// Step 2, horizontal: Bᵀ over six columns, giving the left factors of one row of points.
-    #[inline(always)]
-    unsafe fn transform_rows<S: Simd>(self, simd: S, point_row: usize, buffers: &mut Buffers<'_>) {
+    /// Copies the inputs of a tile at the border, with zeros where the image has none.
+    fn fill_patch(self, rows: &[&[f32]; POINTS], across: usize, patch: &mut [f32]) {
         let channels = self.weights.inputs;
-        for q in 0..self.rows {
-            let from = point_row * self.sizes.vertical + q * self.sizes.vertical_row;
-            for tile in 0..self.tiles {
-                let (from, to) = (from + tile * TILE * channels, (q * self.tiles + tile) * channels);
-                for c in (0..channels).step_by(S::LANES) {
-                    // SAFETY: the tile's six columns lie within the row filled by step 1, and its channels
-                    // within the `rows · tiles` tiles that `inputs` has room for.
-                    unsafe {
-                        let d = load_strided(simd, buffers.vertical, from + c, channels);
-                        let v = transform::input(simd, d);
-                        store_strided(simd, buffers.inputs, to + c, self.sizes.inputs, &v);
-                    }
-                }
-            }
+        let before = usize::from(across == 0);
+        let start = across * TILE + before - 1;
+        let columns = (POINTS - before).min(self.width - start);
+        patch.fill(0.0);
+        for (row, patch) in rows.iter().zip(patch.chunks_exact_mut(POINTS * channels)) {
+            let from = &row[start * channels..][..columns * channels];
+            patch[before * channels..][..from.len()].copy_from_slice(from);
         }
     }
 
-    /// Step 4, horizontal: Aᵀ over the products of one row of points, six to four columns.
+    /// Aᵀ·m·A of one tile, then bias and [`Finish`], to where the output lies.
     #[inline(always)]
-    unsafe fn invert_rows<S: Simd>(self, simd: S, point_row: usize, buffers: &mut Buffers<'_>) {
-        let channels = self.weights.outputs;
-        for q in 0..self.rows {
-            let to = point_row * self.sizes.sums + q * self.sizes.sums_row;
-            for tile in 0..self.tiles {
-                let (from, to) = ((q * self.tiles + tile) * channels, to + tile * TILE * channels);
-                for c in (0..channels).step_by(S::LANES) {
-                    // SAFETY: step 3 wrote `rows · tiles` tiles; the row of sums has room for four columns
-                    // of each.
-                    unsafe {
-                        let m = load_strided(simd, buffers.products, from + c, self.sizes.products);
-                        let y = transform::output(simd, m);
-                        store_strided(simd, buffers.sums, to + c, channels, &y);
-                    }
-                }
-            }
-        }
-    }
-
-    /// Step 5, vertical: Aᵀ over the six rows of sums, then bias and [`Finish`], to where the output lies.
-    #[inline(always)]
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "the loop transposes: a column becomes an entry of each row"
+    )]
     #[expect(
         clippy::too_many_arguments,
         reason = "one inner loop's state; a struct would be taken apart at once"
     )]
-    unsafe fn invert_columns<S: Simd>(
+    unsafe fn invert<S: Simd>(
         self,
         simd: S,
-        q: usize,
         finisher: impl Finisher<S>,
+        Position { tile, across, .. }: Position,
+        products: &[f32],
         output: &mut [f32],
-        buffers: &Buffers<'_>,
     ) {
-        let place = Placement::new(self.order, self.width, self.weights.outputs);
-        let rows = output.len() / (self.width * self.weights.outputs);
-        let columns = (self.tiles * TILE).min(self.width - self.first * TILE);
-        let sums = &buffers.sums[q * self.sizes.sums_row..];
-        let bias = self.weights.bias.as_slice();
-        for group in 0..place.groups {
-            let to = place.group(group) + self.first * TILE * place.column;
-            for x in 0..columns {
-                for c in (0..place.channels).step_by(S::LANES) {
-                    let channel = group * place.channels + c;
-                    let from = x * self.weights.outputs + channel;
-                    let at = to + x * place.column + c;
-                    // SAFETY: the sums hold `columns · outputs` floats per point; `at + y · row` is the place
-                    // of an output of this image's row `y < rows`, channels filling whole vectors, and the
-                    // finisher's tensor is laid out like the output.
-                    unsafe {
-                        let s = load_strided(simd, sums, from, self.sizes.sums);
-                        let b = simd.load(bias, channel);
-                        let y = transform::output(simd, s);
-                        for (k, value) in y.iter().enumerate() {
-                            if k < rows {
-                                let at = at + k * place.row;
-                                let sum = simd.add(*value, b);
+        let Self { place, weights, .. } = self;
+        let rows = output.len() / (self.width * weights.outputs);
+        let columns = self.width - across * TILE;
+        let bias = weights.bias.as_slice();
+        for channel in (0..weights.outputs).step_by(S::LANES) {
+            let at = place.group(channel / place.channels)
+                + across * TILE * place.column
+                + channel % place.channels;
+            // SAFETY: `products` holds 36 parts of at least `count` tiles; row `k < rows` and column
+            // `x < columns` of the tile are in the output, channels filling whole vectors, and the finisher's
+            // tensor is laid out like the output.
+            unsafe {
+                let b = simd.load(bias, channel);
+                let mut m = [[simd.splat(0.0); POINTS]; TILE];
+                for x in 0..POINTS {
+                    let from = x * self.sizes.products + tile * weights.outputs + channel;
+                    let column = load_strided(simd, products, from, POINTS * self.sizes.products);
+                    let column = transform::output(simd, column);
+                    for k in 0..TILE {
+                        m[k][x] = column[k];
+                    }
+                }
+                for (k, row) in m.into_iter().enumerate() {
+                    if k < rows {
+                        for (x, value) in transform::output(simd, row).into_iter().enumerate() {
+                            if x < columns {
+                                let at = at + k * place.row + x * place.column;
+                                let sum = simd.add(value, b);
                                 simd.store(output, at, finisher.vector(simd, sum, at));
                             }
                         }
@@ -400,29 +401,27 @@ impl Strip<'_> {
     }
 }
 
-/// Step 3: the six products of one row of points, `[tile, input] · [input, output]` each.
+/// The 36 products `[tile, input] · [input, output]`.
 #[inline(always)]
 unsafe fn multiply<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,
-    strip: &Strip<'_>,
-    point_row: usize,
+    batch: &Batch<'_>,
     buffers: &mut Buffers<'_>,
 ) {
-    let (inputs, outputs) = (strip.weights.inputs, strip.weights.outputs);
+    let (inputs, outputs) = (batch.weights.inputs, batch.weights.outputs);
     let panel = COLUMNS * S::LANES;
-    for point in 0..POINTS {
-        let left_at = point * strip.sizes.inputs;
+    for point in 0..POINTS * POINTS {
         for p in 0..outputs / panel {
-            let right_at = (p * POINTS * POINTS + point_row * POINTS + point) * inputs * panel;
-            let b = Operand { data: strip.weights.packed.as_slice(), at: right_at, row: 0, step: panel };
-            for tile in (0..strip.rows * strip.tiles).step_by(ROWS) {
-                let at = left_at + tile * inputs;
+            let right_at = (p * POINTS * POINTS + point) * inputs * panel;
+            let b = Operand { data: batch.weights.packed.as_slice(), at: right_at, row: 0, step: panel };
+            for tile in (0..batch.count).step_by(ROWS) {
+                let at = point * batch.sizes.inputs + tile * inputs;
                 let a = Operand { data: buffers.inputs, at, row: inputs, step: 1 };
-                // SAFETY: both buffers have room for `MOST_ROWS` tiles more than the strip has (what is read
+                // SAFETY: both buffers have room for `MOST_ROWS` tiles more than the batch has (what is read
                 // and written there is never used); the weights hold 36 points for each of the panels.
                 unsafe {
                     let sums = multiply_add::<S, ROWS, COLUMNS>(simd, zero_tile(simd), inputs, a, b);
-                    let to = point * strip.sizes.products + tile * outputs + p * panel;
+                    let to = point * batch.sizes.products + tile * outputs + p * panel;
                     store_tile(simd, &sums, buffers.products, to, outputs);
                 }
             }
@@ -432,8 +431,8 @@ unsafe fn multiply<S: Simd, const ROWS: usize, const COLUMNS: usize>(
 
 /// Where an output of row `y`, column `x`, group `g` and channel `c` lies in its tile row's slice:
 /// `group(g) + y·row + x·column + c`.
+#[derive(Clone, Copy)]
 struct Placement {
-    groups: usize,
     channels: usize,
     column: usize,
     row: usize,
@@ -445,12 +444,12 @@ impl Placement {
         match order {
             Order::Plain => {
                 let row = width * outputs;
-                Self { groups: 1, channels: outputs, column: outputs, row, shuffled_row: row }
+                Self { channels: outputs, column: outputs, row, shuffled_row: row }
             }
             Order::Shuffled => {
                 let channels = outputs / 4;
                 let shuffled_row = 2 * width * channels;
-                Self { groups: 4, channels, column: 2 * channels, row: 2 * shuffled_row, shuffled_row }
+                Self { channels, column: 2 * channels, row: 2 * shuffled_row, shuffled_row }
             }
         }
     }

@@ -12,10 +12,10 @@
 //! against 4e-6 (and 1e-6 for the direct sum). F(6×6) would save a tenth of the time at 8e-6.
 //!
 //! # Order of work
-//! [`forward`] works on strips of tiles, so small that what lies between the steps stays in the caches:
-//! vertical transform of the six input rows; then for each of its six rows the horizontal transform, six
-//! matrix products and the horizontal inverse; then the vertical inverse with bias, activation and
-//! whatever else is done to an output. [`gradient`] turns the same steps around for the weights' gradient.
+//! [`forward`] works on batches of tiles, so small that what lies between the steps stays in the caches: the
+//! transforms of all inputs; 36 matrix products; the inverse transforms with bias, activation and whatever
+//! else is done to an output. [`gradient`] turns the same steps around for the weights' gradient, a row of
+//! points at a time.
 
 pub(crate) mod forward;
 pub(crate) mod gradient;

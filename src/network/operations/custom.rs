@@ -7,6 +7,7 @@ use burn::backend::flex::Flex;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, backend_extension};
 
+use super::LEAKY_SLOPE;
 use super::host::{Computed, Host, HostOperation, View, run, run_tracked};
 use crate::kernels::gradient::{input_gradient, weight_gradient};
 use crate::kernels::res_block::{ResBlock, ResBlockGradients};
@@ -14,19 +15,17 @@ use crate::kernels::sums::gate;
 use crate::kernels::up_convolution::UpConvolution;
 use crate::kernels::{self, DynamicFilter, Finish, Geometry, Isa, Shape};
 
-/// The slope of every LeakyReLU.
-const LEAKY_SLOPE: f32 = 0.2;
-
 /// The operations that a backend must have; batches are `[item, height, width, channel]`, parameters as in
 /// PyTorch.
 #[backend_extension(Autodiff, Flex, NdArray: cfg(feature = "ndarray-backend"))]
 pub(super) trait NetworkOperations: Backend {
-    /// 3 × 3 convolution with zero padding, then LeakyReLU.
+    /// Convolution with zero padding, then LeakyReLU of a given slope: 0 for ReLU, 1 for nothing.
     fn leaky_convolution(
         x: FloatTensor<Self>,
         weight: FloatTensor<Self>,
         bias: FloatTensor<Self>,
         stride: usize,
+        slope: f32,
     ) -> FloatTensor<Self>;
 
     /// 3 × 3 convolution with zero padding, then PReLU of one slope.
@@ -73,8 +72,9 @@ macro_rules! operations {
             weight: FloatTensor<Self>,
             bias: FloatTensor<Self>,
             stride: usize,
+            slope: f32,
         ) -> FloatTensor<Self> {
-            $($run)+(LeakyConvolution { stride }, [x, weight, bias])
+            $($run)+(LeakyConvolution { stride, slope }, [x, weight, bias])
         }
 
         fn prelu_convolution(
@@ -132,7 +132,7 @@ impl<B: Host + NetworkOperations, C: CheckpointStrategy> NetworkOperations for A
     operations!(run_tracked::<B, C, _, _>);
 }
 
-/// Shapes of a 3 × 3 convolution from its tensors.
+/// Shapes of a convolution from its tensors.
 fn geometry(weight: &View<'_>, stride: usize) -> Geometry {
     Geometry { inputs: weight.side(1), outputs: weight.side(0), side: weight.side(2), stride }
 }
@@ -148,11 +148,12 @@ fn convolve(x: View<'_>, weight: View<'_>, bias: View<'_>, stride: usize, slope:
 #[derive(Clone, Copy, Debug)]
 struct LeakyConvolution {
     stride: usize,
+    slope: f32,
 }
 
 impl HostOperation<3> for LeakyConvolution {
     fn forward(&self, [x, weight, bias]: [View<'_>; 3]) -> Computed {
-        let (output, shape) = convolve(x, weight, bias, self.stride, LEAKY_SLOPE);
+        let (output, shape) = convolve(x, weight, bias, self.stride, self.slope);
         Computed { output, shape, kept: Vec::new() }
     }
 
@@ -165,7 +166,7 @@ impl HostOperation<3> for LeakyConvolution {
         gradient: &[f32],
     ) -> [Vec<f32>; 3] {
         let geometry = geometry(&weight, self.stride);
-        let gated = gate(gradient, output, LEAKY_SLOPE, geometry.outputs);
+        let gated = gate(gradient, output, self.slope, geometry.outputs);
         [
             input_gradient(geometry, weight.floats, &gated.gradient, x.batch(), Finish::Leak(1.0)),
             weight_gradient(geometry, x.floats, x.batch(), &gated.gradient),

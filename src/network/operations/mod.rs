@@ -6,6 +6,7 @@
 //! Burn how to run them and how to take their gradients, `host` how to get at a tensor's numbers.
 
 mod custom;
+mod enlarge;
 mod host;
 
 use burn::backend::Dispatch;
@@ -14,6 +15,12 @@ use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 
 use custom::NetworkOperations as _;
+use enlarge::enlarging_tensors;
+
+pub(super) use enlarge::enlarging_weights;
+
+/// The slope of every LeakyReLU.
+const LEAKY_SLOPE: f32 = 0.2;
 
 /// Weight and bias of a convolution with zero padding of half its size.
 ///
@@ -42,6 +49,10 @@ pub struct FilterHead {
 /// The non-linearity after a convolution.
 #[derive(Clone, Copy, Debug)]
 pub enum Activation<'a> {
+    /// None: the sums themselves.
+    None,
+    /// ReLU.
+    Relu,
     /// LeakyReLU of slope 0.2.
     LeakyRelu,
     /// PReLU with one learned slope.
@@ -70,8 +81,12 @@ pub fn convolution(
     activation: Activation<'_>,
 ) -> Tensor<4> {
     let (x, weight, bias) = (x.into_dispatch(), primitive(&layer.weight), primitive(&layer.bias));
+    let leaky =
+        |slope: f32| Dispatch::leaky_convolution(x.clone(), weight.clone(), bias.clone(), stride, slope);
     Tensor::from_dispatch(match activation {
-        Activation::LeakyRelu => Dispatch::leaky_convolution(x, weight, bias, stride),
+        Activation::None => leaky(1.0),
+        Activation::Relu => leaky(0.0),
+        Activation::LeakyRelu => leaky(LEAKY_SLOPE),
         Activation::PRelu(slope) => Dispatch::prelu_convolution(x, weight, bias, primitive(slope), stride),
     })
 }
@@ -110,6 +125,16 @@ pub fn dynamic_filter(
 pub fn up_convolution(x: Tensor<4>, layer: &Convolution, skip: Tensor<4>) -> Tensor<4> {
     let (weight, bias) = (primitive(&layer.weight), primitive(&layer.bias));
     Tensor::from_dispatch(Dispatch::leaky_up_convolution(x.into_dispatch(), weight, bias)) + skip
+}
+
+/// Doubles the sides by repetition, convolves with 3 × 3 taps, and adds the skip connection after the LeakyReLU.
+///
+/// # Shapes
+/// `inputs` × height × width to `outputs` × 2·height × 2·width, as `skip` has.
+pub fn enlarged_convolution(x: Tensor<4>, layer: &Convolution, skip: Tensor<4>) -> Tensor<4> {
+    let (weight, bias) = enlarging_tensors(layer);
+    let (x, weight, bias) = (x.into_dispatch(), weight.into_dispatch(), bias.into_dispatch());
+    Tensor::from_dispatch(Dispatch::leaky_up_convolution(x, weight, bias)) + skip
 }
 
 /// A parameter as the custom operations take it.

@@ -10,7 +10,7 @@ use std::path::Path;
 use self::tensors::TensorFile;
 use super::architecture::Architecture;
 use super::model::{Model, Origin};
-use super::parameters::Parameters;
+use super::parameters::{Parameters, Values};
 use crate::core::error::{Error, Result};
 use crate::core::io;
 
@@ -19,9 +19,6 @@ pub const FORMAT: &str = "udc-model";
 
 /// The version of the format that this program writes, and the newest that it reads.
 const VERSION: u32 = 1;
-
-/// The side of the image that descriptions give the cost of.
-const DESCRIBED_SIDE: usize = 800;
 
 /// Everything that a weight file says.
 #[derive(Clone, Debug)]
@@ -40,14 +37,28 @@ pub struct Weights {
 /// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is of another kind, damaged, or
 /// when weights are missing, left over or of another shape.
 pub fn read(path: &Path) -> Result<Weights> {
-    let is_safetensors =
-        path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("safetensors"));
-    let file = if is_safetensors { tensors::read(path)? } else { pytorch::read(path)? };
+    let file = read_file(path, &|_| true)?;
     let in_file = |error: Error| match error {
         Error::Format { .. } | Error::Io { .. } => error,
         other => Error::format(path, other.to_string()),
     };
     interpret(file).map_err(in_file)
+}
+
+/// Reads the tensors of any network's weight file whose names are wanted.
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is damaged or holds other than floats.
+pub fn read_tensors(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<BTreeMap<String, Values>> {
+    let mut tensors = read_file(path, wanted)?.tensors;
+    tensors.retain(|name, _| wanted(name));
+    Ok(tensors)
+}
+
+fn read_file(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<TensorFile> {
+    let is_safetensors =
+        path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("safetensors"));
+    if is_safetensors { tensors::read(path) } else { pytorch::read(path, wanted) }
 }
 
 fn interpret(file: TensorFile) -> Result<Weights> {
@@ -138,16 +149,7 @@ pub fn describe(path: &Path) -> Result<Description> {
 
 impl fmt::Display for Description {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let architecture = self.architecture.to_json();
-        writeln!(f, "model")?;
-        for (key, value) in architecture.as_object().into_iter().flatten() {
-            let text = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-            writeln!(f, "  {key:<14}{text}")?;
-        }
-        writeln!(f, "  {:<14}{}", "parameters", self.architecture.parameters())?;
-        #[expect(clippy::cast_precision_loss, reason = "a figure of five digits")]
-        let gmac = self.architecture.macs(DESCRIBED_SIDE, DESCRIBED_SIDE) as f64 / 1e9;
-        write!(f, "  {:<14}{gmac:.2} GMAC for {DESCRIBED_SIDE} × {DESCRIBED_SIDE} pixels", "cost")?;
+        write!(f, "model\n{}", self.architecture.describe())?;
         if let Some(key) = &self.origin.state_dict {
             write!(f, "\n  {:<14}{key}", "weights of")?;
         }

@@ -18,11 +18,11 @@ const TOP_LEVEL_KEYS: [&str; 4] = ["params_ema", "params", "state_dict", "model"
 /// What `torch.nn.DataParallel` puts before every name.
 const WRAPPER_PREFIX: &str = "module.";
 
-/// Reads all tensors of the checkpoint's preferred state dict.
+/// Reads the wanted tensors of the checkpoint's preferred state dict.
 ///
 /// # Errors
 /// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is no checkpoint of floats.
-pub(super) fn read(path: &Path) -> Result<TensorFile> {
+pub(super) fn read(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<TensorFile> {
     let reader = PytorchReader::new(path).map_err(|error| match error {
         PytorchError::Io(source) if source.kind() != std::io::ErrorKind::InvalidData => {
             Error::io("read", path, source)
@@ -35,7 +35,7 @@ pub(super) fn read(path: &Path) -> Result<TensorFile> {
     let key = TOP_LEVEL_KEYS.into_iter().find(|key| is_below(key));
     let mut file = TensorFile::default();
     for (name, tensor) in all.into_iter().collect::<BTreeMap<_, _>>() {
-        let Some(name) = strip(&name, key) else { continue };
+        let Some(name) = strip(&name, key).filter(|name| wanted(name)) else { continue };
         let Some(dtype) = float_type(tensor.dtype()) else {
             let reason = format!("tensor {name} holds {:?}, expected floats", tensor.dtype());
             return Err(Error::format(path, reason));

@@ -32,6 +32,43 @@ fn returns_to_the_bit_and_is_written_the_same_every_time() {
     assert_eq!(read_bank(&first).unwrap(), bank());
     write_bank(&second, &bank(), false).unwrap();
     assert_eq!(bank_sha256(&first).unwrap(), bank_sha256(&second).unwrap());
+    assert_eq!(read_bank_codes(&first).unwrap(), bank().to_codes());
+}
+
+#[test]
+fn banks_of_other_psfs_or_codes_are_told_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let sha256 = |name: &str, bank: &KernelBank| {
+        let path = folder.path().join(name);
+        write_bank(&path, bank, false).unwrap();
+        assert_eq!(bank_sha256_of(&encode_bank(bank)), bank_sha256(&path).unwrap());
+        bank_sha256(&path).unwrap()
+    };
+    let mut other_codes = bank();
+    other_codes.codes[[1, 0]] += 1.0;
+    let mut other_psfs = bank();
+    other_psfs.psfs.swap(0, 1);
+    let first = sha256("a", &bank());
+    assert!(sha256("b", &other_codes) != first && sha256("c", &other_psfs) != first);
+}
+
+#[test]
+fn codes_of_a_cut_or_foreign_file_are_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.safetensors");
+    let bytes = encode_bank(&bank());
+    for (length, expected) in [(4, "no kernel bank"), (100, "no safetensors"), (bytes.len() / 2, "")] {
+        std::fs::write(&path, &bytes[..length]).unwrap();
+        let found = read_bank_codes(&path);
+        // Half of the file holds the codes, which come first.
+        assert!(if expected.is_empty() {
+            found.is_ok()
+        } else {
+            found.unwrap_err().to_string().contains(expected)
+        });
+    }
+    std::fs::write(&path, [255; 64]).unwrap();
+    assert!(read_bank_codes(&path).unwrap_err().to_string().contains("too long"));
 }
 
 #[test]

@@ -1,0 +1,61 @@
+//! Named weights to Burn's parameters and back.
+
+use std::collections::HashMap;
+
+use burn::module::{ModuleVisitor, Param, ParamId};
+use burn::tensor::{Device, Tensor, TensorData};
+
+use super::operations::{Convolution, ResBlock};
+use super::parameters::{Parameter, Parameters};
+
+/// Makes layers of named weights. A weight's id is its place in the architecture's order, so that ids mean
+/// the same in every process.
+pub(super) struct Builder<'a> {
+    by_name: HashMap<&'a str, (u64, &'a Parameter)>,
+    device: &'a Device,
+}
+
+impl<'a> Builder<'a> {
+    /// Looks weights up by name and puts them on a device.
+    pub(super) fn new(parameters: &'a Parameters, device: &'a Device) -> Self {
+        let by_name = (0..).zip(parameters.iter()).map(|(id, p)| (p.name.as_str(), (id, p))).collect();
+        Self { by_name, device }
+    }
+
+    /// One weight tensor.
+    pub(super) fn tensor<const D: usize>(&self, name: &str) -> Param<Tensor<D>> {
+        let (id, parameter) = self.by_name.get(name).unwrap_or_else(|| panic!("there is no weight {name}"));
+        let data = TensorData::new(parameter.values.clone(), parameter.shape.clone());
+        let tensor = Tensor::from_data(data, self.device);
+        Param::initialized(ParamId::from(*id), tensor).set_require_grad(self.device.is_autodiff())
+    }
+
+    /// Weight and bias of a convolution.
+    pub(super) fn convolution(&self, name: &str) -> Convolution {
+        Convolution {
+            weight: self.tensor(&format!("{name}.weight")),
+            bias: self.tensor(&format!("{name}.bias")),
+        }
+    }
+
+    /// The convolutions of a residual block.
+    pub(super) fn res_block(&self, name: &str) -> ResBlock {
+        ResBlock {
+            conv1: self.convolution(&format!("{name}.conv1")),
+            conv2: self.convolution(&format!("{name}.conv2")),
+        }
+    }
+}
+
+/// Copies every weight to its place in the architecture's order.
+pub(super) struct Collect {
+    pub(super) parameters: Vec<Option<Vec<f32>>>,
+}
+
+impl ModuleVisitor for Collect {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let index = usize::try_from(param.id.val()).expect("ids are small indices");
+        let values = param.val().try_into_vec_as::<f32>().expect("weights are 32-bit floats");
+        self.parameters[index] = Some(values);
+    }
+}

@@ -1,0 +1,275 @@
+//! A network of any kind, with its weights on a device: what is common to all of them.
+
+use burn::module::Module;
+use burn::tensor::ops::PadMode;
+use burn::tensor::{Device, Tensor, s};
+
+use super::architecture::{Architecture, Kind};
+use super::builder::{Builder, Collect};
+use super::de_unet::DeUnet;
+use super::discnet::DiscNet;
+use super::parameters::{Parameter, Parameters};
+use super::sftmd::Sftmd;
+use super::srmdnf::Srmdnf;
+
+/// A restoration network with its weights on a device.
+#[derive(Module, Debug)]
+pub struct Network {
+    layers: Layers,
+    #[module(skip)]
+    architecture: Architecture,
+}
+
+/// The weights, arranged as each kind computes with them.
+#[derive(Module, Debug)]
+#[expect(clippy::large_enum_variant, reason = "a program holds a few networks, not lists of them")]
+enum Layers {
+    Discnet(DiscNet),
+    Srmdnf(Srmdnf),
+    Sftmd(Sftmd),
+    DeUnet(DeUnet),
+}
+
+impl Network {
+    /// Builds the network with the given weights; on a device with gradients they can be trained.
+    ///
+    /// # Panics
+    /// When the weights are those of another architecture.
+    pub fn new(architecture: &Architecture, parameters: &Parameters, device: &Device) -> Self {
+        let build = Builder::new(parameters, device);
+        let layers = match architecture.kind {
+            Kind::Discnet | Kind::Unet => Layers::Discnet(DiscNet::new(architecture, &build)),
+            Kind::Srmdnf => Layers::Srmdnf(Srmdnf::new(&build)),
+            Kind::Sftmd => Layers::Sftmd(Sftmd::new(&build)),
+            Kind::DeUnet => Layers::DeUnet(DeUnet::new(&build)),
+        };
+        Self { layers, architecture: architecture.clone() }
+    }
+
+    /// The configuration that the network was built from.
+    pub fn architecture(&self) -> &Architecture {
+        &self.architecture
+    }
+
+    /// Restores a batch of tone-mapped images.
+    ///
+    /// # Shapes
+    /// `image` `[item, 3, height, width]` of any size, `degradation_map` `[item, b, height, width]`, or
+    /// `[item, b, 1, 1]` for a code that is the same everywhere; the result is shaped like the image.
+    ///
+    /// # Panics
+    /// When the network needs a degradation map and there is none.
+    pub fn forward(&self, image: Tensor<4>, degradation_map: Option<Tensor<4>>) -> Tensor<4> {
+        let [_, _, height, width] = image.dims();
+        let image = self.pad(image);
+        let [items, channels, padded_height, padded_width] = image.dims();
+        let map = self.architecture.condition.uses_code().then(|| {
+            let map = degradation_map.expect("a network that reads kernel codes is given a degradation map");
+            self.stretch(map, &image)
+        });
+        let restored = match (&self.layers, map) {
+            (Layers::Discnet(network), map) => network.forward(image, map),
+            (Layers::DeUnet(network), _) => network.forward(image),
+            (Layers::Srmdnf(network), Some(map)) => network.forward(image, map),
+            (Layers::Sftmd(network), Some(map)) => network.forward(image, map),
+            (layers, None) => unreachable!("{layers:?} was validated to read kernel codes"),
+        };
+        if (padded_height, padded_width) == (height, width) {
+            return restored;
+        }
+        restored.slice(s![0..items, 0..channels, 0..height, 0..width])
+    }
+
+    /// Copies the weights to main memory.
+    ///
+    /// # Panics
+    /// Never: the network holds every weight of its architecture.
+    pub fn parameters(&self) -> Parameters {
+        let specs = self.architecture.tensors();
+        let mut collect = Collect { parameters: vec![None; specs.len()] };
+        self.visit(&mut collect);
+        let named = specs.into_iter().zip(collect.parameters).map(|(spec, values)| {
+            let values = values.unwrap_or_else(|| panic!("the network holds no {}", spec.name));
+            Parameter { name: spec.name, shape: spec.shape, values }
+        });
+        Parameters::from_list(named.collect())
+    }
+
+    /// A degradation map of the image's sides.
+    fn stretch(&self, map: Tensor<4>, image: &Tensor<4>) -> Tensor<4> {
+        let [items, _, height, width] = image.dims();
+        let [_, channels, map_height, map_width] = map.dims();
+        let is_uniform = (map_height, map_width) == (1, 1);
+        if is_uniform { map.expand([items, channels, height, width]) } else { self.pad(map) }
+    }
+
+    /// Repeats the last row and column until the sides are such as the network can halve.
+    fn pad(&self, x: Tensor<4>) -> Tensor<4> {
+        let [_, _, height, width] = x.dims();
+        let missing = |side: usize| side.next_multiple_of(self.architecture.side_multiple()) - side;
+        match (missing(height), missing(width)) {
+            (0, 0) => x,
+            (bottom, right) => x.pad([(0, bottom), (0, right)], PadMode::Edge),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::image::{CHANNELS, ToneMappedImage};
+    use crate::core::kernel_code::KernelCode;
+    use crate::network::weights::Weights;
+    use crate::network::{Backend, Condition, Initialisation, Model, Origin};
+    use burn::module::{ModuleVisitor, Param};
+    use burn::tensor::{Gradients, TensorData};
+
+    fn architectures() -> [Architecture; 5] {
+        let of_kind = |kind, condition| Architecture {
+            kind,
+            condition,
+            // Two channels are too few for twelve ReLUs in a row.
+            features: if kind == Kind::Srmdnf { 6 } else { 2 },
+            filter_size: 3,
+            code_dim: 2,
+            ..Architecture::default()
+        };
+        [
+            of_kind(Kind::Discnet, Condition::ImagePsf),
+            of_kind(Kind::Unet, Condition::None),
+            of_kind(Kind::Srmdnf, Condition::ImagePsf),
+            of_kind(Kind::Sftmd, Condition::ImagePsf),
+            of_kind(Kind::DeUnet, Condition::Image),
+        ]
+    }
+
+    const SIDES: [usize; 2] = [10, 13];
+
+    /// Weights under which neither signals nor gradients vanish or explode.
+    fn random(architecture: &Architecture) -> Parameters {
+        let initialisation =
+            if architecture.kind == Kind::Srmdnf { Initialisation::Paper } else { Initialisation::Released };
+        Parameters::random(architecture, initialisation, 4)
+    }
+
+    fn length(values: &[f32]) -> f64 {
+        values.iter().map(|v| f64::from(*v).powi(2)).sum::<f64>().sqrt()
+    }
+
+    fn values(len: usize) -> Vec<f32> {
+        (0..len).map(|i| (i * 2_654_435_761 % 1000) as f32 / 1000.0).collect()
+    }
+
+    fn forward(network: &Network, device: &Device) -> Tensor<4> {
+        let data = TensorData::new(values(CHANNELS * SIDES[0] * SIDES[1]), [1, CHANNELS, SIDES[0], SIDES[1]]);
+        let code = Tensor::from_data(TensorData::new(vec![0.4_f32, -0.7], [1, 2, 1, 1]), device);
+        network.forward(Tensor::from_data(data, device), Some(code))
+    }
+
+    /// A loss in double precision whose gradient to the output is not uniform.
+    fn weighted_sum(output: &[f32]) -> f64 {
+        output.iter().enumerate().map(|(i, v)| f64::from(*v) * weight(i)).sum()
+    }
+
+    fn weight(i: usize) -> f64 {
+        ((i * 7919 % 13) as f64 - 6.0) / 6.0
+    }
+
+    struct Found {
+        gradients: Gradients,
+        by_id: Vec<Vec<f32>>,
+    }
+
+    impl ModuleVisitor for Found {
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            let gradient = param.val().grad(&self.gradients).expect("every weight has a gradient");
+            self.by_id[usize::try_from(param.id.val()).unwrap()] = gradient.try_into_vec_as::<f32>().unwrap();
+        }
+    }
+
+    fn gradients(architecture: &Architecture, parameters: &Parameters) -> Vec<Vec<f32>> {
+        let device = Backend::default().device().autodiff();
+        let network = Network::new(architecture, parameters, &device);
+        let output = forward(&network, &device);
+        let weights: Vec<f32> = (0..output.dims().iter().product()).map(|i| weight(i) as f32).collect();
+        let weights = Tensor::from_data(TensorData::new(weights, output.dims()), &device);
+        let gradients = (output * weights).sum().backward();
+        let mut found = Found { gradients, by_id: vec![Vec::new(); parameters.len()] };
+        network.visit(&mut found);
+        found.by_id
+    }
+
+    /// Along its own gradient a loss rises by the gradient's norm, but for rectifiers that switch on the way and the
+    /// rounding of the loss. The steps of most tensors change the loss by far more than that.
+    #[test]
+    fn gradients_are_the_differences_of_a_loss() {
+        const ROUNDING: f64 = 1e-5;
+        let device = Backend::default().device();
+        for architecture in architectures() {
+            let parameters = random(&architecture);
+            let mut telling = 0;
+            for (t, gradient) in gradients(&architecture, &parameters).iter().enumerate() {
+                let norm = length(gradient);
+                let size = length(&parameters.iter().nth(t).unwrap().values);
+                let step = (1e-2 / norm.max(1e-9)).min(1e-2 * size.max(1.0));
+                let loss = |sign: f64| {
+                    let mut moved = parameters.clone();
+                    let parameter = moved.iter_mut().nth(t).unwrap();
+                    for (value, g) in parameter.values.iter_mut().zip(gradient) {
+                        *value += (sign * step * f64::from(*g) / norm.max(1e-9)) as f32;
+                    }
+                    let output = forward(&Network::new(&architecture, &moved, &device), &device);
+                    weighted_sum(&output.try_into_vec_as::<f32>().unwrap())
+                };
+                let slope = (loss(1.0) - loss(-1.0)) / (2.0 * step);
+                let name = &parameters.iter().nth(t).unwrap().name;
+                let error = (slope - norm).abs();
+                let allowed = 3e-2 * norm + ROUNDING / step;
+                assert!(error <= allowed, "{:?} {name}: {slope}, expected {norm}", architecture.kind);
+                telling += usize::from(ROUNDING / step < 0.1 * norm);
+            }
+            assert!(2 * telling > parameters.len(), "{:?}: {telling} telling tensors", architecture.kind);
+        }
+    }
+
+    /// Both compute the same sums in another order; the deepest network has a hundred layers.
+    #[test]
+    fn streamed_rows_are_those_of_the_trained_network() {
+        let device = Backend::default().device();
+        for architecture in architectures() {
+            let parameters = random(&architecture);
+            let network = Network::new(&architecture, &parameters, &device);
+            assert_eq!(network.parameters(), parameters);
+            let trained = forward(&network, &device).try_into_vec_as::<f32>().unwrap();
+            let weights = Weights { architecture, parameters, origin: Origin::default() };
+            let planes = values(CHANNELS * SIDES[0] * SIDES[1]);
+            let planes = ndarray::Array3::from_shape_vec((CHANNELS, SIDES[0], SIDES[1]), planes).unwrap();
+            let image = ToneMappedImage::from_planes(planes).unwrap();
+            let model = Model::new(&weights, Backend::default());
+            let streamed = model.restore(&image, Some(&KernelCode::from_vec(vec![0.4, -0.7]))).unwrap();
+            let largest = trained.iter().fold(0.0f32, |m, v| m.max(v.abs()));
+            for (a, b) in trained.iter().zip(streamed.as_slice()) {
+                assert!((a - b).abs() <= 5e-5 * largest, "{:?}: {a} {b}", weights.architecture.kind);
+            }
+        }
+    }
+
+    /// A pixel that is no number makes every pixel that depends on it none.
+    #[test]
+    fn pixels_depend_on_no_others_than_the_halo_says() {
+        let device = Backend::default().device();
+        for architecture in architectures().into_iter().filter(|a| a.side_multiple() == 1) {
+            let parameters = random(&architecture);
+            let network = Network::new(&architecture, &parameters, &device);
+            let width = 2 * architecture.halo() + 9;
+            let mut image = vec![0.5_f32; CHANNELS * width];
+            image[width / 2] = f32::NAN;
+            let image = Tensor::from_data(TensorData::new(image, [1, CHANNELS, 1, width]), &device);
+            let code = Tensor::from_data(TensorData::new(vec![0.4_f32, -0.7], [1, 2, 1, 1]), &device);
+            let output = network.forward(image, Some(code)).try_into_vec_as::<f32>().unwrap();
+            let first = output.iter().position(|v| v.is_nan()).unwrap();
+            let reach = width / 2 - first;
+            assert_eq!(reach.next_multiple_of(4), architecture.halo(), "{:?}", architecture.kind);
+        }
+    }
+}
