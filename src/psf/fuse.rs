@@ -107,7 +107,7 @@ pub struct Fused {
     /// How many pixels the mask discarded.
     pub discarded: usize,
     /// For each exposure but the longest: the brightness ratio to the next longer one as the pictures show it, where
-    /// they have enough pixels in common, over the ratio of the times.
+    /// they have enough pixels in common, over the ratio of the [`times`](Self::times).
     pub ratio_found: Vec<Option<f64>>,
     /// For each exposure but the longest: its displacement against the next longer one.
     pub motion: Vec<Option<Motion>>,
@@ -146,9 +146,10 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
     let frames = scaled_frames(exposures.into_iter().map(|exposure| exposure.planes).collect(), config)?;
     check_black(&frames[0], config)?;
     check_order(&frames, &times, &numbers)?;
-    let ratio_found = ratios_found(&frames, &times, config.saturation);
+    let mut ratio_found = ratios_found(&frames, &times, config.saturation);
     if config.estimate_exposures {
         times = estimate_times(&times, &ratio_found)?;
+        ratio_found = ratios_found(&frames, &times, config.saturation);
     }
     let motion = motions(&frames, &times, config.saturation)?;
     check_motion(&motion, &numbers, config.max_motion_px)?;
@@ -422,6 +423,7 @@ mod tests {
         for (found, expected) in fused.times.iter().zip(times) {
             assert!((found / expected - 1.0).abs() < 1e-4, "{found} instead of {expected}");
         }
+        assert!(fused.ratio_found.iter().flatten().all(|ratio| (ratio - 1.0).abs() < 1e-4));
         for (found, expected) in fused.image.planes().iter().zip(&scene) {
             assert!((found / expected - 1.0).abs() < 1e-4);
         }
