@@ -1,7 +1,7 @@
 //! Under-display camera imaging: from a measured panel to a restored photograph.
 //!
 //! Data flows one way, each stage a module that takes values and returns values:
-//! captures → [`psf`] → [`codes`] → [`synth`] (of [`crop`]s) → [`train`] → [`restore`] → [`eval`] → [`report`].
+//! captures → [`psf`] → [`codes`] → [`synth`] (of [`crop`]s) → [`train`] → [`restore`] → [`finish`], [`eval`] → [`report`].
 //! The stages never import one another; they meet through the types and files of [`core`]. The binary's
 //! commands connect them. Beneath [`train`] and [`restore`] lie the networks ([`network`]) and the loops that they
 //! spend their time in ([`kernels`]); beneath [`train`] and [`eval`] what trained eyes see ([`perceptual`]).
@@ -29,6 +29,7 @@ pub mod core;
 pub mod crop;
 pub mod demo;
 pub mod eval;
+pub mod finish;
 pub mod kernels;
 pub mod network;
 pub mod perceptual;

@@ -15,6 +15,7 @@ const IMPORTS: &[(&str, &[&str])] = &[
     ("synth", &["core"]),
     ("train", &["core", "network", "perceptual"]),
     ("restore", &["core", "network"]),
+    ("finish", &["core"]),
     ("eval", &["core", "perceptual"]),
     ("report", &["core"]),
     ("demo", &["core"]),

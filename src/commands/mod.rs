@@ -2,6 +2,7 @@
 #![expect(clippy::print_stderr, reason = "this is where the program talks to its user")]
 
 mod bench;
+mod bracket;
 mod codes;
 mod completions;
 mod convert;
@@ -9,12 +10,15 @@ mod crop;
 mod demo;
 mod domain;
 mod eval;
+mod finish;
 mod fuse;
 mod info;
 mod man;
 mod method;
 mod metrics;
+mod picture;
 mod psf;
+mod queue;
 mod report;
 mod restore;
 mod sweep;
@@ -85,6 +89,7 @@ enum Command {
     Sweep(sweep::SweepArgs),
     Restore(restore::RestoreArgs),
     Eval(eval::EvalArgs),
+    Finish(finish::FinishArgs),
     Report(report::ReportArgs),
     Bench(bench::BenchArgs),
     Info(info::InfoArgs),
@@ -161,6 +166,7 @@ impl Command {
             Self::Sweep(args) => args.run(session),
             Self::Restore(args) => args.run(session),
             Self::Eval(args) => args.run(session),
+            Self::Finish(args) => args.run(session),
             Self::Report(args) => args.run(session),
             Self::Bench(args) => args.run(session),
             Self::Info(args) => args.run(session),

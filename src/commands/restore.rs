@@ -2,22 +2,26 @@
 
 mod code;
 mod engine;
+mod field;
 mod files;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Result, bail};
 use clap::{ArgGroup, Args, ValueEnum};
-use serde_json::json;
+use serde_json::{Value, json};
 
-use udc::core::io::WriteOptions;
+use udc::core::io::{WriteOptions, read_provenance};
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
+use udc::restore::Highlights;
 
+use super::Session;
+use super::bracket::BracketArgs;
 use super::domain::DomainArg;
-use super::fuse::parse_fraction;
-use super::{Session, was_interrupted};
+use super::picture::{AnyImage, check_domain_of_output};
+use super::queue::{Stages, run_all};
 use code::CodeArgs;
 use engine::{Engine, MethodArgs};
 use files::{Capture, Job};
@@ -28,13 +32,15 @@ use files::{Capture, Job};
 /// angle or with a measured PSF, or give the code itself. Deconvolution needs the PSF.
 ///
 /// Several inputs, or a folder, are restored one after another into the folder OUT; a file that cannot be
-/// restored is named at the end, the others are done. With --exposures the inputs are one bracket.
+/// restored is named at the end, the others are done. With --exposures or --bracket the files are one bracket, and each
+/// folder is one.
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("how").required(true).args(["model", "method"]))]
 #[command(after_help = "Examples:\n  \
     udc restore capture.exr --model model.safetensors --bank bank.safetensors --angle 3 -o restored.exr\n  \
     udc restore captures/ --model model.safetensors --bank bank.safetensors --psf psf.exr -o restored/\n  \
-    udc restore --exposures 1,1/4,1/16 a.exr b.exr c.exr --method constrained --psf psf.exr -o restored.exr")]
+    udc restore --exposures 1,1/4,1/16 a.exr b.exr c.exr --method constrained --psf psf.exr -o restored.exr\n  \
+    udc restore --bracket --bayer rggb --white 16383 --black 64 scenes/ --model m.pth --code c.npy -o out/ --resume")]
 pub(crate) struct RestoreArgs {
     /// Images, folders or patterns; also the folder of the published dataset, for its real captures
     #[arg(required = true, value_name = "IN")]
@@ -49,18 +55,26 @@ pub(crate) struct RestoreArgs {
     method: MethodArgs,
     #[command(flatten)]
     code: CodeArgs,
-    /// Exposure times of the inputs, which are one bracket: 1,1/4,1/16
-    #[arg(long, value_name = "T,T,…", value_delimiter = ',', value_parser = parse_fraction)]
-    exposures: Option<Vec<f64>>,
+    /// The files are one bracket, and each folder is one, with exposure times that the files tell
+    #[arg(long)]
+    bracket: bool,
+    #[command(flatten)]
+    raw: BracketArgs,
     /// What the inputs hold [default: what the file says, else linear; integer formats must be told]
     #[arg(long, value_enum, value_name = "DOMAIN")]
     domain: Option<DomainArg>,
     /// What to write [default: the same as the input]
     #[arg(long, value_enum, value_name = "DOMAIN")]
     output_domain: Option<DomainArg>,
+    /// What to do where the capture is saturated
+    #[arg(long, value_enum, value_name = "WHAT", default_value_t = HighlightsArg::Network)]
+    highlights: HighlightsArg,
     /// Format of the files in an output folder
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t = FormatArg::Exr)]
     format: FormatArg,
+    /// Keep the images that are there and go on with the others
+    #[arg(long)]
+    resume: bool,
     /// Side of the tiles, a multiple of 4 (of 16 for de-unet) [default: chosen by --max-memory]
     #[arg(long, value_name = "N", conflicts_with = "method")]
     tile: Option<usize>,
@@ -86,56 +100,116 @@ enum FormatArg {
     Tif,
 }
 
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum HighlightsArg {
+    /// Leave what the network or the deconvolution makes of them
+    Network,
+    /// Keep the capture's values in every saturated pixel
+    Keep,
+    /// Keep them inside of large saturated areas, fading to the restored values at their edges
+    Blend,
+}
+
+impl From<HighlightsArg> for Highlights {
+    fn from(highlights: HighlightsArg) -> Self {
+        match highlights {
+            HighlightsArg::Network => Self::Network,
+            HighlightsArg::Keep => Self::Keep,
+            HighlightsArg::Blend => Self::Blend,
+        }
+    }
+}
+
 impl RestoreArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let curve = ToneCurve::new(self.alpha, self.x_max)?;
-        let jobs = self.jobs(session)?;
-        let engine = Engine::new(&self, curve, session)?;
-        let several = jobs.len() > 1;
-        let mut failures = Vec::new();
-        for job in &jobs {
-            let done = self.restore(job, &engine, curve, session);
-            match done.with_context(|| format!("restoring {}", job.name())) {
-                Ok(()) => session.say(job.output.display())?,
-                Err(error) if !several || was_interrupted(&error) => return Err(error),
-                Err(error) => {
-                    session.warn(format_args!("{error:#}"));
-                    failures.push(format!("{error:#}"));
+        self.raw.config()?;
+        let mut jobs = self.jobs(session)?;
+        let engine = Engine::new(&self, curve, &jobs, session)?;
+        let restoration = Restoration { args: &self, engine, curve, session };
+        if self.resume {
+            let count = jobs.len();
+            let mut todo = Vec::with_capacity(count);
+            for job in jobs {
+                if !restoration.is_done(&job)? {
+                    todo.push(job);
                 }
             }
+            jobs = todo;
+            session.say(format_args!("{} of {count} images are there", count - jobs.len()))?;
         }
-        if failures.is_empty() {
-            return Ok(());
-        }
-        bail!("{} of {} images were not restored: {}", failures.len(), jobs.len(), failures.join("; "))
+        run_all(&restoration, &jobs, session)
+    }
+}
+
+/// A run over several captures.
+struct Restoration<'a> {
+    args: &'a RestoreArgs,
+    engine: Engine,
+    curve: ToneCurve,
+    session: &'a Session,
+}
+
+impl Restoration<'_> {
+    /// Everything that decides what an image becomes.
+    fn describe(&self, job: &Job) -> Value {
+        let raw = (self.args.is_bracket() || self.args.raw.is_raw()).then(|| self.args.raw.config().ok());
+        json!({
+            "inputs": job.inputs, "exposures": self.args.raw.exposures, "raw": raw, "tone": self.curve,
+            "how": self.engine.describe(),
+        })
     }
 
-    fn restore(&self, job: &Job, engine: &Engine, curve: ToneCurve, session: &Session) -> Result<()> {
-        session.progress.check()?;
+    /// Whether the image is there; refuses one that was made otherwise.
+    fn is_done(&self, job: &Job) -> Result<bool> {
+        if !job.output.exists() {
+            return Ok(false);
+        }
+        let made = read_provenance(&job.output)?.map(|provenance| provenance.config);
+        if made.is_some_and(|made| made != self.describe(job)) {
+            bail!(
+                "{} was made with other settings or of other files; use the same flags, or pass --overwrite instead \
+                 of --resume",
+                job.output.display()
+            );
+        }
+        Ok(true)
+    }
+}
+
+impl Stages for Restoration<'_> {
+    type Job = Job;
+    type Input = Capture;
+    type Output = (AnyImage, DomainArg);
+
+    fn doing(&self, job: &Job) -> String {
+        format!("restoring {}", job.name())
+    }
+
+    fn read(&self, job: &Job) -> Result<Capture> {
+        let capture = self.args.read_capture(job, self.session)?;
+        let domain = self.args.output_domain.unwrap_or(capture.pixels.domain());
+        check_domain_of_output(&job.output, domain)?;
+        Ok(capture)
+    }
+
+    fn compute(&self, job: &Job, capture: Capture) -> Result<Self::Output> {
+        self.session.progress.check()?;
         let started = Instant::now();
-        let capture = Capture::read(job, self.domain)?;
-        let saturation = capture.saturation.unwrap_or(curve.x_max).min(curve.x_max);
-        let domain = self.output_domain.unwrap_or(capture.pixels.domain());
-        files::check_domain_of_output(&job.output, domain)?;
-        let restored = engine.restore(capture.pixels, curve, saturation, session)?;
-        session.detail(format_args!("{}: {:.2} s", job.name(), started.elapsed().as_secs_f64()));
-        let config = json!({
-            "inputs": job.inputs, "exposures": self.exposures, "tone": curve, "how": engine.describe(),
-        });
-        let options = WriteOptions {
-            half: self.half,
-            overwrite: session.overwrite,
-            provenance: Some(Provenance::new("restore", &config)),
-        };
-        files::write(&job.output, restored, domain, curve, &options)
+        let domain = self.args.output_domain.unwrap_or(capture.pixels.domain());
+        let restored = self.engine.restore(&job.name(), capture, self.curve, self.session)?;
+        self.session.detail(format_args!("{}: {:.2} s", job.name(), started.elapsed().as_secs_f64()));
+        Ok((restored, domain))
     }
 
-    /// What to restore to where; refuses outputs that exist before any work.
-    fn jobs(&self, session: &Session) -> Result<Vec<Job>> {
-        match &self.exposures {
-            Some(times) => files::bracket_job(&self.inputs, times, &self.output, session),
-            None => files::jobs(&self.inputs, &self.output, self.format.extension(), session),
-        }
+    fn write(&self, job: &Job, (restored, domain): Self::Output) -> Result<()> {
+        let options = WriteOptions {
+            half: self.args.half,
+            overwrite: self.session.overwrite,
+            provenance: Some(Provenance::new("restore", &self.describe(job))),
+        };
+        restored.write(&job.output, domain, self.curve, &options)?;
+        self.session.say(job.output.display())
     }
 }
 

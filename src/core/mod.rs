@@ -2,9 +2,11 @@
 //!
 //! Core knows no stage and no command line, and prints nothing.
 
+pub mod color;
 pub mod dataset;
 pub mod error;
 pub mod fft;
+pub mod field;
 pub mod image;
 pub mod io;
 pub mod kernel_code;

@@ -22,6 +22,11 @@ impl Progress {
         Self { visible, interrupted }
     }
 
+    /// The same without bars: for work inside of work that has one.
+    pub fn without_bars(&self) -> Self {
+        Self { visible: false, interrupted: Arc::clone(&self.interrupted) }
+    }
+
     /// Starts a bar of `length` steps, with rate and time left.
     ///
     /// # Panics

@@ -3,9 +3,12 @@
 //! Two ways lead there. Measured: [`fuse()`] makes one linear image of a bracket, [`measure`] cuts the PSF out
 //! of it. Simulated: [`display`] describes panel, lens and sensor, [`propagate`] sends light through them.
 
+pub mod alignment;
 pub mod bayer;
+pub mod bracket;
 pub mod chirp_z;
 pub mod display;
+mod exposure_times;
 pub mod fuse;
 pub mod inpaint;
 pub mod layout;
@@ -19,8 +22,10 @@ pub mod quality;
 pub mod sampling;
 pub mod shape;
 
+pub use alignment::Motion;
+pub use bracket::{Bracket, show_time};
 pub use display::DisplayConfig;
-pub use fuse::{Bracket, FuseConfig, Fused, MergeRule, fuse};
+pub use fuse::{FuseConfig, Fused, MergeRule, fuse};
 pub use measure::{MeasureConfig, MeasuredPsf, Normalization, measure_psf};
 pub use propagate::{SimulatedPsf, simulate_psf};
 pub use quality::{PsfQuality, assess_psf};

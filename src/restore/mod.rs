@@ -1,8 +1,14 @@
 //! Turns degraded images into restored ones: by a network, tile by tile, or by deconvolution.
 
+mod angle;
 pub mod deconvolution;
+mod field;
+mod highlights;
 mod network;
 mod tiles;
 
+pub use angle::{AngleSearch, SEARCH_WINDOW_PX, search_angle};
+pub use field::code_map;
+pub use highlights::{Highlights, SATURATED_PART, blend_highlights};
 pub use network::{Conditioning, NetworkRestorer};
 pub use tiles::{ALIGNMENT, Restorer, Tiling, format_bytes, parse_bytes, restore_tiled};

@@ -3,6 +3,7 @@
 //! [`Formation`] is the model, for one scene and one PSF; [`Synthesis`] makes a dataset folder with it, every
 //! scene through every kernel of a bank.
 
+mod field;
 mod folder;
 mod formation;
 mod kernels;
@@ -11,6 +12,7 @@ mod run;
 mod scene_run;
 mod scenes;
 
+pub use field::convolve_field;
 pub use folder::Existing;
 pub use formation::Formation;
 pub use kernels::MemoryPlan;

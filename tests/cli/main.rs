@@ -13,6 +13,7 @@ mod crop_codes;
 mod eval;
 mod events;
 mod files;
+mod finish;
 mod measure;
 #[path = "../common/perceptual_weights.rs"]
 mod perceptual_weights;

@@ -271,3 +271,204 @@ fn refuses_too_little_memory_naming_what_would_do() {
     }
     assert!(fail(scratch.path(), &["restore", "x", "--max-memory", "lots"], 2).contains("2GiB"));
 }
+
+/// A mosaic of a scene in three exposures, 10 bits above a black level, as a camera would store it.
+fn write_raw_bracket(folder: &Path, exposures: &[(&str, f32)], shift: usize) {
+    std::fs::create_dir_all(folder).unwrap();
+    for (index, (name, time)) in exposures.iter().enumerate() {
+        let mosaic = ArrayD::from_shape_fn(vec![96, 112], |place| {
+            let (y, x) = (place[0], place[1] + shift * index);
+            let lamp = |cy: f32, cx: f32| (-((y as f32 - cy).powi(2) + (x as f32 - cx).powi(2)) / 30.0).exp();
+            let light = 0.2 + 12.0 * lamp(40.0, 50.0) + 6.0 * lamp(70.0, 20.0) + 9.0 * lamp(20.0, 90.0);
+            (64.0 + (light * time).min(1.0) * 959.0).round()
+        });
+        io::write_array(&folder.join(name), &mosaic, true).unwrap();
+    }
+}
+
+const RAW: [&str; 8] = ["--white", "1023", "--black", "64", "--bayer", "rggb", "--exposures", "1,1/4,1/16"];
+
+#[test]
+fn restores_brackets_of_mosaics_folder_by_folder() {
+    let scratch = scratch();
+    let exposures = [("1.npy", 1.0), ("2.npy", 0.25), ("3.npy", 0.0625)];
+    for scene in ["scenes/a", "scenes/b"] {
+        write_raw_bracket(&scratch.path().join(scene), &exposures, 0);
+    }
+    let how = ["--method", "wiener", "--psf", "psf.exr"];
+    let restore = |more: &[&'static str]| [&["restore", "scenes"][..], &RAW, &how, more].concat();
+    succeed(scratch.path(), &restore(&["-o", "out"]));
+    let balanced = ["-o", "balanced", "--white-balance", "2,1,1.5"];
+    succeed(scratch.path(), &restore(&balanced));
+    let read = |name: &str| io::read_image::<Linear>(&scratch.path().join(name)).unwrap();
+    let (plain, balanced) = (read("out/a.exr"), read("balanced/a.exr"));
+    assert_eq!(plain, read("out/b.exr"));
+    for (channel, gain) in [2.0, 1.0, 1.5].into_iter().enumerate() {
+        let ratio = balanced.channel(channel)[[48, 100]] / plain.channel(channel)[[48, 100]];
+        assert!((ratio / gain - 1.0).abs() < 0.05, "channel {channel}: {ratio}");
+    }
+    std::fs::remove_file(scratch.path().join("scenes/b/2.npy")).unwrap();
+    let output = udc(scratch.path(), &restore(&["-o", "missing"]));
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("1 of 2 images") && said.contains("expected 3 pictures"), "{said}");
+    assert!(scratch.path().join("missing/a.exr").exists());
+}
+
+#[test]
+fn refuses_a_bracket_that_moved_unless_told() {
+    let scratch = scratch();
+    let exposures = [("1.npy", 1.0), ("2.npy", 0.25), ("3.npy", 0.0625)];
+    write_raw_bracket(&scratch.path().join("moved"), &exposures, 4);
+    let how = ["--method", "wiener", "--psf", "psf.exr", "-o", "out.exr"];
+    let restore = [&["restore", "moved"][..], &RAW, &how].concat();
+    let said = fail(scratch.path(), &restore, 1);
+    assert!(said.contains("picture 2") && said.contains("--allow-motion"), "{said}");
+    succeed(scratch.path(), &[&restore[..], &["--allow-motion"]].concat());
+}
+
+#[test]
+fn reads_exposure_times_from_the_files_and_says_when_there_are_none() {
+    let scratch = scratch();
+    let scene = io::read_image::<Linear>(&scratch.path().join("scene.exr")).unwrap();
+    let write = |name: &str, time: f32, exposure_s| {
+        let planes = scene.planes().mapv(|v| (v * time).min(1.0));
+        let pixels = io::Pixels { exposure_s, ..io::Pixels::of_planes(planes) };
+        let options = io::PixelOptions { overwrite: true, ..io::PixelOptions::default() };
+        io::write_pixels(&scratch.path().join(name), &pixels, options).unwrap();
+    };
+    for (name, time) in [("1.exr", 1.0), ("2.exr", 0.25), ("3.exr", 0.0625)] {
+        write(name, time, Some(f64::from(time)));
+    }
+    let how = ["--method", "wiener", "--psf", "psf.exr"];
+    let restore = [&["restore", "--bracket", "1.exr", "2.exr", "3.exr"][..], &how].concat();
+    succeed(scratch.path(), &[&restore[..], &["-o", "bracket.exr"]].concat());
+    succeed(scratch.path(), &[&["restore", "scene.exr", "-o", "single.exr"][..], &how].concat());
+    let [a, b] = ["bracket.exr", "single.exr"]
+        .map(|name| io::read_image::<Linear>(&scratch.path().join(name)).unwrap());
+    assert!(a.as_slice().iter().zip(b.as_slice()).all(|(a, b)| (a - b).abs() < 1e-3));
+    write("2.exr", 0.25, None);
+    let said = fail(scratch.path(), &[&restore[..], &["-o", "o.exr"]].concat(), 1);
+    assert!(said.contains("add --exposures"), "{said}");
+}
+
+#[test]
+fn goes_on_where_it_ended() {
+    let scratch = scratch();
+    let folder = scratch.path().join("captures");
+    std::fs::create_dir(&folder).unwrap();
+    for name in ["a.exr", "b.exr", "c.exr"] {
+        std::fs::copy(scratch.path().join("scene.exr"), folder.join(name)).unwrap();
+    }
+    let restore = |more: &[&'static str]| {
+        [&["restore", "captures", "--method", "wiener", "--psf", "psf.exr", "-o", "out"][..], more].concat()
+    };
+    succeed(scratch.path(), &restore(&[]));
+    let written = |name: &str| scratch.path().join("out").join(name).metadata().unwrap().modified().unwrap();
+    let before = written("a.exr");
+    std::fs::remove_file(scratch.path().join("out/b.exr")).unwrap();
+    let said = succeed(scratch.path(), &restore(&["--resume"]));
+    assert!(said.contains("2 of 3 images are there") && said.contains("b.exr"), "{said}");
+    assert_eq!(written("a.exr"), before);
+    assert!(fail(scratch.path(), &restore(&[]), 1).contains("--overwrite"));
+    let said = fail(scratch.path(), &restore(&["--resume", "--balance", "0.5"]), 1);
+    assert!(said.contains("other settings"), "{said}");
+}
+
+/// After Ctrl-C there are finished files and nothing else, and the run can be taken up again.
+#[cfg(unix)]
+#[test]
+fn an_interrupt_leaves_finished_files_only() {
+    let scratch = scratch();
+    let folder = scratch.path().join("captures");
+    std::fs::create_dir(&folder).unwrap();
+    write_scene(&scratch.path().join("large.exr"), 160, 200);
+    let count = 30;
+    for index in 0..count {
+        std::fs::copy(scratch.path().join("large.exr"), folder.join(format!("{index:02}.exr"))).unwrap();
+    }
+    let restore = ["restore", "captures", "--method", "constrained", "--psf", "psf.exr", "-o", "out"];
+    let run = std::process::Command::new(env!("CARGO_BIN_EXE_udc"))
+        .args(restore)
+        .current_dir(scratch.path())
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    while !scratch.path().join("out/00.exr").exists() {
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let pid = run.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    let output = run.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("interrupted"), "{said}");
+    let names = io::list_folder(&scratch.path().join("out")).unwrap();
+    assert!((1..count).contains(&names.len()), "{names:?}");
+    for name in &names {
+        io::read_image::<Linear>(&scratch.path().join("out").join(name)).unwrap();
+    }
+    let said = succeed(scratch.path(), &[&restore[..], &["--resume"]].concat());
+    assert!(said.contains(&format!("{} of {count} images are there", names.len())), "{said}");
+    assert_eq!(io::list_folder(&scratch.path().join("out")).unwrap().len(), count);
+}
+
+#[test]
+fn finds_the_angle_and_treats_highlights_as_told() {
+    let scratch = scratch();
+    let common = ["restore", "scene.exr", "--model", &model(), "--bank", "bank.safetensors", "--angle"];
+    let run = |more: &[&str]| succeed(scratch.path(), &[&common[..], more].concat());
+    let said = run(&["auto", "-o", "auto.exr"]);
+    assert!(said.contains("the panel is turned by") && said.contains("nearest kernel r"), "{said}");
+    let read = |name: &str| io::read_image::<Linear>(&scratch.path().join(name)).unwrap();
+    let scene = read("scene.exr");
+    // Everything at 6 and above counts as saturated, so that the patches of the scene are.
+    run(&["0", "--x-max", "6", "-o", "network.exr"]);
+    run(&["0", "--x-max", "6", "--highlights", "keep", "-o", "keep.exr"]);
+    let (network, keep) = (read("network.exr"), read("keep.exr"));
+    let mut kept = 0;
+    for ((place, &captured), &value) in scene.planes().indexed_iter().zip(keep.planes()) {
+        if captured >= 6.0 {
+            kept += 1;
+            assert!((value - 6.0).abs() < 1e-2, "{value} at {place:?}");
+        } else if captured < 5.9 {
+            assert_eq!(value, network.planes()[place]);
+        }
+    }
+    assert!(kept > 100, "{kept}");
+    assert!(fail(scratch.path(), &[&common[..], &["maybe", "-o", "o.exr"]].concat(), 2).contains("auto"));
+}
+
+/// A field with one PSF at every place is that PSF; one that varies changes the frame where it does.
+#[test]
+fn interpolates_codes_over_the_field() {
+    let scratch = scratch();
+    let turned = udc::codes::rotate(&psf(), 8.0).unwrap();
+    io::write_psf(&scratch.path().join("turned.exr"), &turned, &WriteOptions::default()).unwrap();
+    let write = |name: &str, right: &str| {
+        let text = format!("rows = 1\ncolumns = 2\npsfs = [\"psf.exr\", \"{right}\"]\n");
+        std::fs::write(scratch.path().join(name), text).unwrap();
+    };
+    write("same.toml", "psf.exr");
+    write("varying.toml", "turned.exr");
+    let common = ["restore", "scene.exr", "--model", &model(), "--bank", "bank.safetensors"];
+    let restore = |output: &str, flag: &str, file: &str| {
+        succeed(scratch.path(), &[&common[..], &[flag, file, "-o", output]].concat());
+        io::read_image::<Linear>(&scratch.path().join(output)).unwrap()
+    };
+    let one = restore("one.exr", "--psf", "psf.exr");
+    let same = restore("same.exr", "--field", "same.toml");
+    let varying = restore("varying.exr", "--field", "varying.toml");
+    let worst = |a: &LinearImage, x: usize| {
+        let column = |image: &LinearImage| image.planes().slice(ndarray::s![.., .., x]).to_owned();
+        (column(a) - column(&one)).iter().fold(0.0f32, |worst, d| worst.max(d.abs()))
+    };
+    let everywhere = (0..56).map(|x| worst(&same, x)).fold(0.0, f32::max);
+    assert!(everywhere < 1e-4, "{everywhere}");
+    assert!(worst(&varying, 55) > 10.0 * everywhere, "{} {everywhere}", worst(&varying, 55));
+    std::fs::write(scratch.path().join("short.toml"), "rows = 2\ncolumns = 2\npsfs = [\"psf.exr\"]\n")
+        .unwrap();
+    let refused = [&common[..], &["--field", "short.toml", "-o", "o.exr"]].concat();
+    assert!(fail(scratch.path(), &refused, 1).contains("names 1 PSFs for 2 × 2 places"));
+}

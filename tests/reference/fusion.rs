@@ -17,7 +17,7 @@ fn is_within_the_rounding_of_the_exposure_used() {
     let pictures =
         (0..3).map(|k| read_pixels(&fixture(&format!("exposure_{k}.npy"))).unwrap().planes).collect();
     let truth = read_pixels(&fixture("truth.npy")).unwrap().planes;
-    let fused = fuse(&Bracket::new(pictures, &EXPOSURES).unwrap(), &FuseConfig::default()).unwrap();
+    let fused = fuse(Bracket::new(pictures, &EXPOSURES).unwrap(), &FuseConfig::default()).unwrap();
     let mut used = [0; 3];
     for ((place, &expected), &source) in truth.indexed_iter().zip(&fused.source) {
         let time = EXPOSURES[usize::from(source)];

@@ -9,6 +9,7 @@
 
 mod codes;
 mod discnet;
+mod finish;
 mod formation;
 mod fusion;
 mod metrics;

@@ -4,16 +4,15 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use udc::psf::fuse::show_time;
-use udc::psf::{Fused, MeasuredPsf};
+use udc::psf::{Fused, MeasuredPsf, show_time};
+
+use crate::commands::bracket::warnings_of;
 
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
 /// What there is to tell about a fusion.
 pub(super) struct Summary<'a> {
     pub(super) output: &'a Path,
-    /// Longest first.
-    pub(super) times: &'a [f64],
     pub(super) fused: &'a Fused,
     pub(super) measured: Option<&'a MeasuredPsf>,
 }
@@ -29,18 +28,7 @@ impl Summary<'_> {
                 "{saturated} {values} saturated in every exposure and brighter than written; add a shorter exposure"
             ));
         }
-        for (found, times) in self.fused.ratio_found.iter().zip(self.times.windows(2)) {
-            if let Some(found) = found.filter(|found| (found - 1.0).abs() > 0.1) {
-                warnings.push(format!(
-                    "exposure {} is {found:.2} times as bright as {} lets expect; check the times",
-                    show_time(times[1]),
-                    show_time(times[0])
-                ));
-            }
-        }
-        if self.fused.greens_look_swapped {
-            warnings.push("the mosaic's greens look as if on the other diagonal; check --bayer".to_owned());
-        }
+        warnings.extend(warnings_of(self.fused));
         if let Some(measured) = self.measured {
             warnings.extend(psf_warnings(measured));
         }
@@ -51,14 +39,24 @@ impl Summary<'_> {
     pub(super) fn text(&self) -> String {
         let image = self.measured.map_or(&self.fused.image, |measured| &measured.image);
         let mut lines = vec![format!("{}: {} × {}", self.output.display(), image.width(), image.height())];
-        let shares = self.fused.shares(self.times.len());
+        let shares = self.fused.shares(self.fused.times.len());
         let shares: Vec<String> = self
+            .fused
             .times
             .iter()
             .zip(shares)
             .map(|(time, share)| format!("{:.2} % from {}", 100.0 * share, show_time(*time)))
             .collect();
         lines.push(format!("values: {}", shares.join(", ")));
+        for (motion, time) in self.fused.motion.iter().zip(&self.fused.times[1..]) {
+            if let Some(motion) = motion {
+                let [down, right] = motion.shift_px;
+                lines.push(format!(
+                    "motion of {} against the next longer exposure: {down:+.2} down, {right:+.2} right",
+                    show_time(*time)
+                ));
+            }
+        }
         if self.fused.discarded > 0 {
             lines.push(format!("discarded by the mask: {} pixels", self.fused.discarded));
         }
@@ -88,11 +86,12 @@ impl Summary<'_> {
         });
         json!({
             "output": self.output,
-            "exposures": self.times,
-            "shares": fused.shares(self.times.len()),
+            "exposures": fused.times,
+            "shares": fused.shares(fused.times.len()),
             "saturated": fused.saturated,
             "discarded": fused.discarded,
             "brightness-ratio-found": fused.ratio_found,
+            "motion-px": fused.motion.iter().map(|motion| motion.map(|m| m.shift_px)).collect::<Vec<_>>(),
             "psf": psf,
         })
     }

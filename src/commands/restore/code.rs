@@ -8,10 +8,11 @@ use ndarray::{Array1, Axis};
 
 use udc::codes::{interpolate_code, project};
 use udc::core::io::{bank_sha256, read_array, read_bank, read_bank_codes, read_psf};
-use udc::core::kernel_code::KernelCode;
+use udc::core::kernel_code::{KernelBank, KernelCode};
 use udc::network::Model;
 use udc::restore::Conditioning;
 
+use super::field::Field;
 use crate::commands::Session;
 
 #[derive(Args, Debug)]
@@ -19,10 +20,14 @@ pub(super) struct CodeArgs {
     /// Kernel bank that the model was trained with (.safetensors)
     #[arg(long, value_name = "BANK", conflicts_with = "method")]
     bank: Option<PathBuf>,
-    /// Rotation of the panel in degrees, counter-clockwise; between those of the bank, codes are interpolated
-    #[arg(long, value_name = "DEGREES", requires = "bank", conflicts_with_all = ["psf", "code"])]
-    #[arg(allow_negative_numbers = true)]
-    angle: Option<f64>,
+    /// Rotation of the panel in degrees, counter-clockwise; between those of the bank, codes are interpolated. `auto`
+    /// restores a window of 512 pixels under every code and takes the angle that explains the capture best
+    #[arg(long, value_name = "DEGREES|auto", requires = "bank", conflicts_with_all = ["psf", "code"])]
+    #[arg(allow_negative_numbers = true, value_parser = parse_angle)]
+    angle: Option<AngleArg>,
+    /// PSFs of several places of the frame (.toml: rows, columns, psfs row by row), whose codes are interpolated
+    #[arg(long, value_name = "FIELD", requires = "bank", conflicts_with_all = ["angle", "psf", "code"])]
+    field: Option<PathBuf>,
     /// Kernel code itself (.npy)
     #[arg(long, value_name = "CODE", conflicts_with_all = ["bank", "psf", "method"])]
     code: Option<PathBuf>,
@@ -31,18 +36,62 @@ pub(super) struct CodeArgs {
     pub(super) psf: Option<PathBuf>,
 }
 
+/// An angle as the user writes it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum AngleArg {
+    Auto,
+    Degrees(f64),
+}
+
+fn parse_angle(text: &str) -> Result<AngleArg, String> {
+    match text.parse() {
+        Ok(degrees) => Ok(AngleArg::Degrees(degrees)),
+        Err(_) if text == "auto" => Ok(AngleArg::Auto),
+        Err(_) => Err("write a number of degrees, or auto".to_owned()),
+    }
+}
+
+/// What is known of the code before a capture is seen.
+pub(super) enum KnownCode {
+    /// All of it.
+    Fixed(Conditioning),
+    /// The kernels, one of whose angles is to be found in each capture.
+    Search(Box<KernelBank>),
+    /// A code for each of several places.
+    Field(Field),
+}
+
+impl KnownCode {
+    /// Something that the network could be told, to see whether it fits.
+    pub(super) fn example(&self) -> Conditioning {
+        match self {
+            Self::Fixed(conditioning) => conditioning.clone(),
+            Self::Search(bank) => Conditioning::Code(bank.code(0).to_owned()),
+            Self::Field(field) => Conditioning::Code(field.codes[0].clone()),
+        }
+    }
+}
+
 impl CodeArgs {
     /// The code for `model`, with warnings about banks that do not belong to it.
-    pub(super) fn resolve(&self, model: &Model, session: &Session) -> Result<Conditioning> {
+    pub(super) fn resolve(&self, model: &Model, session: &Session) -> Result<KnownCode> {
         if !model.architecture().condition.uses_code() {
             if self.bank.is_some() || self.code.is_some() || self.psf.is_some() {
                 session.warn("the model was trained without kernel codes; --bank, --angle, --code and --psf change nothing");
             }
-            return Ok(Conditioning::None);
+            return Ok(KnownCode::Fixed(Conditioning::None));
+        }
+        if let (Some(field), Some(bank)) = (&self.field, &self.bank) {
+            check_bank(bank, model, session)?;
+            return Ok(KnownCode::Field(Field::read(field, |psf| projected(bank, psf, session))?));
         }
         let code = match (&self.code, &self.bank, self.angle, &self.psf) {
             (Some(code), ..) => read_code(code)?,
-            (None, Some(bank), Some(angle), _) => {
+            (None, Some(bank), Some(AngleArg::Auto), _) => {
+                check_bank(bank, model, session)?;
+                return Ok(KnownCode::Search(Box::new(read_bank(bank)?)));
+            }
+            (None, Some(bank), Some(AngleArg::Degrees(angle)), _) => {
                 check_bank(bank, model, session)?;
                 interpolate_code(&read_bank_codes(bank)?, angle)
                     .with_context(|| format!("finding the code of {angle}° in {}", bank.display()))?
@@ -52,7 +101,9 @@ impl CodeArgs {
                 projected(bank, psf, session)?
             }
             (None, Some(_), None, None) => {
-                bail!("--bank holds a code for every angle: add --angle A, or --psf PSF for a measured panel")
+                bail!(
+                    "--bank holds a code for every angle: add --angle A, --angle auto, or --psf PSF for a measured panel"
+                )
             }
             (None, None, _, Some(_)) => {
                 bail!("the model needs the code of the PSF: add --bank BANK, the bank it was trained with")
@@ -63,7 +114,7 @@ impl CodeArgs {
                 model.architecture().code_dim
             ),
         };
-        Ok(Conditioning::Code(code))
+        Ok(KnownCode::Fixed(Conditioning::Code(code)))
     }
 }
 

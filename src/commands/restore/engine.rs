@@ -1,20 +1,32 @@
 //! What restores an image: a network with its code, or a deconvolution with its PSF.
 
+use std::time::Instant;
+
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
+use udc::codes::interpolate_code;
+use udc::core::error::Error;
+use udc::core::image::{CHANNELS, ToneMappedImage};
 use udc::core::io::read_psf;
+use udc::core::kernel_code::KernelBank;
 use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
 use udc::network::Model;
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, deconvolution_bytes, deconvolve};
-use udc::restore::{Conditioning, NetworkRestorer, Tiling, format_bytes, restore_tiled};
+use udc::restore::{
+    Conditioning, Highlights, NetworkRestorer, Restorer, SATURATED_PART, Tiling, blend_highlights, code_map,
+    format_bytes, restore_tiled, search_angle,
+};
 
-use super::files::AnyImage;
+use super::code::KnownCode;
+use super::field::Field;
+use super::files::{Capture, Job};
 use super::{RestoreArgs, text};
 use crate::commands::Session;
 use crate::commands::method::MethodArg;
+use crate::commands::picture::AnyImage;
 
 #[derive(Args, Debug)]
 pub(super) struct MethodArgs {
@@ -50,21 +62,28 @@ enum BorderArg {
 pub(super) struct Engine {
     kind: Kind,
     max_memory: u64,
+    /// Frames that the queue holds meanwhile; none for a single image.
+    queued_frames: Option<u64>,
+    highlights: Highlights,
 }
 
+/// Frames of 32-bit RGB that the queue holds beside the image in work and the pictures that are read: the file of one of
+/// these, and an image that is written, with its file.
+const QUEUED_FRAMES: u64 = 3;
+
 enum Kind {
-    Network { path: String, model: Box<Model>, conditioning: Conditioning, tile: Option<usize> },
+    Network { path: String, model: Box<Model>, code: KnownCode, tile: Option<usize> },
     Deconvolution { path: String, psf: Psf, config: DeconvolutionConfig },
 }
 
 impl Engine {
-    pub(super) fn new(args: &RestoreArgs, curve: ToneCurve, session: &Session) -> Result<Self> {
+    pub(super) fn new(args: &RestoreArgs, curve: ToneCurve, jobs: &[Job], session: &Session) -> Result<Self> {
         let kind = match (&args.model, args.method.method, &args.code.psf) {
             (Some(path), ..) => {
                 let model = Box::new(Model::load(path)?);
-                let conditioning = args.code.resolve(&model, session)?;
-                NetworkRestorer::new(&model, conditioning.clone())?;
-                Kind::Network { path: text(path), model, conditioning, tile: args.tile }
+                let code = args.code.resolve(&model, session)?;
+                NetworkRestorer::new(&model, code.example())?;
+                Kind::Network { path: text(path), model, code, tile: args.tile }
             }
             (None, Some(method), Some(psf)) => {
                 let config = args.method.config(method, curve);
@@ -72,21 +91,48 @@ impl Engine {
             }
             _ => bail!("name a --model, or a --method with its --psf"),
         };
-        Ok(Self { kind, max_memory: args.max_memory })
+        let highlights = args.highlights.into();
+        let pictures = jobs.iter().map(|job| job.inputs.len() as u64).max().unwrap_or(0);
+        let queued_frames = (jobs.len() > 1).then_some(QUEUED_FRAMES + pictures);
+        Ok(Self { kind, max_memory: args.max_memory, queued_frames, highlights })
     }
 
-    /// Restores one image; says beforehand what memory that takes.
+    /// Restores one capture; says beforehand what memory that takes.
     pub(super) fn restore(
         &self,
-        image: AnyImage,
+        name: &str,
+        capture: Capture,
         curve: ToneCurve,
-        saturation: f32,
         session: &Session,
     ) -> Result<AnyImage> {
+        let saturation = capture.saturation.unwrap_or(curve.x_max).min(curve.x_max);
+        let image = capture.pixels;
+        let progress = if self.queued_frames.is_some() {
+            session.progress.without_bars()
+        } else {
+            session.progress.clone()
+        };
         match &self.kind {
-            Kind::Network { model, conditioning, tile, .. } => {
-                let restorer = NetworkRestorer::new(model, conditioning.clone())?;
+            Kind::Network { model, code, tile, .. } => {
                 let image = image.into_tone_mapped(curve);
+                let seen = ToneCurve { x_max: saturation, ..curve };
+                let conditioning = match code {
+                    KnownCode::Fixed(conditioning) => conditioning.clone(),
+                    KnownCode::Search(bank) => {
+                        let (conditioning, found) = self.search(&image, (model, bank), seen, session)?;
+                        session.say(format_args!("{name}: {found}"))?;
+                        conditioning
+                    }
+                    KnownCode::Field(Field { codes, grid }) => {
+                        Conditioning::Map(code_map(codes, grid, [image.height(), image.width()])?)
+                    }
+                };
+                let map = match &conditioning {
+                    Conditioning::Map(map) => (map.len() * size_of::<f32>()) as u64,
+                    Conditioning::None | Conditioning::Code(_) => 0,
+                };
+                let queued = map + self.queued_bytes([image.height(), image.width()]);
+                let restorer = Beside { restorer: NetworkRestorer::new(model, conditioning)?, bytes: queued };
                 let tiling = self.tiling(image.height(), image.width(), *tile, &restorer)?;
                 let (height, width) = tiling.window();
                 session.detail(format_args!(
@@ -96,16 +142,20 @@ impl Engine {
                     tiling.len(),
                     format_bytes(tiling.bytes(&restorer))
                 ));
-                Ok(AnyImage::ToneMapped(restore_tiled(&image, &tiling, &restorer, &session.progress)?))
+                let restored = restore_tiled(&image, &tiling, &restorer, &progress)?;
+                let level = curve.compress(SATURATED_PART * saturation);
+                Ok(AnyImage::ToneMapped(blend_highlights(restored, &image, level, self.highlights)?))
             }
             Kind::Deconvolution { psf, config, .. } => {
                 let image = image.into_linear(curve);
                 let (size, of_psf) = ([image.height(), image.width()], [psf.height(), psf.width()]);
-                let bytes = deconvolution_bytes(size, of_psf, config);
+                let bytes = deconvolution_bytes(size, of_psf, config) + self.queued_bytes(size);
                 session.detail(format_args!("{} × {}: {}", size[0], size[1], format_bytes(bytes)));
                 self.require(bytes, size)?;
                 let config = DeconvolutionConfig { saturation, ..*config };
-                Ok(AnyImage::Linear(deconvolve(&image, psf, &config, &session.progress)?))
+                let restored = deconvolve(&image, psf, &config, &progress)?;
+                let level = SATURATED_PART * saturation;
+                Ok(AnyImage::Linear(blend_highlights(restored, &image, level, self.highlights)?))
             }
         }
     }
@@ -113,15 +163,50 @@ impl Engine {
     /// The method with every setting resolved, for provenance.
     pub(super) fn describe(&self) -> Value {
         match &self.kind {
-            Kind::Network { path, conditioning, tile, .. } => {
-                let code = match conditioning {
-                    Conditioning::Code(code) => Some(code.to_vec()),
-                    Conditioning::None | Conditioning::Map(_) => None,
+            Kind::Network { path, code, tile, .. } => {
+                let code = match code {
+                    KnownCode::Fixed(Conditioning::Code(code)) => Some(json!(code.to_vec())),
+                    KnownCode::Fixed(Conditioning::None | Conditioning::Map(_)) => None,
+                    KnownCode::Search(_) => Some(json!("auto")),
+                    KnownCode::Field(field) => {
+                        Some(json!(field.codes.iter().map(|code| code.to_vec()).collect::<Vec<_>>()))
+                    }
                 };
-                json!({"model": path, "code": code, "tile": tile, "max-memory": self.max_memory})
+                json!({
+                    "model": path, "code": code, "tile": tile, "max-memory": self.max_memory,
+                    "highlights": self.highlights,
+                })
             }
-            Kind::Deconvolution { path, config, .. } => json!({"psf": path, "deconvolution": config}),
+            Kind::Deconvolution { path, config, .. } => {
+                json!({"psf": path, "deconvolution": config, "highlights": self.highlights})
+            }
         }
+    }
+
+    /// The code of the angle that explains a capture best, and what to tell about it.
+    fn search(
+        &self,
+        image: &ToneMappedImage,
+        (model, bank): (&Model, &KernelBank),
+        curve: ToneCurve,
+        session: &Session,
+    ) -> Result<(Conditioning, String)> {
+        let started = Instant::now();
+        let silent = session.progress.without_bars();
+        let restore = |kernel: usize, window: &ToneMappedImage| {
+            let restorer = NetworkRestorer::new(model, Conditioning::Code(bank.code(kernel).to_owned()))?;
+            let tiling = Tiling::within(window.height(), window.width(), self.max_memory, &restorer)?;
+            restore_tiled(window, &tiling, &restorer, &silent)
+        };
+        let found = search_angle(image, bank, curve, &restore, &session.progress)?;
+        let smallest = found.residuals[found.best];
+        let found_text = format!(
+            "the panel is turned by {:+.1}° (nearest kernel {}, residual {smallest:.5}; found in {:.1} s)",
+            found.angle_deg,
+            bank.kernel_name(found.best),
+            started.elapsed().as_secs_f64()
+        );
+        Ok((Conditioning::Code(interpolate_code(&bank.to_codes(), found.angle_deg)?), found_text))
     }
 
     fn tiling(
@@ -129,7 +214,7 @@ impl Engine {
         height: usize,
         width: usize,
         tile: Option<usize>,
-        restorer: &NetworkRestorer<'_>,
+        restorer: &dyn Restorer,
     ) -> Result<Tiling> {
         let Some(tile) = tile else {
             return Ok(Tiling::within(height, width, self.max_memory, restorer)?);
@@ -137,6 +222,12 @@ impl Engine {
         let tiling = Tiling::with_tile(height, width, tile, restorer)?;
         self.require(tiling.bytes(restorer), [height, width])?;
         Ok(tiling)
+    }
+
+    /// What the queue holds meanwhile, if all images are of this size.
+    fn queued_bytes(&self, [height, width]: [usize; 2]) -> u64 {
+        let frame = (CHANNELS * size_of::<f32>() * height * width) as u64;
+        self.queued_frames.unwrap_or(0) * frame
     }
 
     fn require(&self, bytes: u64, [height, width]: [usize; 2]) -> Result<()> {
@@ -149,6 +240,30 @@ impl Engine {
             );
         }
         Ok(())
+    }
+}
+
+/// A restorer that shares the memory with something else.
+struct Beside<'a> {
+    restorer: NetworkRestorer<'a>,
+    bytes: u64,
+}
+
+impl Restorer for Beside<'_> {
+    fn window_bytes(&self, height: usize, width: usize) -> u64 {
+        self.restorer.window_bytes(height, width) + self.bytes
+    }
+
+    fn halo(&self) -> usize {
+        self.restorer.halo()
+    }
+
+    fn alignment(&self) -> usize {
+        self.restorer.alignment()
+    }
+
+    fn restore(&self, image: &ToneMappedImage, top: usize, left: usize) -> Result<ToneMappedImage, Error> {
+        self.restorer.restore(image, top, left)
     }
 }
 

@@ -1,20 +1,16 @@
-//! Which files become which: outputs named before the work, captures read, results written in their domain.
+//! Which files become which: outputs named before the work, captures read.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 
-use udc::core::image::{Linear, LinearImage, ToneMapped, ToneMappedImage};
-use udc::core::io::{
-    DomainTag, Format, WriteOptions, check_output, expand_inputs, image_of, inspect_image, read_pixels,
-    write_image,
-};
-use udc::core::tone::ToneCurve;
-use udc::psf::{Bracket, FuseConfig, fuse};
+use udc::core::io::{Format, check_output, expand_inputs, list_folder};
+use udc::psf::{Bracket, fuse};
 
-use super::text;
+use super::RestoreArgs;
 use crate::commands::Session;
-use crate::commands::domain::DomainArg;
+use crate::commands::bracket::{names_of, warnings_of};
+use crate::commands::picture::AnyImage;
 
 /// Where the published dataset keeps its captures.
 const PUBLISHED_CAPTURES: &str = "real_data/input";
@@ -23,16 +19,8 @@ const PUBLISHED_CAPTURES: &str = "real_data/input";
 pub(super) struct Job {
     /// The capture, or the pictures of a bracket.
     pub(super) inputs: Vec<PathBuf>,
-    /// The exposure times of a bracket.
-    times: Option<Vec<f64>>,
     /// The image to write.
     pub(super) output: PathBuf,
-}
-
-/// An image in one of the two domains.
-pub(super) enum AnyImage {
-    Linear(LinearImage),
-    ToneMapped(ToneMappedImage),
 }
 
 /// What was read for a job.
@@ -45,145 +33,110 @@ pub(super) struct Capture {
 
 impl Job {
     pub(super) fn name(&self) -> String {
-        self.inputs.iter().map(|path| text(path)).collect::<Vec<_>>().join(" ")
+        names_of(&self.inputs)
     }
 }
 
-/// One job for each input file.
-pub(super) fn jobs(
-    inputs: &[PathBuf],
-    output: &Path,
-    extension: &str,
-    session: &Session,
-) -> Result<Vec<Job>> {
-    let files = expand_inputs(&inputs.iter().map(|input| captures_of(input)).collect::<Vec<_>>())?;
-    let to_folder = files.len() > 1 || inputs.iter().any(|input| input.is_dir()) || output.is_dir();
-    if to_folder {
-        std::fs::create_dir_all(output)
-            .with_context(|| format!("creating the folder {}", output.display()))?;
+/// Files that become one image, and its name in an output folder.
+struct Group {
+    name: String,
+    files: Vec<PathBuf>,
+}
+
+impl Group {
+    fn of(named: &Path, files: Vec<PathBuf>, name: Option<&std::ffi::OsStr>) -> Self {
+        let name = name.unwrap_or(named.as_os_str()).to_string_lossy().into_owned();
+        Self { name, files }
     }
-    let mut jobs: Vec<Job> = Vec::with_capacity(files.len());
-    for file in files {
-        let name = Path::new(file.file_stem().unwrap_or_default()).to_owned();
-        let output =
-            if to_folder { output.join(format!("{}.{extension}", text(&name))) } else { output.to_owned() };
-        Format::of_extension(&output)?;
-        check_output(&output, session.overwrite)?;
-        if let Some(other) = jobs.iter().find(|job| job.output == output) {
-            bail!("{} and {} would both be written to {}", other.name(), file.display(), output.display());
+}
+
+impl RestoreArgs {
+    /// What to restore to where; refuses outputs that exist before any work.
+    pub(super) fn jobs(&self, session: &Session) -> Result<Vec<Job>> {
+        let groups = if self.is_bracket() { brackets(&self.inputs)? } else { captures(&self.inputs)? };
+        let is_folder = |input: &PathBuf| input.is_dir();
+        let to_folder = groups.len() > 1
+            || self.output.is_dir()
+            || (!self.is_bracket() && self.inputs.iter().any(is_folder));
+        if to_folder {
+            std::fs::create_dir_all(&self.output)
+                .with_context(|| format!("creating the folder {}", self.output.display()))?;
         }
-        jobs.push(Job { inputs: vec![file], times: None, output });
-    }
-    Ok(jobs)
-}
-
-/// The one job of a bracket.
-pub(super) fn bracket_job(
-    inputs: &[PathBuf],
-    times: &[f64],
-    output: &Path,
-    session: &Session,
-) -> Result<Vec<Job>> {
-    let inputs = expand_inputs(inputs)?;
-    Format::of_extension(output)?;
-    check_output(output, session.overwrite)?;
-    Ok(vec![Job { inputs, times: Some(times.to_vec()), output: output.to_owned() }])
-}
-
-fn captures_of(input: &Path) -> PathBuf {
-    let published = input.join(PUBLISHED_CAPTURES);
-    if published.is_dir() { published } else { input.to_owned() }
-}
-
-impl Capture {
-    pub(super) fn read(job: &Job, domain: Option<DomainArg>) -> Result<Self> {
-        if let Some(times) = &job.times {
-            return read_bracket(&job.inputs, times);
+        let extension = self.format.extension();
+        let mut jobs: Vec<Job> = Vec::with_capacity(groups.len());
+        for Group { name, files } in groups {
+            let output =
+                if to_folder { self.output.join(format!("{name}.{extension}")) } else { self.output.clone() };
+            Format::of_extension(&output)?;
+            check_output(&output, session.overwrite || self.resume)?;
+            if let Some(other) = jobs.iter().find(|job| job.output == output) {
+                let (other, this) = (other.name(), names_of(&files));
+                bail!("{other} and {this} would both be written to {}", output.display());
+            }
+            jobs.push(Job { inputs: files, output });
         }
-        let path = &job.inputs[0];
-        let (pixels, encoding) = inspect_image(path)?;
-        let is_integer = matches!(encoding.format, Format::Png | Format::Jpeg | Format::Tiff)
-            && encoding.sample_type.starts_with("uint");
-        let declared = pixels.domain.map(DomainArg::from);
-        let pixels = match domain.or(declared) {
-            None if is_integer => bail!(
-                "{} does not say whether its values are linear or tone-mapped: add --domain linear or --domain \
-                 tone-mapped",
-                path.display()
-            ),
-            Some(DomainArg::ToneMapped) => AnyImage::ToneMapped(image_of::<ToneMapped>(path, pixels)?),
-            Some(DomainArg::Linear) | None => AnyImage::Linear(image_of::<Linear>(path, pixels)?),
+        Ok(jobs)
+    }
+
+    /// Whether several pictures make one image.
+    pub(super) fn is_bracket(&self) -> bool {
+        self.bracket || self.raw.exposures.is_some()
+    }
+
+    pub(super) fn read_capture(&self, job: &Job, session: &Session) -> Result<Capture> {
+        if !self.is_bracket() && !self.raw.is_raw() {
+            return Ok(Capture { pixels: AnyImage::read(&job.inputs[0], self.domain)?, saturation: None });
+        }
+        let mut pictures = self.raw.read(&job.inputs)?;
+        let bracket = if self.is_bracket() {
+            let Some(times) = self.raw.exposures.clone().or(pictures.times) else {
+                bail!(
+                    "not every picture says its exposure time: add --exposures T,T,… in the order of the files"
+                );
+            };
+            Bracket::new(pictures.planes, &times)?
+        } else {
+            Bracket::single(pictures.planes.remove(0))?
         };
-        Ok(Self { pixels, saturation: None })
+        let fused = fuse(bracket, &pictures.config)?;
+        for warning in warnings_of(&fused) {
+            session.warn(format_args!("{}: {warning}", job.name()));
+        }
+        let lowest = fused.saturation.into_iter().fold(f64::INFINITY, f64::min);
+        #[expect(clippy::cast_possible_truncation, reason = "an irradiance in f32")]
+        let saturation = Some(lowest as f32);
+        Ok(Capture { pixels: AnyImage::Linear(fused.image), saturation })
     }
 }
 
-fn read_bracket(inputs: &[PathBuf], times: &[f64]) -> Result<Capture> {
-    let mut pictures = Vec::with_capacity(inputs.len());
-    for path in inputs {
-        let picture = read_pixels(path)?;
-        if picture.domain == Some(DomainTag::ToneMapped) {
-            bail!(
-                "{} holds tone-mapped values, which add up to nothing; use the linear pictures",
-                path.display()
-            );
-        }
-        pictures.push(picture.planes);
-    }
-    let config = FuseConfig::default();
-    let bracket = Bracket::new(pictures, times)?;
-    let shortest = bracket.times().into_iter().fold(f64::INFINITY, f64::min);
-    let fused = fuse(&bracket, &config)?;
-    #[expect(clippy::cast_possible_truncation, reason = "an irradiance in f32")]
-    let saturation = (config.white * config.saturation / shortest) as f32;
-    Ok(Capture { pixels: AnyImage::Linear(fused.image), saturation: Some(saturation) })
+/// One group for each file.
+fn captures(inputs: &[PathBuf]) -> Result<Vec<Group>> {
+    let of_published = |input: &PathBuf| {
+        let published = input.join(PUBLISHED_CAPTURES);
+        if published.is_dir() { published } else { input.clone() }
+    };
+    let files = expand_inputs(&inputs.iter().map(of_published).collect::<Vec<_>>())?;
+    Ok(files.into_iter().map(|file| Group::of(&file, vec![file.clone()], file.file_stem())).collect())
 }
 
-impl AnyImage {
-    pub(super) fn domain(&self) -> DomainArg {
-        match self {
-            Self::Linear(_) => DomainArg::Linear,
-            Self::ToneMapped(_) => DomainArg::ToneMapped,
+/// One group for each folder of pictures, one for all files that are named themselves.
+fn brackets(inputs: &[PathBuf]) -> Result<Vec<Group>> {
+    let (folders, files): (Vec<PathBuf>, Vec<PathBuf>) =
+        inputs.iter().cloned().partition(|input| input.is_dir());
+    let mut groups = Vec::new();
+    if !files.is_empty() {
+        let files = expand_inputs(&files)?;
+        let first = files[0].clone();
+        groups.push(Group::of(&first, files, first.file_stem()));
+    }
+    for folder in folders {
+        let inner: Vec<PathBuf> =
+            list_folder(&folder)?.iter().map(|name| folder.join(name)).filter(|path| path.is_dir()).collect();
+        let is_flat = inner.is_empty();
+        for bracket in if is_flat { vec![folder] } else { inner } {
+            let files = expand_inputs(std::slice::from_ref(&bracket))?;
+            groups.push(Group::of(&bracket, files, bracket.file_name()));
         }
     }
-
-    pub(super) fn into_linear(self, curve: ToneCurve) -> LinearImage {
-        match self {
-            Self::Linear(image) => image,
-            Self::ToneMapped(image) => curve.inverse_tone_map(&image),
-        }
-    }
-
-    pub(super) fn into_tone_mapped(self, curve: ToneCurve) -> ToneMappedImage {
-        match self {
-            Self::Linear(image) => curve.tone_map(&image),
-            Self::ToneMapped(image) => image,
-        }
-    }
-}
-
-/// Refuses linear light in a file of integers, before the work.
-pub(super) fn check_domain_of_output(path: &Path, domain: DomainArg) -> Result<()> {
-    let holds_floats = matches!(Format::of_extension(path)?, Format::Exr | Format::Npy | Format::Hdr);
-    if domain == DomainArg::Linear && !holds_floats {
-        bail!(
-            "{} cannot hold linear light above one: add --output-domain tone-mapped, or write .exr or .npy",
-            path.display()
-        );
-    }
-    Ok(())
-}
-
-pub(super) fn write(
-    path: &Path,
-    image: AnyImage,
-    domain: DomainArg,
-    curve: ToneCurve,
-    options: &WriteOptions,
-) -> Result<()> {
-    match domain {
-        DomainArg::Linear => write_image(path, &image.into_linear(curve), options)?,
-        DomainArg::ToneMapped => write_image(path, &image.into_tone_mapped(curve), options)?,
-    }
-    Ok(())
+    Ok(groups)
 }

@@ -12,6 +12,7 @@ mod describe;
 mod exr;
 mod folder;
 mod format;
+mod grey_tiff;
 mod guard;
 mod inputs;
 mod npy;
@@ -197,7 +198,8 @@ pub fn write_image<D: Domain>(path: &Path, image: &Image<D>, options: &WriteOpti
         provenance: options.provenance.as_ref(),
     };
     let clip = D::NAME == ToneMapped::NAME;
-    write_contents(path, &contents, PixelOptions { half: options.half, overwrite: options.overwrite, clip })
+    let WriteOptions { half, overwrite, .. } = *options;
+    write_contents(path, &contents, PixelOptions { half, overwrite, clip, eight_bit: false })
 }
 
 /// How pixels of any meaning are written.
@@ -209,6 +211,8 @@ pub struct PixelOptions {
     pub overwrite: bool,
     /// Whether values outside of an integer format's range may be clipped.
     pub clip: bool,
+    /// 8 bits instead of 16, in formats that have both.
+    pub eight_bit: bool,
 }
 
 /// Writes pixels, with what is known of them, in the format of the path's extension.
@@ -239,7 +243,7 @@ fn write_contents(path: &Path, contents: &Contents<'_>, options: PixelOptions) -
     let encoded = match format {
         Format::Exr => exr::encode(contents, options.half),
         Format::Npy => npy::encode_image(&contents.planes, options.half),
-        _ => raster::encode(&contents.planes, format, options.clip),
+        _ => raster::encode(&contents.planes, format, options),
     };
     let bytes = encoded.map_err(|reason| Error::format(path, reason))?;
     write_atomically(path, options.overwrite, |file| file.write_all(&bytes))
@@ -274,7 +278,10 @@ fn to_rgb(path: &Path, planes: Array3<f32>) -> Result<Array3<f32>> {
         }
         channels => Err(Error::format(
             path,
-            format!("has {channels} channels, as packed Bayer data; an RGB or grey image is needed"),
+            format!(
+                "has {channels} channels, as packed Bayer data; an RGB or grey image is needed (or --bayer, in a command \
+                 that has it)"
+            ),
         )),
     }
 }

@@ -4,15 +4,17 @@ use std::io::Cursor;
 use std::path::Path;
 
 use image::codecs::hdr::HdrEncoder;
+use image::codecs::jpeg::JpegEncoder;
 use image::{
     ColorType, DynamicImage, ExtendedColorType, ImageDecoder, ImageFormat, ImageReader, Limits, Rgb,
 };
 use ndarray::{Array3, ArrayView3};
 
 use super::format::{Encoding, Format};
+use super::grey_tiff;
 use super::guard::guarded;
 use super::planes::{from_interleaved, to_interleaved};
-use super::{MAX_PIXELS, Pixels};
+use super::{MAX_PIXELS, PixelOptions, Pixels};
 use crate::core::error::{Error, Result};
 
 /// The most memory a decoder may take beside the image: a frame of [`MAX_PIXELS`] at 16 bits.
@@ -21,8 +23,17 @@ const MAX_DECODER_BYTES: u64 = MAX_PIXELS as u64 * 8;
 /// Bytes of image per byte of file that PNG and TIFF do not reach: LZW ends near 2730, deflate at 1032.
 const MAX_RATIO: u64 = 4096;
 
+/// Beyond this the files grow and the pictures do not get better to the eye.
+const JPEG_QUALITY: u8 = 95;
+
 /// Decodes an image; grey stays one plane, integers are divided by their type's maximum.
 pub(super) fn decode(path: &Path, bytes: &[u8], format: Format) -> Result<(Pixels, Encoding)> {
+    if format == Format::Tiff
+        && let Some(planes) = grey_tiff::decode(bytes)
+    {
+        let planes = planes.map_err(|reason| Error::format(path, reason))?;
+        return Ok((Pixels::of_planes(planes), Encoding { format, sample_type: "float".to_owned() }));
+    }
     let image = guarded(|| decode_dynamic(bytes, format)).map_err(|reason| Error::format(path, reason))?;
     let sample_type = match image.color() {
         ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => "uint8",
@@ -106,13 +117,18 @@ fn drop_alpha(planes: Array3<f32>) -> Result<Array3<f32>, String> {
     Array3::from_shape_vec((channels - 1, height, width), samples).map_err(|error| error.to_string())
 }
 
-/// Encodes planes: 16 bits in PNG and TIFF, 8 bits in JPEG, shared-exponent floats in Radiance HDR.
-pub(super) fn encode(planes: &ArrayView3<'_, f32>, format: Format, clip: bool) -> Result<Vec<u8>, String> {
+/// Encodes planes: 16 bits in PNG and TIFF unless 8 are wanted, 8 bits in JPEG, shared-exponent floats in Radiance
+/// HDR.
+pub(super) fn encode(
+    planes: &ArrayView3<'_, f32>,
+    format: Format,
+    options: PixelOptions,
+) -> Result<Vec<u8>, String> {
     if format == Format::Hdr {
         return encode_hdr(planes);
     }
-    check_range(planes, format, clip)?;
-    encode_integers(planes, format)
+    check_range(planes, format, options.clip)?;
+    encode_integers(planes, format, options.eight_bit)
 }
 
 fn check_range(planes: &ArrayView3<'_, f32>, format: Format, clip: bool) -> Result<(), String> {
@@ -127,14 +143,14 @@ fn check_range(planes: &ArrayView3<'_, f32>, format: Format, clip: bool) -> Resu
     ))
 }
 
-fn encode_integers(planes: &ArrayView3<'_, f32>, format: Format) -> Result<Vec<u8>, String> {
+fn encode_integers(planes: &ArrayView3<'_, f32>, format: Format, eight_bit: bool) -> Result<Vec<u8>, String> {
     let (channels, height, width) = planes.dim();
     let grey = match channels {
         1 => true,
         3 => false,
         _ => return Err(format!("{} cannot hold {channels} channels; write .npy", format.name())),
     };
-    let (samples, colour) = if format == Format::Jpeg {
+    let (samples, colour) = if eight_bit || format == Format::Jpeg {
         let samples = to_interleaved(planes, |v| [to_u8(v)]);
         (samples, if grey { ExtendedColorType::L8 } else { ExtendedColorType::Rgb8 })
     } else {
@@ -143,8 +159,15 @@ fn encode_integers(planes: &ArrayView3<'_, f32>, format: Format) -> Result<Vec<u
     };
     let (width, height) = sides(width, height)?;
     let mut file = Cursor::new(Vec::new());
-    image::write_buffer_with_format(&mut file, &samples, width, height, colour, image_format(format))
-        .map_err(|error| error.to_string())?;
+    let encoded = match format {
+        Format::Jpeg => {
+            JpegEncoder::new_with_quality(&mut file, JPEG_QUALITY).encode(&samples, width, height, colour)
+        }
+        _ => {
+            image::write_buffer_with_format(&mut file, &samples, width, height, colour, image_format(format))
+        }
+    };
+    encoded.map_err(|error| error.to_string())?;
     Ok(file.into_inner())
 }
 

@@ -20,6 +20,8 @@ pub(super) struct Layer {
 
 /// Chooses the one layer that is an image: R, G, B by name, or Y where no layer has colours.
 ///
+/// A file of a single channel is that channel, whatever its name: mosaics are stored so.
+///
 /// Among several layers the one without a channel prefix is the image, as OpenEXR defines it, when there is
 /// only one such.
 pub(super) fn choose_layer(meta: &MetaData) -> Result<Layer, String> {
@@ -41,6 +43,12 @@ pub(super) fn choose_layer(meta: &MetaData) -> Result<Layer, String> {
                 ));
             }
         }
+    }
+    if let [header] = &meta.headers[..]
+        && let [channel] = &header.channels.list[..]
+    {
+        let name = channel.name.to_string();
+        return Ok(Layer { header: 0, channels: vec![0], name, unnamed: true });
     }
     let names: Vec<String> = meta
         .headers

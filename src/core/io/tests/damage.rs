@@ -76,7 +76,11 @@ fn files() -> Vec<(String, Format, Vec<u8>)> {
     let view = planes.view();
     files.push(("NPY".into(), Format::Npy, npy::encode_image(&view, false).unwrap()));
     for format in [Format::Png, Format::Tiff, Format::Jpeg, Format::Hdr] {
-        files.push((format.name().into(), format, raster::encode(&view, format, true).unwrap()));
+        files.push((
+            format.name().into(),
+            format,
+            raster::encode(&view, format, PixelOptions { clip: true, ..Default::default() }).unwrap(),
+        ));
     }
     files
 }

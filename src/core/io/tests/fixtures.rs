@@ -116,6 +116,7 @@ fn reads_integer_images() {
 #[test]
 fn reads_float_tiff_and_radiance() {
     check("rgb32f.tif", (3, 6, 5), ramp);
+    check("grey32f.tif", (1, 6, 5), ramp);
     // Mantissa m and exponent e stand for m · 2^(e − 136).
     check("flat.hdr", (3, 6, 5), |c, y, x| integers(c, y, x).max(1) as f32 * 2f32.powi(130 - 136));
 }
@@ -128,4 +129,37 @@ fn refuses_what_is_no_usable_image() {
     assert!(refusal("code.npy").contains("[H, W, 3]"));
     assert!(refusal("matrix_i8.npy").contains("int64"));
     assert!(refusal("make.py").contains("not an image"));
+}
+
+/// Every prefix is refused, never believed or a panic.
+#[test]
+fn refuses_a_grey_float_tiff_that_is_cut_off_or_compressed() {
+    let bytes = std::fs::read(fixture("grey32f.tif")).unwrap();
+    for length in 0..bytes.len() {
+        if let Some(planes) = grey_tiff::decode(&bytes[..length]) {
+            assert!(planes.is_err() || length * 4 > bytes.len() * 3, "{length} of {}", bytes.len());
+        }
+    }
+    // Tag 259, type 3 (SHORT), one value: 1.
+    let field = [3, 1, 3, 0, 1, 0, 0, 0, 1];
+    let place = bytes.windows(field.len()).position(|window| window == field).unwrap();
+    let mut compressed = bytes.clone();
+    compressed[place + 8] = 5;
+    let message = grey_tiff::decode(&compressed).unwrap().unwrap_err();
+    assert!(message.contains("without compression"), "{message}");
+}
+
+/// Cameras and converters call the channel of a mosaic what they like.
+#[test]
+fn a_single_openexr_channel_may_have_any_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    let grey = Pixels::of_planes(Array3::from_shape_fn((1, 5, 7), |(_, y, x)| ramp(0, y, x)));
+    write_pixels(&path, &grey, PixelOptions::default()).unwrap();
+    let mut bytes = std::fs::read(&path).unwrap();
+    let start = bytes.windows(7).position(|window| window == b"chlist\0").unwrap() + 7 + 4;
+    assert_eq!(&bytes[start..start + 2], b"Y\0");
+    bytes[start] = b'K';
+    std::fs::write(&path, bytes).unwrap();
+    assert_eq!(read_pixels(&path).unwrap().planes, grey.planes);
 }

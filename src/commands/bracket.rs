@@ -1,0 +1,199 @@
+//! The flags that say how raw pictures are read, shared by `udc fuse` and `udc restore`.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use clap::{Args, ValueEnum};
+use ndarray::Array3;
+
+use udc::core::error::Error;
+use udc::core::io::{DomainTag, inspect_image};
+use udc::psf::bayer::BayerPattern;
+use udc::psf::{FuseConfig, Fused, MergeRule, show_time};
+
+#[derive(Args, Debug)]
+pub(crate) struct BracketArgs {
+    /// Exposure times of a bracket, in the order of the files [default: those in the files]
+    #[arg(long, value_name = "T,T,…", value_delimiter = ',', value_parser = parse_fraction)]
+    pub(crate) exposures: Option<Vec<f64>>,
+    /// Take the ratios of the exposure times from the pictures, where cameras round them
+    #[arg(long)]
+    estimate_exposures: bool,
+    /// Value of a full photosite; above 1 in the integers of the file [default: 1]
+    #[arg(long, value_name = "W", value_parser = parse_fraction)]
+    white: Option<f64>,
+    /// Value of a dark photosite, in the same units [default: 0]
+    #[arg(long, value_name = "B", value_parser = parse_fraction)]
+    black: Option<f64>,
+    /// Colours of the first two rows of a mosaic
+    #[arg(long, value_enum, value_name = "PATTERN")]
+    pub(crate) bayer: Option<Bayer>,
+    /// Gains of red, green and blue
+    #[arg(long, value_name = "R,G,B", value_delimiter = ',', value_parser = parse_fraction)]
+    white_balance: Option<Vec<f64>>,
+    /// Take the longest unsaturated exposure, or the mean of all weighted by time [default: longest]
+    #[arg(long, value_enum, value_name = "RULE")]
+    merge: Option<Merge>,
+    /// Fuse exposures even if the camera moved by more than a pixel between them
+    #[arg(long)]
+    allow_motion: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Merge {
+    Longest,
+    Weighted,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum Bayer {
+    Rggb,
+    Bggr,
+    Grbg,
+    Gbrg,
+}
+
+/// The pictures of a bracket as they were read.
+pub(crate) struct Pictures {
+    pub(crate) planes: Vec<Array3<f32>>,
+    /// The exposure times of the files, where all of them tell.
+    pub(crate) times: Option<Vec<f64>>,
+    /// How to fuse them, the levels in the units of the planes.
+    pub(crate) config: FuseConfig,
+}
+
+/// Reads `0.5`, `1/32`, `16383/65535`.
+pub(crate) fn parse_fraction(text: &str) -> std::result::Result<f64, String> {
+    let number = |part: &str| part.trim().parse::<f64>().ok().filter(|value| value.is_finite());
+    let value = match text.split_once('/') {
+        Some((above, below)) => number(above).zip(number(below)).map(|(above, below)| above / below),
+        None => number(text),
+    };
+    value
+        .filter(|value| value.is_finite())
+        .ok_or_else(|| "write a number or a fraction such as 1/32".to_owned())
+}
+
+impl BracketArgs {
+    /// Whether a flag says that the input is raw: in need of levels, colours or balance.
+    pub(crate) fn is_raw(&self) -> bool {
+        self.bayer.is_some() || self.white.is_some() || self.black.is_some() || self.white_balance.is_some()
+    }
+
+    /// Checks what clap cannot.
+    pub(crate) fn config(&self) -> Result<FuseConfig> {
+        let default = FuseConfig::default();
+        let white_balance = match self.white_balance.as_deref() {
+            None => default.white_balance,
+            Some(&[red, green, blue]) => [red, green, blue],
+            Some(gains) => {
+                bail!("--white-balance takes three gains, red, green and blue; found {}", gains.len())
+            }
+        };
+        Ok(FuseConfig {
+            white: self.white.unwrap_or(default.white),
+            black: self.black.unwrap_or(default.black),
+            merge: self.merge.map_or(default.merge, MergeRule::from),
+            bayer: self.bayer.map(BayerPattern::from),
+            white_balance,
+            estimate_exposures: self.estimate_exposures,
+            max_motion_px: if self.allow_motion { None } else { default.max_motion_px },
+            ..default
+        })
+    }
+
+    /// Reads the pictures of a bracket.
+    pub(crate) fn read(&self, files: &[PathBuf]) -> Result<Pictures> {
+        let mut config = self.config()?;
+        let in_integers = config.white > 1.0;
+        let mut largest = None;
+        let (mut planes, mut times) = (Vec::with_capacity(files.len()), Vec::with_capacity(files.len()));
+        for file in files {
+            let (pixels, encoding) = inspect_image(file)?;
+            if pixels.domain == Some(DomainTag::ToneMapped) {
+                let reason = "holds tone-mapped values, which add up to nothing; use the linear pictures";
+                return Err(Error::format(file, reason).into());
+            }
+            let scale = largest_integer(&encoding.sample_type);
+            if in_integers && *largest.get_or_insert(scale) != scale {
+                bail!(
+                    "{} is stored in another type than the other pictures: give --white and --black for one type",
+                    file.display()
+                );
+            }
+            planes.push(pixels.planes);
+            times.push(pixels.exposure_s);
+        }
+        if let (true, Some(Some(largest))) = (in_integers, largest) {
+            (config.white, config.black) = (config.white / largest, config.black / largest);
+        }
+        Ok(Pictures { planes, times: times.into_iter().collect(), config })
+    }
+}
+
+/// By what integers were divided when they were read; OpenEXR's are kept as they are.
+fn largest_integer(sample_type: &str) -> Option<f64> {
+    match sample_type {
+        "uint8" => Some(f64::from(u8::MAX)),
+        "uint16" => Some(f64::from(u16::MAX)),
+        _ => None,
+    }
+}
+
+/// What the user should look at in a fused bracket.
+pub(crate) fn warnings_of(fused: &Fused) -> Vec<String> {
+    let mut warnings = Vec::new();
+    for (found, times) in fused.ratio_found.iter().zip(fused.times.windows(2)) {
+        if let Some(found) = found.filter(|found| (found - 1.0).abs() > 0.1) {
+            warnings.push(format!(
+                "exposure {} is {found:.2} times as bright as {} lets expect; check the times, or pass \
+                 --estimate-exposures",
+                show_time(times[1]),
+                show_time(times[0])
+            ));
+        }
+    }
+    if fused.greens_look_swapped {
+        warnings.push("the mosaic's greens look as if on the other diagonal; check --bayer".to_owned());
+    }
+    warnings
+}
+
+/// The names of files, for messages.
+pub(crate) fn names_of(files: &[PathBuf]) -> String {
+    files.iter().map(|file| file.display().to_string()).collect::<Vec<_>>().join(" ")
+}
+
+impl From<Merge> for MergeRule {
+    fn from(merge: Merge) -> Self {
+        match merge {
+            Merge::Longest => Self::Longest,
+            Merge::Weighted => Self::Weighted,
+        }
+    }
+}
+
+impl From<Bayer> for BayerPattern {
+    fn from(bayer: Bayer) -> Self {
+        match bayer {
+            Bayer::Rggb => Self::Rggb,
+            Bayer::Bggr => Self::Bggr,
+            Bayer::Grbg => Self::Grbg,
+            Bayer::Gbrg => Self::Gbrg,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_numbers_and_fractions() {
+        assert_eq!(parse_fraction("0.25"), Ok(0.25));
+        assert_eq!(parse_fraction(" 1 / 32 "), Ok(0.03125));
+        for text in ["", "1/", "1/0", "one", "1/2/3", "inf"] {
+            assert!(parse_fraction(text).is_err(), "{text}");
+        }
+    }
+}

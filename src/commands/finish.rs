@@ -1,0 +1,183 @@
+//! `udc finish`.
+
+mod pairs;
+mod style;
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::{Args, ValueEnum};
+use ndarray::Array3;
+use serde_json::json;
+
+use udc::core::error::Error;
+use udc::core::io::{Format, PixelOptions, Pixels, read_pixels, write_pixels};
+use udc::core::provenance::Provenance;
+use udc::core::tone::ToneCurve;
+use udc::finish::{FinishConfig, Look, channel_means, finish, read_color_matrix};
+
+use super::Session;
+use super::domain::DomainArg;
+use super::picture::AnyImage;
+use super::queue::{Stages, run_all};
+use pairs::Job;
+use style::StyleArgs;
+
+/// Finish restored images for viewing: colour matrix, curve, reference scaling, local contrast
+///
+/// The steps, in this order: inverse tone mapping of tone-mapped images, clip, colour matrix, curve, scaling of the
+/// channels to the means of a reference picture, CLAHE of lightness. --ccm and --reference may be folders, whose files
+/// belong to the images of the same name. The folder of the published dataset stands for its real captures with
+/// their matrices and pictures.
+#[derive(Args, Debug)]
+#[command(after_help = "Examples:\n  udc finish restored.exr -o restored.png\n  \
+    udc finish restored.exr --ccm ccm.txt --reference phone.jpg -o restored.jpg\n  \
+    udc finish restored/ --ccm real_data/CCM_txt --reference real_data/jpg_ZTE -o finished/\n  \
+    udc finish PUBLISHED_ROOT -o finished/")]
+pub(crate) struct FinishArgs {
+    /// Images, folders or patterns; also the folder of the published dataset
+    #[arg(required = true, value_name = "IN")]
+    inputs: Vec<PathBuf>,
+    /// Image to write; a folder for several inputs
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// What the inputs hold [default: what the file says, else linear; integer formats must be told]
+    #[arg(long, value_enum, value_name = "DOMAIN")]
+    domain: Option<DomainArg>,
+    /// Colour matrix: .txt `key: nine numbers`, .npy, .toml; or a folder of them
+    #[arg(long, value_name = "FILE")]
+    ccm: Option<PathBuf>,
+    /// Leave out the colour matrices of the published dataset
+    #[arg(long, conflicts_with = "ccm")]
+    no_ccm: bool,
+    /// Picture, of any size, whose channel means to take over; or a folder of them
+    #[arg(long, value_name = "FILE")]
+    reference: Option<PathBuf>,
+    /// Leave out the reference pictures of the published dataset
+    #[arg(long, conflicts_with = "reference")]
+    no_reference: bool,
+    #[command(flatten)]
+    style: StyleArgs,
+    /// Format of the files in an output folder
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t = FormatArg::Png)]
+    format: FormatArg,
+    /// Bits of PNG and TIFF [default: 8 for PNG, 16 for TIFF]
+    #[arg(long, value_name = "8|16", value_parser = parse_bits)]
+    bits: Option<u8>,
+    /// Irradiance that the tone mapping maps to one half
+    #[arg(long, value_name = "A", default_value_t = ToneCurve::default().alpha)]
+    alpha: f32,
+    /// Irradiance at which the capture saturates
+    #[arg(long, value_name = "X", default_value_t = ToneCurve::default().x_max)]
+    x_max: f32,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum FormatArg {
+    Png,
+    Jpg,
+    Tif,
+    Exr,
+}
+
+fn parse_bits(text: &str) -> Result<u8, String> {
+    match text {
+        "8" => Ok(8),
+        "16" => Ok(16),
+        _ => Err("write 8 or 16".to_owned()),
+    }
+}
+
+impl FinishArgs {
+    pub(crate) fn run(self, session: &Session) -> Result<()> {
+        let curve = ToneCurve::new(self.alpha, self.x_max)?;
+        let config = self.style.config();
+        config.check()?;
+        let jobs = self.jobs(session)?;
+        run_all(&Finishing { args: &self, curve, config, session }, &jobs, session)
+    }
+}
+
+impl FormatArg {
+    fn extension(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Jpg => "jpg",
+            Self::Tif => "tif",
+            Self::Exr => "exr",
+        }
+    }
+}
+
+struct Finishing<'a> {
+    args: &'a FinishArgs,
+    curve: ToneCurve,
+    config: FinishConfig,
+    session: &'a Session,
+}
+
+/// A picture that is ready, with how it came to be.
+struct Finished {
+    planes: Array3<f32>,
+    look: Look,
+    config: FinishConfig,
+}
+
+impl Stages for Finishing<'_> {
+    type Job = Job;
+    type Input = (AnyImage, Look);
+    type Output = Finished;
+
+    fn doing(&self, job: &Job) -> String {
+        format!("finishing {}", job.input.display())
+    }
+
+    fn read(&self, job: &Job) -> Result<Self::Input> {
+        let image = AnyImage::read(&job.input, self.args.domain)?;
+        let ccm = job.ccm.as_deref().map(read_color_matrix).transpose()?;
+        if let (Some(ccm), Some(path)) = (&ccm, &job.ccm)
+            && ccm.looks_transposed()
+        {
+            self.session.warn(format_args!(
+                "the columns of {} sum to one, not its rows, so that grey becomes coloured; it may be transposed",
+                path.display()
+            ));
+        }
+        let mut look = Look { ccm, reference_means: None };
+        if let Some(path) = &job.reference {
+            let planes = read_pixels(path)?.planes;
+            if planes.dim().0 != 3 {
+                return Err(Error::format(path, "is grey; a reference picture has three channels").into());
+            }
+            look.reference_means = Some(channel_means(&planes));
+        }
+        Ok((image, look))
+    }
+
+    fn compute(&self, job: &Job, (image, look): Self::Input) -> Result<Finished> {
+        let eight_bit = match (Format::of_extension(&job.output)?, self.args.bits) {
+            (Format::Jpeg, _) => true,
+            (Format::Png, bits) => bits != Some(16),
+            (Format::Tiff, bits) => bits == Some(8),
+            _ => false,
+        };
+        let config = FinishConfig { eight_bit, ..self.config };
+        let planes = finish(image.into_linear(self.curve), &look, &config)?;
+        Ok(Finished { planes, look, config })
+    }
+
+    fn write(&self, job: &Job, finished: Finished) -> Result<()> {
+        let Finished { planes, look, config } = finished;
+        let described = json!({
+            "input": job.input, "ccm": job.ccm, "reference": job.reference, "tone": self.curve, "look": look,
+            "finish": config,
+        });
+        let pixels =
+            Pixels { provenance: Some(Provenance::new("finish", &described)), ..Pixels::of_planes(planes) };
+        let overwrite = self.session.overwrite;
+        let options =
+            PixelOptions { overwrite, clip: true, eight_bit: config.eight_bit, ..PixelOptions::default() };
+        write_pixels(&job.output, &pixels, options)?;
+        self.session.say(job.output.display())
+    }
+}

@@ -1,0 +1,77 @@
+//! The flags that decide how every picture looks.
+
+use clap::{Args, ValueEnum};
+
+use udc::finish::{ClaheConfig, Curve, FinishConfig};
+
+#[derive(Args, Debug)]
+pub(super) struct StyleArgs {
+    /// Light above which the image is clipped before the colour matrix [default: 16]
+    #[arg(long, value_name = "X")]
+    clip: Option<f32>,
+    /// Do not clip
+    #[arg(long, conflicts_with = "clip")]
+    no_clip: bool,
+    /// How light becomes display values
+    #[arg(long, value_enum, value_name = "CURVE", default_value_t = CurveArg::Gamma)]
+    curve: CurveArg,
+    /// Exponent's inverse of --curve gamma [default: 2.8]
+    #[arg(long, value_name = "G")]
+    gamma: Option<f32>,
+    /// Light that is shown as white [default: 6 for gamma, else 1]
+    #[arg(long, value_name = "X")]
+    max: Option<f32>,
+    /// Height to which CLAHE cuts the histograms [default: 1]
+    #[arg(long, value_name = "L")]
+    clip_limit: Option<f64>,
+    /// Tiles of CLAHE on each side [default: 8]
+    #[arg(long, value_name = "N")]
+    grid: Option<usize>,
+    /// Leave out CLAHE
+    #[arg(long, conflicts_with_all = ["clip_limit", "grid"])]
+    no_clahe: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum CurveArg {
+    /// A power, as the published pictures have
+    Gamma,
+    /// The sRGB curve
+    Srgb,
+    /// A filmic curve with a soft shoulder
+    Aces,
+    /// Light as it is
+    None,
+}
+
+impl StyleArgs {
+    /// The settings, every default resolved.
+    pub(super) fn config(&self) -> FinishConfig {
+        let default = FinishConfig::default();
+        let default_clahe = ClaheConfig::default();
+        let clahe = ClaheConfig {
+            clip_limit: self.clip_limit.unwrap_or(default_clahe.clip_limit),
+            grid: self.grid.map_or(default_clahe.grid, |side| [side; 2]),
+        };
+        FinishConfig {
+            clip: if self.no_clip { None } else { self.clip.or(default.clip) },
+            curve: self.curve(),
+            clahe: (!self.no_clahe).then_some(clahe),
+            ..default
+        }
+    }
+
+    fn curve(&self) -> Curve {
+        let Curve::Gamma { gamma, max } = Curve::default() else {
+            unreachable!("the default is a gamma curve")
+        };
+        match self.curve {
+            CurveArg::Gamma => {
+                Curve::Gamma { gamma: self.gamma.unwrap_or(gamma), max: self.max.unwrap_or(max) }
+            }
+            CurveArg::Srgb => Curve::Srgb { max: self.max.unwrap_or(1.0) },
+            CurveArg::Aces => Curve::Aces { max: self.max.unwrap_or(1.0) },
+            CurveArg::None => Curve::None,
+        }
+    }
+}

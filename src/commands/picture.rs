@@ -1,0 +1,84 @@
+//! Images of either domain: read as what the file or the user says they are, written as what is asked for.
+
+use std::path::Path;
+
+use anyhow::{Result, bail};
+
+use udc::core::image::{Linear, LinearImage, ToneMapped, ToneMappedImage};
+use udc::core::io::{Format, WriteOptions, image_of, inspect_image, write_image};
+use udc::core::tone::ToneCurve;
+
+use super::domain::DomainArg;
+
+/// An image in one of the two domains.
+pub(crate) enum AnyImage {
+    Linear(LinearImage),
+    ToneMapped(ToneMappedImage),
+}
+
+impl AnyImage {
+    /// Reads an image as `domain`, or as what the file says, or as linear; integers must be told.
+    pub(crate) fn read(path: &Path, domain: Option<DomainArg>) -> Result<Self> {
+        let (pixels, encoding) = inspect_image(path)?;
+        let is_integer = matches!(encoding.format, Format::Png | Format::Jpeg | Format::Tiff)
+            && encoding.sample_type.starts_with("uint");
+        let declared = pixels.domain.map(DomainArg::from);
+        match domain.or(declared) {
+            None if is_integer => bail!(
+                "{} does not say whether its values are linear or tone-mapped: add --domain linear or --domain \
+                 tone-mapped",
+                path.display()
+            ),
+            Some(DomainArg::ToneMapped) => Ok(Self::ToneMapped(image_of::<ToneMapped>(path, pixels)?)),
+            Some(DomainArg::Linear) | None => Ok(Self::Linear(image_of::<Linear>(path, pixels)?)),
+        }
+    }
+
+    pub(crate) fn domain(&self) -> DomainArg {
+        match self {
+            Self::Linear(_) => DomainArg::Linear,
+            Self::ToneMapped(_) => DomainArg::ToneMapped,
+        }
+    }
+
+    pub(crate) fn into_linear(self, curve: ToneCurve) -> LinearImage {
+        match self {
+            Self::Linear(image) => image,
+            Self::ToneMapped(image) => curve.inverse_tone_map(&image),
+        }
+    }
+
+    pub(crate) fn into_tone_mapped(self, curve: ToneCurve) -> ToneMappedImage {
+        match self {
+            Self::Linear(image) => curve.tone_map(&image),
+            Self::ToneMapped(image) => image,
+        }
+    }
+
+    /// Writes it in `domain`.
+    pub(crate) fn write(
+        self,
+        path: &Path,
+        domain: DomainArg,
+        curve: ToneCurve,
+        options: &WriteOptions,
+    ) -> Result<()> {
+        match domain {
+            DomainArg::Linear => write_image(path, &self.into_linear(curve), options)?,
+            DomainArg::ToneMapped => write_image(path, &self.into_tone_mapped(curve), options)?,
+        }
+        Ok(())
+    }
+}
+
+/// Refuses linear light in a file of integers, before the work.
+pub(crate) fn check_domain_of_output(path: &Path, domain: DomainArg) -> Result<()> {
+    let holds_floats = matches!(Format::of_extension(path)?, Format::Exr | Format::Npy | Format::Hdr);
+    if domain == DomainArg::Linear && !holds_floats {
+        bail!(
+            "{} cannot hold linear light above one: add --output-domain tone-mapped, or write .exr or .npy",
+            path.display()
+        );
+    }
+    Ok(())
+}

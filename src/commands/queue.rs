@@ -1,0 +1,117 @@
+//! Works through files one after another while the next is read and the last is written.
+
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+
+use anyhow::{Context as _, Result, bail};
+
+use super::{Session, was_interrupted};
+
+/// What is done to each job.
+///
+/// Reading, computing and writing run at the same time, each on a job of its own; a job waits for the next step to be
+/// free, so that at most three are in memory.
+pub(crate) trait Stages: Sync {
+    /// What there is to do.
+    type Job: Sync;
+    /// What was read for it.
+    type Input: Send;
+    /// What is to be written.
+    type Output: Send;
+
+    /// What is being done to which file, for messages: `restoring a.exr`.
+    fn doing(&self, job: &Self::Job) -> String;
+    /// Reads what the job needs.
+    fn read(&self, job: &Self::Job) -> Result<Self::Input>;
+    /// Computes the result.
+    fn compute(&self, job: &Self::Job, input: Self::Input) -> Result<Self::Output>;
+    /// Writes it, and tells the user.
+    fn write(&self, job: &Self::Job, output: Self::Output) -> Result<()>;
+}
+
+type Outcomes<'a, S> = (&'a <S as Stages>::Job, Result<<S as Stages>::Output>);
+
+/// Does all jobs. A job that fails does not keep the others from being done; the failures are named at the end.
+///
+/// # Errors
+/// The failures; an interrupt or a closed stdout at once.
+pub(crate) fn run_all<S: Stages>(stages: &S, jobs: &[S::Job], session: &Session) -> Result<()> {
+    // A single job shows its own progress.
+    let progress = if jobs.len() > 1 { session.progress.clone() } else { session.progress.without_bars() };
+    let bar = progress.bar(jobs.len() as u64, "images");
+    let failures = std::thread::scope(|scope| {
+        let (read, inputs) = sync_channel(0);
+        let (computed, outputs) = sync_channel(0);
+        scope.spawn(move || read_jobs(stages, jobs, session, &read));
+        let writer = scope.spawn(|| write_jobs(stages, outputs, jobs.len() > 1, session, || bar.inc(1)));
+        let stopped = compute_jobs(stages, inputs, &computed);
+        drop(computed);
+        let failures = writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+        stopped.map(|()| failures)
+    })?;
+    bar.finish_and_clear();
+    if failures.is_empty() {
+        return Ok(());
+    }
+    bail!("{} of {} images were not done: {}", failures.len(), jobs.len(), failures.join("; "))
+}
+
+fn read_jobs<'a, S: Stages>(
+    stages: &S,
+    jobs: &'a [S::Job],
+    session: &Session,
+    read: &SyncSender<(&'a S::Job, Result<S::Input>)>,
+) {
+    for job in jobs {
+        let input = session.progress.check().map_err(anyhow::Error::from).and_then(|()| stages.read(job));
+        // Nobody listens any more after an interrupt.
+        if read.send((job, input)).is_err() {
+            return;
+        }
+    }
+}
+
+/// Ends early when the user asked for it or the writer is gone.
+fn compute_jobs<'a, S: Stages>(
+    stages: &S,
+    inputs: Receiver<(&'a S::Job, Result<S::Input>)>,
+    computed: &SyncSender<Outcomes<'a, S>>,
+) -> Result<()> {
+    for (job, input) in inputs {
+        let output = input.and_then(|input| stages.compute(job, input));
+        match output {
+            Err(error) if was_interrupted(&error) => return Err(error),
+            output => {
+                if computed.send((job, output)).is_err() {
+                    break;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+fn write_jobs<'a, S: Stages>(
+    stages: &S,
+    outputs: Receiver<Outcomes<'a, S>>,
+    several: bool,
+    session: &Session,
+    on_job: impl Fn(),
+) -> Result<Vec<String>>
+where
+    S::Job: 'a,
+{
+    let mut failures = Vec::new();
+    for (job, output) in outputs {
+        let written = output.and_then(|output| stages.write(job, output));
+        on_job();
+        match written.with_context(|| stages.doing(job)) {
+            Ok(()) => {}
+            Err(error) if !several || super::is_broken_pipe(&error) => return Err(error),
+            Err(error) => {
+                session.warn(format_args!("{error:#}"));
+                failures.push(format!("{error:#}"));
+            }
+        }
+    }
+    Ok(failures)
+}

@@ -1,0 +1,278 @@
+//! Raises local contrast: contrast-limited adaptive histogram equalisation (CLAHE) of lightness.
+
+use ndarray::{Array2, Array3, ArrayView2, Axis};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::lab::{LabCodes, lab_to_rgb, rgb_to_lab};
+use crate::core::error::{Error, Result};
+
+/// How local contrast is raised.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct ClaheConfig {
+    /// The height to which a tile's histogram is cut, in multiples of its mean.
+    pub clip_limit: f64,
+    /// Rows and columns of tiles.
+    pub grid: [usize; 2],
+}
+
+impl Default for ClaheConfig {
+    fn default() -> Self {
+        Self { clip_limit: 1.0, grid: [8, 8] }
+    }
+}
+
+/// Grids beyond this have more tiles than any use.
+const LARGEST_GRID: usize = 1024;
+
+/// Lightness codes of 8 bits.
+const CODES: usize = 256;
+
+impl ClaheConfig {
+    pub(super) fn check(&self) -> Result<()> {
+        if !(self.clip_limit.is_finite() && self.clip_limit > 0.0) {
+            let reason = format!("must be a positive number, found {}", self.clip_limit);
+            return Err(Error::config("clip-limit", reason));
+        }
+        if self.grid.iter().any(|side| !(1..=LARGEST_GRID).contains(side)) {
+            let reason = format!("must have 1 to {LARGEST_GRID} tiles a side, found {:?}", self.grid);
+            return Err(Error::config("grid", reason));
+        }
+        Ok(())
+    }
+}
+
+/// Equalises L* of display values `[3, height, width]` in `[0, 1]`, keeping a* and b*.
+///
+/// With `eight_bit` every intermediate value is an 8-bit code, as in programs that work in 8 bits; otherwise only the
+/// histograms are, and lightness between two codes is mapped between their values.
+pub(super) fn equalize(planes: &mut Array3<f32>, config: &ClaheConfig, eight_bit: bool) {
+    let mut lab = to_lab(planes, eight_bit);
+    let lightness = lab.index_axis(Axis(0), 0);
+    let tiles = Tiles::new(lightness, config);
+    let mapped = tiles.map(lightness);
+    let keep = |v: f32| if eight_bit { v.round_ties_even() } else { v };
+    lab.index_axis_mut(Axis(0), 0).assign(&mapped.mapv(keep));
+    to_display(&lab, planes, eight_bit);
+}
+
+fn to_lab(planes: &Array3<f32>, eight_bit: bool) -> Array3<f32> {
+    let codes = LabCodes::new();
+    convert(
+        planes,
+        |rgb| {
+            if eight_bit { codes.encode(rgb.map(code_of)) } else { rgb_to_lab(rgb.map(f64::from)) }
+        },
+    )
+}
+
+fn to_display(lab: &Array3<f32>, planes: &mut Array3<f32>, eight_bit: bool) {
+    *planes = convert(lab, |lab| {
+        let rgb = lab_to_rgb(lab.map(f64::from));
+        if eight_bit { rgb.map(|v| (255.0 * v).round_ties_even() / 255.0) } else { rgb }
+    });
+}
+
+/// Converts pixel by pixel, row by row in parallel.
+fn convert(planes: &Array3<f32>, pixel: impl Fn([f32; 3]) -> [f64; 3] + Sync) -> Array3<f32> {
+    let (_, height, width) = planes.dim();
+    let mut converted = Array3::zeros((3, height, width));
+    converted.axis_iter_mut(Axis(1)).into_par_iter().enumerate().for_each(|(y, mut row)| {
+        for x in 0..width {
+            let values = pixel([planes[[0, y, x]], planes[[1, y, x]], planes[[2, y, x]]]);
+            for (channel, value) in values.into_iter().enumerate() {
+                #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
+                let value = value as f32;
+                row[[channel, x]] = value;
+            }
+        }
+    });
+    converted
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the type's range")]
+fn code_of(value: f32) -> u8 {
+    (255.0 * value.clamp(0.0, 1.0)).round_ties_even() as u8
+}
+
+/// The grid of tiles with the lightness that each gives to every code.
+struct Tiles {
+    /// Tiles in rows and columns.
+    grid: [usize; 2],
+    /// Height and width of a tile.
+    size: [usize; 2],
+    /// One table a tile, row by row.
+    tables: Vec<[f32; CODES]>,
+}
+
+impl Tiles {
+    /// # Equation
+    /// Of each tile of n pixels (the picture mirrored at its right and lower border where it does not divide evenly)
+    /// the histogram is cut at `max(⌊limit·n/256⌋, 1)`; what is cut off is given back evenly, the remainder to codes at
+    /// equal distances. A code's value is the cumulative sum · 255/n, rounded (Zuiderveld, "Contrast limited adaptive
+    /// histogram equalization", Graphics Gems IV, 1994).
+    fn new(lightness: ArrayView2<'_, f32>, config: &ClaheConfig) -> Self {
+        let grid = config.grid;
+        let sides = [lightness.nrows(), lightness.ncols()];
+        let divides = (0..2).all(|axis| sides[axis].is_multiple_of(grid[axis]));
+        let padded =
+            |axis: usize| sides[axis] + if divides { 0 } else { grid[axis] - sides[axis] % grid[axis] };
+        let size = [padded(0) / grid[0], padded(1) / grid[1]];
+        let table = |tile: usize| {
+            let (top, left) = (tile / grid[1] * size[0], tile % grid[1] * size[1]);
+            let mut histogram = [0u32; CODES];
+            for y in top..top + size[0] {
+                let row = lightness.row(mirrored(y, sides[0]));
+                for x in left..left + size[1] {
+                    histogram[usize::from(lightness_code(row[mirrored(x, sides[1])]))] += 1;
+                }
+            }
+            table_of(&mut histogram, size[0] * size[1], config.clip_limit)
+        };
+        Self { grid, size, tables: (0..grid[0] * grid[1]).into_par_iter().map(table).collect() }
+    }
+
+    /// Maps every pixel between the tables of the four tiles whose centres surround it.
+    fn map(&self, lightness: ArrayView2<'_, f32>) -> Array2<f32> {
+        let mut mapped = Array2::zeros(lightness.dim());
+        let columns: Vec<Between> = (0..lightness.ncols()).map(|x| self.between(x, 1)).collect();
+        mapped.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(y, mut row)| {
+            let vertical = self.between(y, 0);
+            for (x, value) in row.iter_mut().enumerate() {
+                let horizontal = columns[x];
+                let l = lightness[[y, x]];
+                let across = |tiles: usize| {
+                    let table = |column: usize| look_up(&self.tables[tiles * self.grid[1] + column], l);
+                    table(horizontal.first) * (1.0 - horizontal.share)
+                        + table(horizontal.second) * horizontal.share
+                };
+                *value = across(vertical.first) * (1.0 - vertical.share)
+                    + across(vertical.second) * vertical.share;
+            }
+        });
+        mapped
+    }
+
+    fn between(&self, place: usize, axis: usize) -> Between {
+        let at = place as f32 / self.size[axis] as f32 - 0.5;
+        let last = self.grid[axis] - 1;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the place of a tile")]
+        let (first, second) = ((at.floor().max(0.0)) as usize, (at.floor() + 1.0) as usize);
+        Between { first: first.min(last), second: second.min(last), share: at - at.floor() }
+    }
+}
+
+/// Two neighbouring tiles, and how far towards the second.
+#[derive(Clone, Copy)]
+struct Between {
+    first: usize,
+    second: usize,
+    share: f32,
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the type's range")]
+fn lightness_code(lightness: f32) -> u8 {
+    lightness.round().clamp(0.0, 255.0) as u8
+}
+
+/// The value of a lightness that may lie between two codes.
+fn look_up(table: &[f32; CODES], lightness: f32) -> f32 {
+    let l = lightness.clamp(0.0, 255.0);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the codes")]
+    let below = l.floor() as usize;
+    let share = l - l.floor();
+    let above = (below + 1).min(CODES - 1);
+    table[below] * (1.0 - share) + table[above] * share
+}
+
+fn table_of(histogram: &mut [u32; CODES], pixels: usize, clip_limit: f64) -> [f32; CODES] {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "positive, below the number of pixels of a tile or saturated"
+    )]
+    let limit = ((clip_limit * pixels as f64 / CODES as f64) as u32).max(1);
+    let mut excess = 0;
+    for count in histogram.iter_mut() {
+        excess += count.saturating_sub(limit);
+        *count = (*count).min(limit);
+    }
+    let (each, rest) = (excess / 256, excess as usize % CODES);
+    histogram.iter_mut().for_each(|count| *count += each);
+    let step = (CODES / rest.max(1)).max(1);
+    histogram.iter_mut().step_by(step).take(rest).for_each(|count| *count += 1);
+    let scale = 255.0 / pixels as f32;
+    let mut sum = 0;
+    histogram.map(|count| {
+        sum += count;
+        (sum as f32 * scale).round_ties_even().min(255.0)
+    })
+}
+
+/// Mirrors at the last pixel without repeating it; positions may lie several lengths beyond.
+fn mirrored(place: usize, length: usize) -> usize {
+    if length == 1 {
+        return 0;
+    }
+    let period = 2 * (length - 1);
+    let place = place % period;
+    place.min(period - place)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A cut at the mean leaves nothing to equalise: every code gets n/256 pixels, the table is the identity.
+    #[test]
+    fn a_cut_histogram_gives_back_what_was_cut() {
+        let mut histogram = [0; CODES];
+        histogram[40] = 2000;
+        histogram[41] = 560;
+        let table = table_of(&mut histogram, 2560, 1.0);
+        assert_eq!(histogram.iter().sum::<u32>(), 2560);
+        assert!(table.windows(2).all(|pair| pair[0] <= pair[1]));
+        assert_eq!(table[255], 255.0);
+    }
+
+    /// Without a limit a tile's table is its cumulative histogram.
+    #[test]
+    fn an_unlimited_table_is_the_cumulative_histogram() {
+        let mut histogram = [0; CODES];
+        histogram[10] = 60;
+        histogram[200] = 40;
+        let table = table_of(&mut histogram, 100, 1e6);
+        assert_eq!((table[9], table[10], table[199], table[200]), (0.0, 153.0, 153.0, 255.0));
+    }
+
+    #[test]
+    fn mirrors_without_repeating_the_border() {
+        let places: Vec<usize> = (0..9).map(|place| mirrored(place, 4)).collect();
+        assert_eq!(places, [0, 1, 2, 3, 2, 1, 0, 1, 2]);
+        assert_eq!(mirrored(5, 1), 0);
+    }
+
+    #[test]
+    fn pictures_smaller_than_the_grid_are_equalised_too() {
+        for (height, width) in [(1, 1), (3, 5), (8, 9), (17, 2)] {
+            let mut planes = Array3::from_shape_fn((3, height, width), |(_, y, x)| (y + x) as f32 / 25.0);
+            equalize(&mut planes, &ClaheConfig::default(), true);
+            assert!(planes.iter().all(|v| (0.0..=1.0).contains(v)), "{height} × {width}");
+        }
+    }
+
+    #[test]
+    fn floats_keep_the_steps_between_codes() {
+        let ramp = Array3::from_shape_fn((3, 64, 64), |(_, y, x)| 0.2 + (y * 64 + x) as f32 / 8192.0);
+        let count = |eight_bit| {
+            let mut planes = ramp.clone();
+            equalize(&mut planes, &ClaheConfig::default(), eight_bit);
+            let mut values: Vec<u32> = planes.iter().map(|v| v.to_bits()).collect();
+            values.sort_unstable();
+            values.dedup();
+            values.len()
+        };
+        assert!(count(true) <= 256 && count(false) > 1000, "{} {}", count(true), count(false));
+    }
+}

@@ -1,0 +1,175 @@
+//! Turns restored linear light into a photograph for viewing.
+//!
+//! The steps, each of which can be left out: clip, colour matrix, transfer curve, scaling of the channels to a
+//! reference picture, local contrast (CLAHE).
+
+mod clahe;
+mod color_matrix;
+mod curve;
+mod lab;
+
+use ndarray::{Array3, Axis};
+use serde::Serialize;
+
+use crate::core::error::{Error, Result};
+use crate::core::image::LinearImage;
+
+pub use clahe::ClaheConfig;
+pub use color_matrix::{ColorMatrix, read_color_matrix};
+pub use curve::Curve;
+
+/// What is done to every picture.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct FinishConfig {
+    /// Irradiance above which light is clipped before the colour matrix.
+    pub clip: Option<f32>,
+    /// How light becomes display values.
+    pub curve: Curve,
+    /// Local contrast.
+    pub clahe: Option<ClaheConfig>,
+    /// Whether the result is to be written with 8 bits: local contrast is then computed in 8 bits too.
+    pub eight_bit: bool,
+}
+
+impl Default for FinishConfig {
+    /// As the published real captures are shown: clip 16, gamma 2.8 of light up to 6, CLAHE.
+    fn default() -> Self {
+        Self {
+            clip: Some(16.0),
+            curve: Curve::default(),
+            clahe: Some(ClaheConfig::default()),
+            eight_bit: true,
+        }
+    }
+}
+
+/// What belongs to one picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Look {
+    /// The colour matrix of its camera and light.
+    pub ccm: Option<ColorMatrix>,
+    /// The mean of each channel of a reference picture, in display values.
+    pub reference_means: Option<[f64; 3]>,
+}
+
+/// Finishes a picture.
+///
+/// # Range
+/// Display values in `[0, 1]`, `[3, height, width]`.
+///
+/// # Errors
+/// [`Error::Config`] naming a setting that is out of range.
+pub fn finish(image: LinearImage, look: &Look, config: &FinishConfig) -> Result<Array3<f32>> {
+    config.check()?;
+    let mut planes = image.into_planes();
+    if let Some(clip) = config.clip {
+        planes.par_mapv_inplace(|x| x.clamp(0.0, clip));
+    }
+    if let Some(ccm) = &look.ccm {
+        ccm.apply(&mut planes);
+    }
+    let curve = config.curve;
+    planes.par_mapv_inplace(|x| curve.apply(x));
+    if let Some(means) = look.reference_means {
+        scale_to_means(&mut planes, means);
+    }
+    if let Some(clahe) = &config.clahe {
+        clahe::equalize(&mut planes, clahe, config.eight_bit);
+    }
+    Ok(planes)
+}
+
+impl FinishConfig {
+    /// Checks that every setting is in range.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the setting that is not.
+    pub fn check(&self) -> Result<()> {
+        let positive = |key: &str, value: f32| {
+            if value.is_finite() && value > 0.0 {
+                return Ok(());
+            }
+            Err(Error::config(key, format!("must be a positive number, found {value}")))
+        };
+        self.clip.map_or(Ok(()), |clip| positive("clip", clip))?;
+        match self.curve {
+            Curve::Gamma { gamma, max } => positive("gamma", gamma).and(positive("max", max))?,
+            Curve::Srgb { max } | Curve::Aces { max } => positive("max", max)?,
+            Curve::None => {}
+        }
+        self.clahe.as_ref().map_or(Ok(()), ClaheConfig::check)
+    }
+}
+
+/// The mean of each channel, which a reference picture of any size can be compared by.
+pub fn channel_means(planes: &Array3<f32>) -> [f64; 3] {
+    [0, 1, 2].map(|channel| {
+        let plane = planes.index_axis(Axis(0), channel);
+        plane.iter().map(|&v| f64::from(v)).sum::<f64>() / plane.len() as f64
+    })
+}
+
+/// Multiplies each channel so that its mean becomes the given one, before values above 1 are clipped.
+fn scale_to_means(planes: &mut Array3<f32>, means: [f64; 3]) {
+    let own = channel_means(planes);
+    for (channel, mut plane) in planes.axis_iter_mut(Axis(0)).enumerate() {
+        // A black channel stays black.
+        let gain = if own[channel] > 0.0 { means[channel] / own[channel] } else { 0.0 };
+        #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
+        let gain = gain as f32;
+        plane.par_mapv_inplace(|v| (v * gain).min(1.0));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp() -> LinearImage {
+        let planes = Array3::from_shape_fn((3, 16, 24), |(c, y, x)| ((c + 1) * (y * 24 + x)) as f32 / 400.0);
+        LinearImage::from_planes(planes).unwrap()
+    }
+
+    fn bare() -> FinishConfig {
+        FinishConfig { clip: None, curve: Curve::None, clahe: None, eight_bit: true }
+    }
+
+    #[test]
+    fn every_step_can_be_left_out() {
+        let shown = finish(ramp(), &Look::default(), &bare()).unwrap();
+        assert!(shown.iter().zip(ramp().as_slice()).all(|(a, b)| *a == b.min(1.0)));
+    }
+
+    #[test]
+    fn scaling_gives_the_means_of_the_reference_unless_it_clips() {
+        let means = [0.1, 0.2, 0.15];
+        let look = Look { reference_means: Some(means), ..Look::default() };
+        let config = FinishConfig { curve: Curve::Srgb { max: 3.0 }, ..bare() };
+        let shown = finish(ramp(), &look, &config).unwrap();
+        for (found, expected) in channel_means(&shown).into_iter().zip(means) {
+            assert!((found / expected - 1.0).abs() < 1e-5, "{found} instead of {expected}");
+        }
+    }
+
+    #[test]
+    fn a_black_picture_stays_black() {
+        let black = LinearImage::from_planes(Array3::zeros((3, 9, 9))).unwrap();
+        let look = Look { reference_means: Some([0.5; 3]), ..Look::default() };
+        let shown = finish(black, &look, &FinishConfig { clahe: None, ..FinishConfig::default() }).unwrap();
+        assert!(shown.iter().all(|&v| v == 0.0));
+    }
+
+    #[test]
+    fn names_the_setting_that_is_out_of_range() {
+        let config = FinishConfig { clip: Some(-1.0), ..FinishConfig::default() };
+        assert!(finish(ramp(), &Look::default(), &config).unwrap_err().to_string().starts_with("clip"));
+        let config = FinishConfig { curve: Curve::Gamma { gamma: 0.0, max: 6.0 }, ..FinishConfig::default() };
+        assert!(finish(ramp(), &Look::default(), &config).unwrap_err().to_string().starts_with("gamma"));
+        let clahe = Some(ClaheConfig { grid: [0, 8], ..ClaheConfig::default() });
+        assert!(
+            finish(ramp(), &Look::default(), &FinishConfig { clahe, ..FinishConfig::default() }).is_err()
+        );
+    }
+}
