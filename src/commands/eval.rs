@@ -26,7 +26,7 @@ use super::method::MethodArg;
 use super::metrics::MetricArgs;
 use comparison::{Comparison, Extras};
 use folders::Folders;
-use ldr::LdrComparison;
+use ldr::Ldr;
 use outputs::Outputs;
 use pictures::Pictures;
 use restorer::Restorer;
@@ -130,6 +130,12 @@ impl EvalArgs {
             })
             .collect::<Result<_>>()?;
         let told = restorers.iter().filter(|restorer| restorer.knows_the_kernel()).count();
+        if self.mismatch && told == 0 {
+            bail!(
+                "--mismatch tells wrong kernels to what is told kernels: add a --model that takes codes, or a --method"
+            );
+        }
+        let ldr = self.ldr.map(|white| Ldr::new(&comparisons[0], white)).transpose()?;
         let outputs = self.outputs(config, told, session)?;
         let mut evaluations = Vec::new();
         for comparison in &comparisons {
@@ -145,8 +151,8 @@ impl EvalArgs {
         if self.mismatch {
             self.write_mismatch(&comparisons[0].mismatch(config)?, &outputs)?;
         }
-        if let Some(white) = self.ldr {
-            let compared = LdrComparison::measure(&comparisons[0], white, config.definition)?;
+        if let Some(ldr) = ldr {
+            let compared = ldr.measure(config.definition)?;
             outputs.write("ldr.json", format!("{:#}\n", compared.to_json()).as_bytes())?;
             outputs.write("ldr.csv", compared.to_csv().as_bytes())?;
             outputs.write("ldr.png", compared.to_png())?;

@@ -3,6 +3,7 @@
 //! Core knows no stage and no command line, and prints nothing.
 
 pub mod color;
+pub mod config;
 pub mod dataset;
 pub mod error;
 pub mod fft;

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use serde_json::{Value, json};
 
-use super::Evaluation;
+use super::{Evaluation, Exclusion};
 use crate::core::metrics::Metric;
 
 /// The mean of one metric for every simulated and every assumed kernel.
@@ -23,6 +23,8 @@ pub struct Matrix {
     pub rows: Vec<Vec<f64>>,
     /// Images of each row, which every column is a mean over.
     pub images: Vec<usize>,
+    /// The images that are in no mean.
+    pub excluded: Vec<Exclusion>,
 }
 
 impl Matrix {
@@ -42,6 +44,7 @@ impl Matrix {
                 assumed: evaluation.methods.iter().map(|assumed| assumed.name.clone()).collect(),
                 rows: kernels.iter().map(row).collect(),
                 images: kernels.iter().map(count).collect(),
+                excluded: evaluation.excluded.clone(),
             }
         };
         evaluation.metrics.iter().enumerate().map(matrix).collect()
@@ -51,7 +54,7 @@ impl Matrix {
     pub fn to_json(&self) -> Value {
         json!({
             "method": self.method, "metric": self.metric, "simulated": self.simulated, "assumed": self.assumed,
-            "mean": self.rows, "images": self.images,
+            "mean": self.rows, "images": self.images, "excluded": self.excluded,
         })
     }
 

@@ -5,6 +5,7 @@ use std::path::Path;
 use ndarray::{Array3, Axis, azip};
 use serde::Serialize;
 
+use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
 use crate::core::io::{read_array, read_text};
 
@@ -109,7 +110,7 @@ fn numbers_of(text: &str) -> std::result::Result<Vec<f64>, String> {
 }
 
 fn numbers_of_toml(text: &str) -> std::result::Result<Vec<f64>, String> {
-    let table: toml::Table = toml::from_str(text).map_err(|error| error.to_string())?;
+    let table: toml::Table = parse_toml(text)?;
     let mut arrays = table.iter().filter(|(_, value)| value.is_array());
     match (arrays.next(), arrays.next()) {
         (Some((_, value)), None) => {

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
 
 use super::shape::ShapeKind;
@@ -299,8 +300,7 @@ impl DisplayConfig {
     /// [`Error::Format`] with line and column for a typing error or an unknown key; [`Error::Config`] for a
     /// value out of range.
     pub fn parse(text: &str, origin: &Path) -> Result<Self> {
-        let mut config: Self =
-            toml::from_str(text).map_err(|error| Error::format(origin, error.to_string().trim_end()))?;
+        let mut config: Self = parse_toml(text).map_err(|reason| Error::format(origin, reason))?;
         if let (Some(file), Some(folder)) = (&config.display.file, origin.parent()) {
             config.display.file = Some(folder.join(file));
         }

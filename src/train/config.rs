@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
 use crate::core::metrics::{Metric, MetricDefinition};
 use crate::network::{Architecture, Initialisation};
@@ -241,9 +242,9 @@ impl TrainConfig {
     /// is unknown, with the nearest ones, or of a value that is out of range.
     pub fn from_toml(text: &str, settings: &[String]) -> Result<Self> {
         // Once without the settings, so that mistakes of the file are reported at their line.
-        let broken = |error: toml::de::Error| Error::config("configuration", error.to_string());
-        toml::from_str::<Self>(text).map_err(broken)?;
-        let mut table: toml::Table = toml::from_str(text).map_err(broken)?;
+        let broken = |reason| Error::config("configuration", reason);
+        parse_toml::<Self>(text).map_err(broken)?;
+        let mut table: toml::Table = parse_toml(text).map_err(broken)?;
         for setting in settings {
             apply(&mut table, setting)?;
         }

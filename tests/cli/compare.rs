@@ -122,7 +122,7 @@ fn measures_highlights_flare_and_the_rest_apart() {
     assert!(pixels("highlights") >= 3 * 9 && pixels("flare") > 0);
     let psnr = |name: &str| regions[name]["mean"]["psnr"].as_f64().unwrap();
     assert!(psnr("flare") < psnr("rest"), "flare is where the formation did most: {regions}");
-    assert!(results["definition"]["regions"]["flare"].as_str().unwrap().contains("d − c"));
+    assert!(results["definition"]["regions"]["flare"].as_str().unwrap().contains("d − b"));
     let csv = fs::read_to_string(folder.join("results/regions.csv")).unwrap();
     assert!(
         csv.starts_with("method,id,kernel,region,pixels,psnr,ssim\n") && csv.lines().count() == 10,
@@ -200,6 +200,10 @@ fn says_what_a_dataset_lacks() {
     let folder = scratch.path();
     let said = fail(folder, &["eval", "dataset", "--mismatch", "-o", "results"], 1);
     assert!(said.contains("--model") && said.contains("--method"), "{said}");
+    assert!(
+        fail(folder, &["eval", "dataset", "--ldr", "0", "-o", "results"], 1).contains("positive irradiance")
+    );
+    assert!(!folder.join("results").exists(), "nothing begins that cannot be finished");
     // An image that was replaced by one of another size.
     let triplets = fs::read_to_string(folder.join("dataset/triplets.jsonl")).unwrap();
     let first = triplets.lines().find(|line| line.contains("\"test\"")).unwrap();

@@ -8,8 +8,10 @@ use std::fmt::Write as _;
 use anyhow::{Result, bail};
 use serde_json::{Value, json};
 
+use udc::core::dataset::Triplet;
 use udc::core::error;
 use udc::core::image::{LinearImage, ToneMappedImage};
+use udc::core::kernel_code::KernelBank;
 use udc::core::metrics::MetricDefinition;
 use udc::core::tone::ToneCurve;
 use udc::eval::{Flare, Region};
@@ -21,8 +23,16 @@ use super::comparison::Comparison;
 /// Brightening is shown this much stronger than it is.
 const GAIN: f32 = 4.0;
 
+/// A comparison's scenes, to be formed again with the range of a monitor.
+pub(super) struct Ldr<'a> {
+    comparison: &'a Comparison<'a>,
+    bank: &'a KernelBank,
+    formation: Formation,
+    white: f32,
+}
+
 /// What the formation did to the scenes of a dataset, and to the same with the range of a monitor.
-pub(super) struct LdrComparison {
+pub(super) struct LdrResults {
     white: f32,
     definition: MetricDefinition,
     rows: Vec<Row>,
@@ -37,13 +47,12 @@ struct Row {
     ldr: Flare,
 }
 
-impl LdrComparison {
-    /// Compares the comparison's triplets with what becomes of their scenes, clipped at `white`.
-    pub(super) fn measure(
-        comparison: &Comparison<'_>,
-        white: f32,
-        definition: MetricDefinition,
-    ) -> Result<Self> {
+impl<'a> Ldr<'a> {
+    /// Checks, before any work, that scenes can be clipped at `white` and formed as the dataset was.
+    pub(super) fn new(comparison: &'a Comparison<'a>, white: f32) -> Result<Self> {
+        if !(white > 0.0 && white.is_finite()) {
+            bail!("--ldr {white} clips every scene to darkness; name a positive irradiance, such as 1");
+        }
         let dataset = comparison.dataset;
         let (Some(bank), Some(config)) = (&dataset.bank, &dataset.config) else {
             bail!(
@@ -52,17 +61,20 @@ impl LdrComparison {
             );
         };
         let formation = Formation::new(dataset.formation.clone(), config.seed)?;
+        Ok(Self { comparison, bank, formation, white })
+    }
+
+    /// Compares the comparison's triplets with what becomes of their scenes when they are clipped.
+    pub(super) fn measure(&self, definition: MetricDefinition) -> Result<LdrResults> {
+        let Comparison { dataset, triplets, session, .. } = self.comparison;
         let curve = dataset.formation.curve()?;
-        let bar = comparison.session.progress.bar(comparison.triplets.len() as u64, "scenes");
+        let bar = session.progress.bar(triplets.len() as u64, "scenes");
         let mut rows: Vec<Row> = Vec::new();
         let (mut most, mut picture) = (f64::NEG_INFINITY, Vec::new());
-        for triplet in &comparison.triplets {
-            comparison.session.progress.check()?;
-            let (clean, degraded) = comparison.read(triplet)?;
-            let clipped: LinearImage = clean.map_values(|x| x.min(white));
-            let psf = &bank.psfs[dataset.kernel_index(triplet)?];
-            let label = format!("ldr/{}/{}", triplet.id, triplet.kernel);
-            let shown = formation.degrade(&clipped, psf, &label)?;
+        for triplet in triplets {
+            session.progress.check()?;
+            let (clean, degraded) = self.comparison.read(triplet)?;
+            let (clipped, shown) = self.form(triplet, &clean)?;
             let flare = |clean, degraded| Flare::measure(clean, degraded, curve, &definition);
             let (hdr, ldr) = (flare(&clean, &degraded)?, flare(&clipped, &shown)?);
             if hdr.flare_share > most {
@@ -73,9 +85,20 @@ impl LdrComparison {
             bar.inc(1);
         }
         bar.finish_and_clear();
-        Ok(Self { white, definition, rows, picture })
+        Ok(LdrResults { white: self.white, definition, rows, picture })
     }
 
+    /// The clipped scene, and what the sensor records of it.
+    fn form(&self, triplet: &Triplet, clean: &LinearImage) -> error::Result<(LinearImage, LinearImage)> {
+        let clipped: LinearImage = clean.map_values(|x| x.min(self.white));
+        let psf = &self.bank.psfs[self.comparison.dataset.kernel_index(triplet)?];
+        let label = format!("ldr/{}/{}", triplet.id, triplet.kernel);
+        let shown = self.formation.degrade(&clipped, psf, &label)?;
+        Ok((clipped, shown))
+    }
+}
+
+impl LdrResults {
     pub(super) fn to_png(&self) -> &[u8] {
         &self.picture
     }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result, bail};
 use serde::Deserialize;
 
+use udc::core::config::parse_toml;
 use udc::core::error::Error;
 use udc::core::field::FieldGrid;
 use udc::core::io::read_text;
@@ -30,9 +31,8 @@ pub(super) struct Field {
 impl Field {
     /// Reads a field file; `code_of` finds the code of a PSF's file.
     pub(super) fn read(file: &Path, code_of: impl Fn(&Path) -> Result<KernelCode>) -> Result<Self> {
-        let parsed: Result<FieldFile, _> = toml::from_str(&read_text(file)?);
-        let FieldFile { rows, columns, psfs } =
-            parsed.map_err(|error| Error::format(file, error.to_string()))?;
+        let parsed = parse_toml(&read_text(file)?);
+        let FieldFile { rows, columns, psfs } = parsed.map_err(|reason| Error::format(file, reason))?;
         let grid = FieldGrid::new(rows, columns)?;
         if psfs.len() != grid.len() {
             let (expected, found) = (grid.len(), psfs.len());

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use udc::core::config::parse_toml;
 use udc::core::error::{Error, Result};
 use udc::core::io;
 use udc::core::metrics::Metric;
@@ -73,7 +74,7 @@ impl Row {
         if !path.is_file() {
             return Ok(None);
         }
-        let row = toml::from_str(&io::read_text(&path)?);
+        let row = parse_toml(&io::read_text(&path)?);
         row.map(Some).map_err(|error| {
             Error::format(
                 path,

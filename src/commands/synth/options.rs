@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
 
+use udc::core::config::parse_toml;
 use udc::core::dataset::{FormationConfig, NoiseConfig, SensorConfig, Split};
 use udc::core::error::Error;
 use udc::core::fft::Boundary;
@@ -157,8 +158,8 @@ fn parse_noise(text: &str) -> Result<NoiseConfig, Error> {
         }
         Some(("sensor", file)) => {
             let path = Path::new(file);
-            let sensor = toml::from_str(&io::read_text(path)?);
-            NoiseConfig::Sensor(sensor.map_err(|error| Error::format(path, error.to_string()))?)
+            let sensor = parse_toml(&io::read_text(path)?);
+            NoiseConfig::Sensor(sensor.map_err(|reason| Error::format(path, reason))?)
         }
         _ => {
             let reason = format!("expected none, gaussian:SIGMA, sensor or sensor:FILE.toml, found `{text}`");

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
 use crate::core::io;
 
@@ -50,8 +51,7 @@ impl DatasetConfig {
     pub fn read(root: &Path) -> Result<Self> {
         let path = root.join(CONFIG_FILE);
         let text = io::read_text(&path)?;
-        let table: toml::Table =
-            toml::from_str(&text).map_err(|error| Error::format(&path, error.to_string()))?;
+        let table: toml::Table = parse_toml(&text).map_err(|reason| Error::format(&path, reason))?;
         if table.get("format").and_then(toml::Value::as_str) != Some(FORMAT) {
             return Err(Error::format(&path, format!("does not say format = \"{FORMAT}\"")));
         }
@@ -61,7 +61,7 @@ impl DatasetConfig {
             let reason = format!("has version {found}; this program reads version {VERSION}");
             return Err(Error::format(&path, reason));
         }
-        toml::from_str(&text).map_err(|error| Error::format(&path, error.to_string()))
+        parse_toml(&text).map_err(|reason| Error::format(&path, reason))
     }
 
     /// The text of `dataset.toml`.

@@ -46,7 +46,7 @@ impl AppendFile {
     ///
     /// # Errors
     /// [`Error::Io`] when the file cannot be written.
-    pub fn open(path: &Path) -> Result<Self> {
+    pub fn at(path: &Path) -> Result<Self> {
         let file = OpenOptions::new().create(true).append(true).open(path);
         let file = file.map_err(|source| Error::io("write", path, source))?;
         Ok(Self { path: path.to_owned(), file })
@@ -79,7 +79,7 @@ impl LineLog {
     /// # Errors
     /// [`Error::Io`] when the file cannot be written.
     pub fn open(path: &Path) -> Result<Self> {
-        AppendFile::open(path).map(Self)
+        AppendFile::at(path).map(Self)
     }
 
     /// Appends one line in one piece.

@@ -31,7 +31,7 @@ impl EventLog {
         }
         let path = folder.join(format!("{PREFIX}{iteration:010}.udc"));
         io::remove(&path)?;
-        let mut log = Self { file: AppendFile::open(&path)? };
+        let mut log = Self { file: AppendFile::at(&path)? };
         log.append(&event::file_version(now_s()))?;
         if iteration > 0 {
             log.append(&event::restart(now_s(), iteration + 1))?;
