@@ -90,7 +90,7 @@ impl SynthArgs {
     }
 
     fn plan(&self) -> Result<Synthesis> {
-        let (bank, bank_bytes) = self.kernels.read()?;
+        let (bank, bank_file) = self.kernels.read()?;
         let formation = self.formation.resolve();
         let division = match self.split {
             Some(split) => Division::All(split.into()),
@@ -102,7 +102,7 @@ impl SynthArgs {
             version: VERSION,
             program: concat!("udc ", env!("CARGO_PKG_VERSION")).to_owned(),
             bank: BANK_FILE.to_owned(),
-            bank_sha256: io::bank_sha256_of(&bank_bytes),
+            bank_sha256: io::bank_sha256_of(&bank_file.read()?),
             seed: self.seed,
             division: division.to_string(),
             image_format: self.storage.format.extension().to_owned(),
@@ -110,7 +110,7 @@ impl SynthArgs {
             formation,
         };
         let scenes = self.shard.choose(scenes);
-        Ok(Synthesis { config, bank, bank_bytes, scenes, shard: self.shard, max_bytes: self.max_memory })
+        Ok(Synthesis { config, bank, bank_file, scenes, shard: self.shard, max_bytes: self.max_memory })
     }
 
     fn warn_of_one_source(&self, session: &Session, synthesis: &Synthesis) {

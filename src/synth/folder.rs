@@ -14,7 +14,7 @@ use crate::core::error::{Error, Result};
 use crate::core::io::{self, LineLog};
 use crate::core::psf::hex;
 
-use super::run::Synthesis;
+use super::run::{BankFile, Synthesis};
 use super::scenes::{Scene, Shard};
 
 /// What to do about what is in the folder already.
@@ -45,7 +45,7 @@ impl DatasetFolder {
     /// [`Error::Config`] when the folder holds a dataset and `existing` does not allow for it, or one made
     /// otherwise; [`Error::Io`] when the folder cannot be written.
     pub(super) fn prepare(root: &Path, synthesis: &Synthesis, existing: Existing) -> Result<Self> {
-        let Synthesis { config, bank_bytes, scenes, shard, .. } = synthesis;
+        let Synthesis { config, bank_file, scenes, shard, .. } = synthesis;
         let shard = *shard;
         let list = root.join(TripletFiles::name(shard.index, shard.count));
         check_existing(root, config, &list, shard, existing)?;
@@ -53,7 +53,7 @@ impl DatasetFolder {
         if existing == Existing::Overwrite {
             remove_lists(root, shard)?;
         }
-        describe(root, config, bank_bytes, existing == Existing::Overwrite)?;
+        describe(root, config, bank_file, existing == Existing::Overwrite)?;
         let log = LineLog::open(&list)?;
         let mut folder = Self { root: root.to_owned(), list, log, finished: BTreeSet::new() };
         match existing {
@@ -195,11 +195,12 @@ fn flat_table(config: &DatasetConfig) -> BTreeMap<String, toml::Value> {
     table.into_iter().flat_map(flatten).collect()
 }
 
-fn describe(root: &Path, config: &DatasetConfig, bank: &[u8], overwrite: bool) -> Result<()> {
+fn describe(root: &Path, config: &DatasetConfig, bank: &BankFile, overwrite: bool) -> Result<()> {
     let described = root.join(CONFIG_FILE).is_file();
     if overwrite || !described {
+        let bank = bank.read()?;
         // Another shard may describe the same dataset at this moment, with the same words.
-        io::write_atomically(&root.join(&config.bank), true, |file| file.write_all(bank))?;
+        io::write_atomically(&root.join(&config.bank), true, |file| file.write_all(&bank))?;
         let text = config.to_toml();
         io::write_atomically(&root.join(CONFIG_FILE), true, |file| file.write_all(text.as_bytes()))?;
     }

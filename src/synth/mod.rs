@@ -17,5 +17,5 @@ pub use folder::Existing;
 pub use formation::Formation;
 pub use kernels::MemoryPlan;
 pub use noise::add_noise;
-pub use run::{Needs, SceneReport, Synthesis};
+pub use run::{BankFile, Needs, SceneReport, Synthesis};
 pub use scenes::{Division, Scene, Shard, list_scenes};

@@ -1,6 +1,6 @@
 //! Synthesises a dataset: every scene through every kernel, into a folder.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::core::dataset::DatasetConfig;
@@ -19,6 +19,27 @@ use super::scenes::{Scene, Shard};
 /// The size that EXR and NumPy headers stay below.
 const HEADER_BYTES: u64 = 1 << 14;
 
+/// The bytes of a bank as the dataset will hold them; those of a file are not kept in memory.
+pub enum BankFile {
+    /// A file to copy.
+    Stored(PathBuf),
+    /// A bank that has no file yet.
+    Encoded(Vec<u8>),
+}
+
+impl BankFile {
+    /// The bytes.
+    ///
+    /// # Errors
+    /// [`Error::Io`](crate::core::error::Error::Io) when the file cannot be read.
+    pub fn read(&self) -> Result<Vec<u8>> {
+        match self {
+            Self::Stored(path) => io::read_bytes(path),
+            Self::Encoded(bytes) => Ok(bytes.clone()),
+        }
+    }
+}
+
 /// A dataset that is to be made.
 pub struct Synthesis {
     /// The resolved configuration, as `dataset.toml` will hold it.
@@ -26,7 +47,7 @@ pub struct Synthesis {
     /// The kernels.
     pub bank: KernelBank,
     /// The bank's file.
-    pub bank_bytes: Vec<u8>,
+    pub bank_file: BankFile,
     /// The scenes of this run.
     pub scenes: Vec<Scene>,
     /// Which run of how many this is.
@@ -83,7 +104,8 @@ impl Synthesis {
         let sample_bytes = if self.config.half { 2 } else { 4 };
         let image_bytes = (CHANNELS * size[0] * size[1] * sample_bytes) as u64 + HEADER_BYTES;
         let images = self.scenes.len() * self.bank.len();
-        let disk_bytes = (images + self.scenes.len()) as u64 * image_bytes + self.bank_bytes.len() as u64;
+        let disk_bytes =
+            (images + self.scenes.len()) as u64 * image_bytes + self.bank_file.read()?.len() as u64;
         Ok(Needs { images, size, memory, disk_bytes })
     }
 

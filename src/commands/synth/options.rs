@@ -11,6 +11,7 @@ use udc::core::error::Error;
 use udc::core::fft::Boundary;
 use udc::core::io;
 use udc::core::kernel_code::KernelBank;
+use udc::synth::BankFile;
 
 #[derive(Args, Debug)]
 #[group(required = true, multiple = false)]
@@ -83,16 +84,16 @@ pub(super) enum SplitName {
 
 impl KernelArgs {
     /// The bank and its file's bytes.
-    pub(super) fn read(&self) -> Result<(KernelBank, Vec<u8>)> {
+    pub(super) fn read(&self) -> Result<(KernelBank, BankFile)> {
         let read = |path: &Path| format!("reading {}", path.display());
         if let Some(path) = &self.bank {
             let bank = io::read_bank(path).with_context(|| read(path))?;
-            return Ok((bank, io::read_bytes(path)?));
+            return Ok((bank, BankFile::Stored(path.clone())));
         }
         let path = self.psf.as_ref().context("name a --bank or a --psf")?;
         let bank = KernelBank::single(io::read_psf(path).with_context(|| read(path))?);
-        let bytes = io::encode_bank(&bank);
-        Ok((bank, bytes))
+        let file = BankFile::Encoded(io::encode_bank(&bank));
+        Ok((bank, file))
     }
 }
 
