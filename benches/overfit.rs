@@ -25,7 +25,7 @@ const LOOK: u64 = 100;
 /// Kind, condition, published and reduced features.
 const NETWORKS: [(Kind, Condition, usize, usize); 5] = [
     (Kind::Discnet, Condition::ImagePsf, 32, 8),
-    (Kind::Unet, Condition::None, 32, 8),
+    (Kind::Unet, Condition::None, 32, 16),
     (Kind::Srmdnf, Condition::ImagePsf, 128, 32),
     (Kind::Sftmd, Condition::ImagePsf, 64, 16),
     (Kind::DeUnet, Condition::Image, 32, 8),
