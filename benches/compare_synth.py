@@ -3,7 +3,7 @@
   cached     scipy.fft, real transforms, PSFs' transforms cached (f32 and f64)
   published  full complex FFTs of scene and PSF at 1200 x 1200 for every kernel and channel, as the published
              data simulation does it (f32)
-  udc        this project: `cargo bench --bench synth`, 64-bit transforms
+  udc        this project: `cargo bench --bench synth`, in 32 bits and, for a scene with a highlight, in 64
 
 Needs NumPy and SciPy; PyTorch is used for the published way where it is installed.
 Usage: python benches/compare_synth.py [threads] [rounds]

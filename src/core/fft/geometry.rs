@@ -68,6 +68,11 @@ impl AxisGeometry {
         source.cast_unsigned()
     }
 
+    /// The pixels of the scene that make up the extended scene.
+    pub(super) fn sources(&self) -> impl Iterator<Item = usize> {
+        (0..self.extended).map(|index| self.source(index))
+    }
+
     /// The kernel samples in use, first to last, each with its place in the transform.
     pub(super) fn kernel_places(&self) -> Vec<(usize, usize)> {
         let centre = self.kernel / 2;

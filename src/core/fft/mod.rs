@@ -8,11 +8,12 @@ mod convolver;
 mod geometry;
 mod plane;
 mod pool;
+mod real;
 mod transform;
 
 use serde::{Deserialize, Serialize};
 
-pub use convolver::{Convolver, Otf, Spectrum};
+pub use convolver::{Convolver, Otf, SINGLE_PEAK, SINGLE_RMS, Spectrum};
 pub use geometry::fast_length;
 pub use plane::PlaneSpectrum;
 

@@ -29,14 +29,7 @@ impl Convolver {
     /// When the plane is not of the images' size.
     pub fn plane_spectrum(&self, plane: ArrayView2<'_, f32>) -> PlaneSpectrum {
         assert_eq!(plane.shape(), self.image_size(), "the plane has the images' size");
-        let sources: Vec<usize> = (0..self.columns.extended).map(|x| self.columns.source(x)).collect();
-        let rows = 0..self.rows.extended;
-        self.transform.forward(std::slice::from_ref(&rows), |row, samples| {
-            let source = plane.row(self.rows.source(row));
-            for (sample, &x) in samples.iter_mut().zip(&sources) {
-                *sample = f64::from(source[x]);
-            }
-        })
+        self.transform_plane(&self.transform, plane)
     }
 
     /// Multiplies two half spectra and transforms the product back to the pixels of the image.
@@ -95,9 +88,17 @@ impl Convolver {
         response: impl Fn(Complex64, Complex64) -> Complex64 + Sync,
         window: Window,
     ) -> Array2<f32> {
+        let len = self.transform.spectrum_len();
+        assert_eq!((spectrum.len(), filter.len()), (len, len), "spectra belong to this convolver");
+        let product = |kx, column: &mut [Complex64]| {
+            let range = self.column(kx);
+            for ((out, x), h) in column.iter_mut().zip(&spectrum[range.clone()]).zip(&filter[range]) {
+                *out = response(*x, *h);
+            }
+        };
         let mut out = Array2::zeros((window.height, window.width));
         let slice = out.as_slice_mut().expect("new arrays are contiguous");
-        self.transform.inverse(self.product(spectrum, filter, &response), window, slice);
+        self.transform.inverse(product, window, slice);
         out
     }
 }

@@ -8,44 +8,40 @@
 //! 3. Between rows and columns stands an intermediate of blocks, 8 wide: 8 complex numbers are two cache
 //!    lines, so both passes read and write whole lines, and every block is written by one thread only.
 //!
-//! # Accuracy
-//! Transforms are 64-bit. In 32 bits every pixel would carry an error of some 10⁻⁶ of the root mean square of
-//! the image, which a few highlights of an HDR scene raise far above the dark pixels that matter.
+//! Both precisions share this code; [`Convolver`](super::Convolver) says which one serves.
 //!
 //! # Normalization
 //! [`Transform::forward`] is unscaled; [`Transform::inverse`] divides by the number of samples.
 
 use std::ops::Range;
-use std::sync::{Arc, LazyLock, Mutex, PoisonError};
+use std::sync::{Arc, PoisonError};
 
 use rayon::prelude::*;
-use rustfft::num_complex::Complex64;
-use rustfft::{Fft, FftPlanner};
+use rustfft::Fft;
+use rustfft::num_complex::Complex;
 
 use super::pool::{Loan, Pool};
+use super::real::Real;
 
 /// Width of the blocks between the row and the column pass.
 const BLOCK: usize = 8;
 
-/// Plans are made once for each length in the whole program.
-static PLANNER: LazyLock<Mutex<FftPlanner<f64>>> = LazyLock::new(|| Mutex::new(FftPlanner::new()));
-
 /// Plans for planes of one size, and buffers that are used again.
-pub(super) struct Transform {
+pub(super) struct Transform<T: Real> {
     height: usize,
     width: usize,
-    along_rows: Plans,
-    along_columns: Plans,
+    along_rows: Plans<T>,
+    along_columns: Plans<T>,
     /// What stands between the row and the column pass, one at a time for each plane in work.
-    blocks: Pool<Vec<Complex64>>,
+    blocks: Pool<Vec<Complex<T>>>,
     /// What a thread works in.
-    scratches: Pool<Scratch>,
-    spectra: Pool<Vec<Complex64>>,
+    scratches: Pool<Scratch<T>>,
+    spectra: Pool<Vec<Complex<T>>>,
 }
 
-struct Plans {
-    forward: Arc<dyn Fft<f64>>,
-    inverse: Arc<dyn Fft<f64>>,
+struct Plans<T: Real> {
+    forward: Arc<dyn Fft<T>>,
+    inverse: Arc<dyn Fft<T>>,
 }
 
 /// The part of the transformed plane that is kept by [`Transform::inverse`].
@@ -57,10 +53,10 @@ pub(super) struct Window {
     pub(super) width: usize,
 }
 
-impl Plans {
+impl<T: Real> Plans<T> {
     fn new(length: usize) -> Self {
         // A panic while planning leaves the planner usable: it only caches finished plans.
-        let mut planner = PLANNER.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut planner = T::planner().lock().unwrap_or_else(PoisonError::into_inner);
         Self { forward: planner.plan_fft_forward(length), inverse: planner.plan_fft_inverse(length) }
     }
 
@@ -69,7 +65,7 @@ impl Plans {
     }
 }
 
-impl Transform {
+impl<T: Real> Transform<T> {
     pub(super) fn new(height: usize, width: usize) -> Self {
         Self {
             height,
@@ -98,8 +94,8 @@ impl Transform {
     pub(super) fn forward(
         &self,
         rows: &[Range<usize>],
-        fill: impl Fn(usize, &mut [f64]) + Sync,
-    ) -> Vec<Complex64> {
+        fill: impl Fn(usize, &mut [T]) + Sync,
+    ) -> Vec<Complex<T>> {
         let groups: Vec<Range<usize>> = rows.iter().flat_map(split_in_blocks).collect();
         let columns = self.width / 2 + 1;
         let mut blocks = self.lend_blocks(groups.len() * columns * BLOCK);
@@ -108,18 +104,18 @@ impl Transform {
             |scratch, (block, group)| self.transform_rows(group.clone(), &fill, scratch, block),
         );
         let mut spectrum = self.spectra.take().unwrap_or_default();
-        spectrum.resize(self.spectrum_len(), Complex64::default());
+        spectrum.resize(self.spectrum_len(), Complex::default());
         spectrum.par_chunks_mut(self.height).enumerate().for_each_init(
             || self.lend_scratch(),
             |scratch, (kx, column)| {
                 let mut next = 0;
                 for (block, group) in blocks.chunks(columns * BLOCK).zip(&groups) {
-                    column[next..group.start].fill(Complex64::default());
+                    column[next..group.start].fill(Complex::default());
                     let samples = &block[kx * BLOCK..][..group.len()];
                     column[group.clone()].copy_from_slice(samples);
                     next = group.end;
                 }
-                column[next..].fill(Complex64::default());
+                column[next..].fill(Complex::default());
                 self.along_columns.forward.process_with_scratch(column, &mut scratch.fft);
             },
         );
@@ -127,7 +123,7 @@ impl Transform {
     }
 
     /// Takes a spectrum that is no longer needed, to be overwritten by the next one.
-    pub(super) fn reuse(&self, spectrum: Vec<Complex64>) {
+    pub(super) fn reuse(&self, spectrum: Vec<Complex<T>>) {
         self.spectra.put(spectrum);
     }
 
@@ -135,15 +131,15 @@ impl Transform {
     fn transform_rows(
         &self,
         group: Range<usize>,
-        fill: &impl Fn(usize, &mut [f64]),
-        scratch: &mut Scratch,
-        block: &mut [Complex64],
+        fill: &impl Fn(usize, &mut [T]),
+        scratch: &mut Scratch<T>,
+        block: &mut [Complex<T>],
     ) {
         let count = group.len();
         for first in (0..count).step_by(2) {
             let second = (first + 1 < count).then_some(first + 1);
             for (samples, row) in scratch.real.iter_mut().zip([Some(first), second]) {
-                samples.fill(0.0);
+                samples.fill(T::default());
                 if let Some(row) = row {
                     fill(group.start + row, samples);
                 }
@@ -151,7 +147,7 @@ impl Transform {
             let [a, b] = &scratch.real;
             let samples = &mut scratch.pairs[..self.width];
             for ((z, &a), &b) in samples.iter_mut().zip(a).zip(b) {
-                *z = Complex64::new(a, b);
+                *z = Complex::new(a, b);
             }
             self.along_rows.forward.process_with_scratch(samples, &mut scratch.fft);
             separate_pair(samples, block, first, second);
@@ -163,7 +159,7 @@ impl Transform {
     /// `product(kx, column)` writes a column of the spectrum, `[ky]`.
     pub(super) fn inverse(
         &self,
-        product: impl Fn(usize, &mut [Complex64]) + Sync,
+        product: impl Fn(usize, &mut [Complex<T>]) + Sync,
         window: Window,
         out: &mut [f32],
     ) {
@@ -201,49 +197,48 @@ impl Transform {
     }
 
     /// Writes the real parts to the first row, the imaginary ones to the second where there is one.
-    #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
-    fn keep_pair(&self, samples: &[Complex64], width: usize, rows: &mut [f32]) {
-        let scale = 1.0 / (self.height as f64 * self.width as f64);
+    fn keep_pair(&self, samples: &[Complex<T>], width: usize, rows: &mut [f32]) {
+        let scale = T::reciprocal(self.height * self.width);
         let (first, second) = rows.split_at_mut(width);
         for (out, z) in first.iter_mut().zip(samples) {
-            *out = (z.re * scale) as f32;
+            *out = (z.re * scale).to_f32();
         }
         for (out, z) in second.iter_mut().zip(samples) {
-            *out = (z.im * scale) as f32;
+            *out = (z.im * scale).to_f32();
         }
     }
 
     /// Lends the blocks between the passes; stale contents are overwritten before they are read.
-    fn lend_blocks(&self, len: usize) -> Loan<'_, Vec<Complex64>> {
+    fn lend_blocks(&self, len: usize) -> Loan<'_, Vec<Complex<T>>> {
         let mut blocks = self.blocks.lend(Vec::new);
-        blocks.resize(len, Complex64::default());
+        blocks.resize(len, Complex::default());
         blocks
     }
 
-    fn lend_scratch(&self) -> Loan<'_, Scratch> {
+    fn lend_scratch(&self) -> Loan<'_, Scratch<T>> {
         self.scratches.lend(|| Scratch::new(self))
     }
 }
 
 /// What one thread works in.
-struct Scratch {
+struct Scratch<T> {
     /// Two rows.
-    real: [Vec<f64>; 2],
+    real: [Vec<T>; 2],
     /// The rows of a block, each two as one, with the places that [`join_pairs`] wants.
-    pairs: Vec<Complex64>,
+    pairs: Vec<Complex<T>>,
     /// The columns of a block.
-    columns: Vec<Complex64>,
-    fft: Vec<Complex64>,
+    columns: Vec<Complex<T>>,
+    fft: Vec<Complex<T>>,
 }
 
-impl Scratch {
-    fn new(transform: &Transform) -> Self {
+impl<T: Real> Scratch<T> {
+    fn new(transform: &Transform<T>) -> Self {
         let fft_len = transform.along_rows.scratch_len().max(transform.along_columns.scratch_len());
         Self {
-            real: [vec![0.0; transform.width], vec![0.0; transform.width]],
-            pairs: vec![Complex64::default(); BLOCK / 2 * (transform.width + 1)],
-            columns: vec![Complex64::default(); BLOCK * transform.height],
-            fft: vec![Complex64::default(); fft_len],
+            real: [vec![T::default(); transform.width], vec![T::default(); transform.width]],
+            pairs: vec![Complex::default(); BLOCK / 2 * (transform.width + 1)],
+            columns: vec![Complex::default(); BLOCK * transform.height],
+            fft: vec![Complex::default(); fft_len],
         }
     }
 }
@@ -255,21 +250,21 @@ fn split_in_blocks(rows: &Range<usize>) -> impl Iterator<Item = Range<usize>> + 
 
 /// Separates the spectra of two real rows: with Z = F(a + ib), `F(a) = (Z[k] + Z̄[−k]) / 2` and
 /// `F(b) = (Z[k] − Z̄[−k]) / 2i`.
-fn separate_pair(z: &[Complex64], block: &mut [Complex64], first: usize, second: Option<usize>) {
+fn separate_pair<T: Real>(z: &[Complex<T>], block: &mut [Complex<T>], first: usize, second: Option<usize>) {
     let n = z.len();
     for (k, samples) in block.chunks_exact_mut(BLOCK).enumerate() {
         let (p, q) = (z[k], z[if k == 0 { 0 } else { n - k }].conj());
-        samples[first] = (p + q) * 0.5;
+        samples[first] = (p + q) * T::HALF;
         if let Some(second) = second {
-            let difference = (p - q) * 0.5;
-            samples[second] = Complex64::new(difference.im, -difference.re);
+            let difference = (p - q) * T::HALF;
+            samples[second] = Complex::new(difference.im, -difference.re);
         }
     }
 }
 
 /// Writes the columns, `stride` apart, as rows of a block.
-fn transpose(columns: &[Complex64], stride: usize, block: &mut [Complex64]) {
-    let lanes: [&[Complex64]; BLOCK] = std::array::from_fn(|lane| &columns[lane * stride..]);
+fn transpose<T: Real>(columns: &[Complex<T>], stride: usize, block: &mut [Complex<T>]) {
+    let lanes: [&[Complex<T>]; BLOCK] = std::array::from_fn(|lane| &columns[lane * stride..]);
     for (y, samples) in block.chunks_exact_mut(BLOCK).enumerate() {
         for (sample, lane) in samples.iter_mut().zip(lanes) {
             *sample = lane[y];
@@ -282,11 +277,11 @@ fn transpose(columns: &[Complex64], stride: usize, block: &mut [Complex64]) {
 ///
 /// The spectra stand `stride` apart in `zs`, one place more than samples, so that Z[−0] has somewhere to go. All
 /// rows together read each block in one piece.
-fn join_pairs(
-    blocks: &[Complex64],
+fn join_pairs<T: Real>(
+    blocks: &[Complex<T>],
     block_len: usize,
     rows: Range<usize>,
-    zs: &mut [Complex64],
+    zs: &mut [Complex<T>],
     stride: usize,
 ) {
     let n = stride - 1;
@@ -298,11 +293,11 @@ fn join_pairs(
             let second = if row + 1 < rows.end { row + 1 } else { row };
             let b = &block[second * BLOCK..][..count];
             for ((z, a), b) in z[start..].iter_mut().zip(a).zip(b) {
-                *z = Complex64::new(a.re - b.im, a.im + b.re);
+                *z = Complex::new(a.re - b.im, a.im + b.re);
             }
             let mirrored = z[..=n - start].iter_mut().rev();
             for ((z, a), b) in mirrored.zip(a).zip(b) {
-                *z = Complex64::new(a.re + b.im, b.re - a.im);
+                *z = Complex::new(a.re + b.im, b.re - a.im);
             }
         }
     }
