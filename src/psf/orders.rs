@@ -60,6 +60,18 @@ impl Orders {
         Self { coefficients, frequency_per_m, centre_m: cell.centre_m }
     }
 
+    /// The bytes that making these orders of `cell` and a [`Field`] of them takes at its peak.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates, and is positive")]
+    pub fn memory_bytes(cell: &UnitCell, band_per_m: f64) -> usize {
+        let complex = size_of::<Complex64>();
+        let counts = cell.period_m().map(|period| 2.0 * (band_per_m * period).floor() + 1.0);
+        let coefficients = (counts[0] * counts[1]) as usize * complex;
+        // The cell, and its transform before and after it is turned over.
+        let analysis = cell.transmittance.len() * (size_of::<f64>() + 2 * complex);
+        // The orders and their copy for one wavelength; the field's raster, twice as fine, also twice.
+        analysis.max(2 * coefficients + 2 * 4 * coefficients)
+    }
+
     /// Σ|T_mn|²: the light that these orders carry, as a share of what falls on the display.
     pub fn power(&self) -> f64 {
         self.coefficients.iter().map(Complex64::norm_sqr).sum()

@@ -85,7 +85,7 @@ pub fn simulate_psf(config: &DisplayConfig, progress: &Progress) -> Result<Simul
         light: [0, 1, 2].map(|index| channels[index].light(bench.pupil_area_m2)),
         optics: bench.optics,
         grid: bench.grid,
-        memory_bytes: bench.memory_bytes(),
+        memory_bytes: bench.memory_bytes,
     })
 }
 
@@ -136,6 +136,7 @@ struct Bench {
     orders: Orders,
     mean_power: f64,
     window_m: f64,
+    memory_bytes: usize,
 }
 
 impl Bench {
@@ -149,7 +150,14 @@ impl Bench {
         let margin_px = integral.reach() as f64 / integral.samples_per_pixel as f64;
         let window_m = (size_px as f64 / 2.0 + margin_px) * pixel_pitch_m;
         let grid = Grid::new(&config.sampling, &optics, &Bandwidth::new(&optics, shortest_m, window_m))?;
-        check_memory(&grid, integral.samples(size_px), size_px)?;
+        let propagation_bytes = propagation_bytes(&grid, integral.samples(size_px), size_px);
+        check_memory(propagation_bytes, || {
+            format!(
+                "{} samples and a grid of {} points on a side; reduce sensor.size-px, the defocus or the aperture",
+                integral.samples(size_px),
+                grid.size
+            )
+        })?;
 
         let (sin, cos) = config.display.angle_deg.to_radians().sin_cos();
         // Along the axes of a turned panel the corners of the band reach further.
@@ -159,6 +167,14 @@ impl Bench {
         let spread_m = longest_m * optics.reduced_gap_m * band;
         let cell = UnitCell::of(&config.display, band)?
             .within(optics.aperture_m / optics.magnification + 2.0 * spread_m);
+        let orders_bytes = Orders::memory_bytes(&cell, band);
+        check_memory(orders_bytes, || {
+            let [height, width] = cell.period_m().map(|side| side * 1e3);
+            format!(
+                "the orders of a layout of {height:.2} × {width:.2} mm; reduce sensor.size-px, the aperture or, where \
+                 it repeats, the picture"
+            )
+        })?;
         let pupil = Pupil::new(&grid, optics.aperture_m);
         Ok(Self {
             optics,
@@ -172,6 +188,7 @@ impl Bench {
             orders: Orders::of(&cell, band),
             mean_power: cell.mean_power(),
             window_m,
+            memory_bytes: propagation_bytes + orders_bytes,
         })
     }
 
@@ -257,10 +274,6 @@ impl Bench {
         });
         pixels.reversed_axes().as_standard_layout().into_owned()
     }
-
-    fn memory_bytes(&self) -> usize {
-        memory_bytes(&self.grid, self.integral.samples(self.size_px), self.size_px)
-    }
 }
 
 /// Zooms into each row of the field.
@@ -277,22 +290,17 @@ fn zoom_rows(field: &Array2<Complex64>, zoom: &ChirpZ) -> Array2<Complex64> {
 }
 
 /// The arrays that exist at once at the peak: pupil and field, one zoom, and the light on its way to pixels.
-fn memory_bytes(grid: &Grid, samples: usize, size_px: usize) -> usize {
+fn propagation_bytes(grid: &Grid, samples: usize, size_px: usize) -> usize {
     let over_pupil = grid.size * grid.size * (2 * 8 + 16);
     let half_way = grid.size * samples * 16;
     let light = samples * size_px * 8 + 4 * size_px * size_px * 8;
     over_pupil + half_way + light
 }
 
-fn check_memory(grid: &Grid, samples: usize, size_px: usize) -> Result<()> {
-    let needed = memory_bytes(grid, samples, size_px);
+fn check_memory(needed: usize, what: impl FnOnce() -> String) -> Result<()> {
     if needed <= MEMORY_LIMIT_BYTES {
         return Ok(());
     }
-    Err(Error::Unsupported(format!(
-        "the propagation needs {:.1} GiB for {samples} samples and a grid of {} points on a side; reduce \
-         sensor.size-px, the defocus or the aperture",
-        needed as f64 / f64::from(1 << 30),
-        grid.size
-    )))
+    let gibibytes = needed as f64 / f64::from(1 << 30);
+    Err(Error::Unsupported(format!("the propagation needs {gibibytes:.1} GiB for {}", what())))
 }
