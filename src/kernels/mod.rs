@@ -9,7 +9,7 @@
 //! - [`Convolution`]: any odd side up to 11, by `winograd` where it is 3, channels fill whole vectors and the
 //!   stride is 1, by the `direct` kernel elsewhere; [`convolution`] also has its gradients.
 //! - [`res_block`], [`up_convolution`], [`dynamic_filter`]: the network's blocks, forward and backward.
-//! - [`stream`]: whole networks, a few rows at a time, through rolling windows planned beforehand.
+//! - [`stream`]: whole networks, a few rows at a time, in memory planned beforehand.
 //!
 //! # Why unsafe, and where
 //! Two things need it. Vector instructions may run only on a CPU that has them: the zero-sized tokens of

@@ -1,27 +1,36 @@
-//! Rows of an image by their number, whether all of them are held or only a rolling window.
+//! Rows of an image by their number, whether they lie one after another or scattered.
 
 /// Read access to the rows of one image.
-///
-/// Row `y` lies in slot `y % slots` of `data`: with as many slots as rows this is a whole image, with fewer a
-/// window that rolls down the image.
 #[derive(Clone, Copy)]
 pub(crate) struct Rows<'a> {
-    data: &'a [f32],
-    slots: usize,
+    memory: Memory<'a>,
     height: usize,
     row_len: usize,
+}
+
+#[derive(Clone, Copy)]
+enum Memory<'a> {
+    /// All rows, one after another.
+    Whole(&'a [f32]),
+    /// Some rows, `unit` of them in each slot: row `y` lies in slot `places[y / unit]`.
+    Scattered { slots: &'a [&'a mut [f32]], places: &'a [usize], unit: usize },
 }
 
 impl<'a> Rows<'a> {
     /// Views a whole image.
     pub(crate) fn whole(data: &'a [f32], height: usize) -> Self {
-        Self::window(data, height, height)
+        assert!(height > 0 && data.len().is_multiple_of(height), "{} floats in {height} rows", data.len());
+        Self { memory: Memory::Whole(data), height, row_len: data.len() / height }
     }
 
-    /// Views a window of `slots` rows on an image of `height` rows.
-    pub(crate) fn window(data: &'a [f32], slots: usize, height: usize) -> Self {
-        assert!(slots > 0 && data.len().is_multiple_of(slots), "{} floats in {slots} rows", data.len());
-        Self { data, slots, height, row_len: data.len() / slots }
+    /// Views those rows of an image of `height` rows that the slots hold at the moment, `unit` in each.
+    pub(crate) fn scattered(
+        slots: &'a [&'a mut [f32]],
+        places: &'a [usize],
+        unit: usize,
+        (height, row_len): (usize, usize),
+    ) -> Self {
+        Self { memory: Memory::Scattered { slots, places, unit }, height, row_len }
     }
 
     /// Floats per row.
@@ -33,8 +42,12 @@ impl<'a> Rows<'a> {
     #[inline]
     pub(crate) fn row(&self, y: isize) -> Option<&'a [f32]> {
         let y = usize::try_from(y).ok().filter(|y| *y < self.height)?;
-        let start = y % self.slots * self.row_len;
-        Some(&self.data[start..start + self.row_len])
+        Some(match self.memory {
+            Memory::Whole(data) => &data[y * self.row_len..][..self.row_len],
+            Memory::Scattered { slots, places, unit } => {
+                &slots[places[y / unit]][y % unit * self.row_len..][..self.row_len]
+            }
+        })
     }
 
     /// Row `y`, or the nearest one of the image: replicate padding.

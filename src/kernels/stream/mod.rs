@@ -1,17 +1,18 @@
-//! Runs a whole network a few rows at a time, every tensor a rolling window of rows.
+//! Runs a whole network a few rows at a time.
 //!
 //! # Method
 //! A network without loops can be computed top to bottom: once its input has a few more rows, each step in
 //! turn computes the output rows that its inputs allow. So no tensor is ever whole; each keeps just the rows
 //! that a later step still needs: a handful where the next step is the only reader, and some 250 for the
-//! skip connection of the finest resolution, which waits for the path through the coarsest. What is kept
-//! lies in the caches when it is read again. Nothing is computed twice and nothing depends on where one
-//! portion of rows ends: the result is that of the whole image, bit for bit.
+//! skip connection of the finest resolution, which waits for the path through the coarsest. Nothing is
+//! computed twice and nothing depends on where one portion of rows ends: the result is that of the whole
+//! image, bit for bit.
 //!
 //! # Memory
-//! [`Plan`] plays the schedule through with row numbers only, learns how many rows each tensor has to keep,
-//! and lays the windows out once; it is known before the run. It grows with the image's width, not with its
-//! height.
+//! [`Plan`] plays the schedule through with row numbers only and gives each 8 rows of a tensor a slot from
+//! when they are computed to when they were last read. The next tensor gets the slot that was given back
+//! last, so that most of what a step writes and reads still lies in a cache. What all slots take is known
+//! before the run and grows with the image's width, not with its height.
 
 mod pixelwise;
 mod plan;
@@ -53,6 +54,18 @@ enum Operation {
     Convolution { convolution: Convolution, input: Tensor, slope: f32, add: Option<Tensor> },
     DynamicFilter { filter: DynamicFilter, condition: Tensor, features: Tensor },
     Pixelwise { function: Pixelwise, inputs: Vec<Tensor> },
+}
+
+impl Operation {
+    /// The tensors that it reads.
+    fn inputs(&self) -> impl Iterator<Item = Tensor> {
+        let (several, one, other): (&[Tensor], _, _) = match self {
+            Self::Convolution { input, add, .. } => (&[], Some(*input), *add),
+            Self::DynamicFilter { condition, features, .. } => (&[], Some(*condition), Some(*features)),
+            Self::Pixelwise { inputs, .. } => (inputs, None, None),
+        };
+        several.iter().copied().chain(one).chain(other)
+    }
 }
 
 impl Network {

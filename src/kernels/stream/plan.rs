@@ -1,13 +1,14 @@
-//! The schedule of rows: what each step can compute when, and how many rows each tensor has to keep.
+//! The schedule of rows: what each step can compute when, and where in memory its rows lie.
 
+use std::collections::HashMap;
 use std::ops::Range;
 
 use super::{Network, Operation, Step, Tensor};
 use crate::kernels::convolution::BLOCK_ROWS;
 use crate::kernels::scratch::whole_lines;
 
-/// Rows that windows come in: those of a shuffled block, so that every block lies in one piece.
-pub(super) const WINDOW_UNIT: usize = 2 * BLOCK_ROWS;
+/// Rows that a slot holds: those of a shuffled block, so that every block lies in one piece.
+pub(super) const UNIT: usize = 2 * BLOCK_ROWS;
 
 /// Input rows per portion for up to two threads: two rows of tiles at a quarter of the resolution.
 const PORTION: usize = 32;
@@ -19,18 +20,49 @@ const PORTION_PIXELS: usize = 1 << 14;
 /// exceed the second-level cache and are read from afar each time.
 const COARSE: usize = 4;
 
-/// Floats between windows: five cache lines.
+/// Floats between slots: five cache lines.
 const SKEW: usize = 80;
 
-/// The windows of all tensors for one size of image.
+/// The order of work and the memory of all tensors for one size of image.
 pub struct Plan<'a> {
     pub(super) network: &'a Network,
     pub(super) height: usize,
     pub(super) width: usize,
     /// Input rows taken at a time.
     pub(super) portion: usize,
-    /// Rows kept of each tensor.
-    pub(super) windows: Vec<usize>,
+    pub(super) memory: Memory,
+}
+
+/// Where rows lie: slots of [`UNIT`] rows, each given to one tensor after another.
+#[derive(Default)]
+pub(super) struct Memory {
+    /// Floats of each slot.
+    pub(super) slots: Vec<usize>,
+    /// For each tensor the slot of every unit of its rows.
+    pub(super) places: Vec<Vec<usize>>,
+    /// Slots that nobody needs, by their length; the one used last is given out first, as it may lie in a cache.
+    free: HashMap<usize, Vec<usize>>,
+    /// Units of each tensor that were given back.
+    given_back: Vec<usize>,
+}
+
+impl Memory {
+    /// Gives slots of `len` floats to a tensor until it has as many units.
+    fn extend(&mut self, tensor: Tensor, units: usize, len: usize) {
+        while self.places[tensor.0].len() < units {
+            let slot = self.free.get_mut(&len).and_then(Vec::pop).unwrap_or_else(|| {
+                self.slots.push(len);
+                self.slots.len() - 1
+            });
+            self.places[tensor.0].push(slot);
+        }
+    }
+
+    /// Takes a tensor's units above `first` back.
+    fn give_back(&mut self, tensor: Tensor, first: usize, len: usize) {
+        let from = std::mem::replace(&mut self.given_back[tensor.0], first);
+        self.free.entry(len).or_default().extend(&self.places[tensor.0][from..first]);
+    }
 }
 
 impl<'a> Plan<'a> {
@@ -39,38 +71,36 @@ impl<'a> Plan<'a> {
     /// # Panics
     /// When a side is no multiple of [`Network::reduction`].
     pub fn new(network: &'a Network, height: usize, width: usize, threads: usize) -> Self {
+        let rows = (PORTION * threads.max(2) / 2).max(PORTION_PIXELS / width.max(1));
+        Self::with_portion(network, height, width, rows)
+    }
+
+    /// Plans a run that takes at least `rows` input rows at a time, where the image has so many.
+    pub(super) fn with_portion(network: &'a Network, height: usize, width: usize, rows: usize) -> Self {
         let reduction = network.reduction();
         assert!(
             height > 0 && width > 0 && height.is_multiple_of(reduction) && width.is_multiple_of(reduction),
             "{height} × {width} for a network that reduces sides by {reduction}"
         );
-        let unit = BLOCK_ROWS * reduction;
-        let rows = (PORTION * threads.max(2) / 2).max(PORTION_PIXELS / width).min(height);
-        let portion = rows.next_multiple_of(unit);
-        let mut plan = Self { network, height, width, portion, windows: Vec::new() };
-        plan.windows = plan.windows();
+        let portion = rows.min(height).next_multiple_of(BLOCK_ROWS * reduction);
+        let mut plan = Self { network, height, width, portion, memory: Memory::default() };
+        plan.memory = plan.give_out();
         plan
     }
 
-    /// Bytes that all windows take.
+    /// Bytes that all slots take.
     pub fn bytes(&self) -> usize {
         self.arena_len() * size_of::<f32>()
     }
 
-    /// Floats that all windows take, one after another.
+    /// Floats that all slots take, one after another.
     pub(super) fn arena_len(&self) -> usize {
-        (0..self.windows.len()).map(|t| self.window_space(Tensor(t))).sum()
+        self.memory.slots.iter().map(|&len| slot_space(len)).sum()
     }
 
-    /// Floats of a tensor's window.
-    pub(super) fn window_len(&self, tensor: Tensor) -> usize {
-        self.windows[tensor.0] * self.row_len(tensor)
-    }
-
-    /// The same up to where the next window begins: on a cache line, and never at the same place of a page,
-    /// so that streams through several windows fall on different cache sets.
-    pub(super) fn window_space(&self, tensor: Tensor) -> usize {
-        whole_lines(self.window_len(tensor)) + SKEW
+    /// Floats of a slot of a tensor's rows.
+    pub(super) fn slot_len(&self, tensor: Tensor) -> usize {
+        UNIT * self.row_len(tensor)
     }
 
     /// Rows of a tensor.
@@ -88,27 +118,37 @@ impl<'a> Plan<'a> {
         self.width_of(tensor) * self.network.tensors[tensor.0].channels
     }
 
-    /// Plays the schedule and takes down the most rows between the oldest that is still read and the newest.
-    pub(super) fn windows(&self) -> Vec<usize> {
+    /// Plays the schedule with row numbers only: rows get memory when they are computed and lose it after the
+    /// last step that reads them.
+    fn give_out(&self) -> Memory {
+        let tensors = self.network.tensors.len();
+        let mut memory =
+            Memory { places: vec![Vec::new(); tensors], given_back: vec![0; tensors], ..Memory::default() };
         let mut rows = Rows::new(self);
-        let mut windows = vec![0; self.network.tensors.len()];
         while let Some(portion) = rows.next_portion() {
             for input in &self.network.inputs {
                 rows.computed[input.0] = portion.end;
-                let oldest = rows.oldest_read(*input).unwrap_or(portion.start);
-                windows[input.0] = windows[input.0].max(portion.end - oldest);
+                memory.extend(*input, portion.end.div_ceil(UNIT), self.slot_len(*input));
             }
             for (s, step) in self.network.steps.iter().enumerate() {
-                let tensor = step.output;
-                let before = rows.computed[tensor.0];
                 rows.advance(s);
+                let units = rows.computed[step.output.0].div_ceil(UNIT);
+                memory.extend(step.output, units, self.slot_len(step.output));
                 // What nobody reads is the result, handed out at once.
-                let oldest = rows.oldest_read(tensor).unwrap_or(before);
-                windows[tensor.0] = windows[tensor.0].max(rows.computed[tensor.0] - oldest);
+                for tensor in step.operation.inputs().chain([step.output]) {
+                    let oldest = rows.oldest_read(tensor).unwrap_or(rows.computed[tensor.0]);
+                    memory.give_back(tensor, oldest / UNIT, self.slot_len(tensor));
+                }
             }
         }
-        windows.into_iter().map(|w| w.next_multiple_of(WINDOW_UNIT)).collect()
+        memory
     }
+}
+
+/// Floats from one slot to the next: the next begins on a cache line, and never at the same place of a page,
+/// so that streams through several slots fall on different cache sets.
+pub(super) fn slot_space(len: usize) -> usize {
+    whole_lines(len) + SKEW
 }
 
 /// How many rows of each tensor have been computed.

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::plan::{Rows as Schedule, WINDOW_UNIT};
+use super::plan::{Rows as Schedule, UNIT, slot_space};
 use super::{Operation, Plan, Tensor};
 use crate::kernels::convolution::{BLOCK_ROWS, RowBlock};
 use crate::kernels::dynamic_filter::FilterBlock;
@@ -33,53 +33,65 @@ impl Plan<'_> {
         let network = self.network;
         assert_eq!(sources.len(), network.inputs.len(), "sources for the network's inputs");
         let mut arena = AlignedBuffer::zeros(self.arena_len());
-        let mut windows = self.lay_out(&mut arena);
+        let mut slots = self.lay_out(&mut arena);
         let mut schedule = Schedule::new(self);
         while let Some(portion) = schedule.next_portion() {
             proceed(portion.start)?;
             for (input, source) in network.inputs.iter().zip(sources) {
                 let row_len = self.row_len(*input);
-                let window = &mut *windows[input.0];
                 for y in portion.clone() {
-                    source(y, &mut window[y % self.windows[input.0] * row_len..][..row_len]);
+                    let slot = &mut slots[self.memory.places[input.0][y / UNIT]];
+                    source(y, &mut slot[y % UNIT * row_len..][..row_len]);
                 }
                 schedule.computed[input.0] = portion.end;
             }
             for (s, step) in network.steps.iter().enumerate() {
+                let done = schedule.computed[step.output.0];
                 let rows = schedule.advance(s);
-                let is_last = s + 1 == network.steps.len();
-                // Out of the list while it is written, so that the others can be read.
-                let output = std::mem::take(&mut windows[step.output.0]);
-                self.compute(s, rows.clone(), output, &windows);
-                if is_last {
-                    self.hand_out(step.output, rows, output, &mut sink);
+                let computed = done..schedule.computed[step.output.0];
+                // Out of the list while they are written, so that the others can be read.
+                let places = &self.memory.places[step.output.0][done / UNIT..computed.end.div_ceil(UNIT)];
+                let mut outputs: Vec<_> =
+                    places.iter().map(|&place| std::mem::take(&mut slots[place])).collect();
+                self.compute(s, rows, &mut outputs, &slots);
+                for (&place, output) in places.iter().zip(outputs) {
+                    slots[place] = output;
                 }
-                windows[step.output.0] = output;
+                if s + 1 == network.steps.len() {
+                    let result = self.view(step.output, &slots);
+                    computed.for_each(|y| sink(y, result.nearest_row(y.cast_signed())));
+                }
             }
         }
         Ok(())
     }
 
-    /// Cuts the arena into the windows of all tensors.
+    /// Cuts the arena into slots.
     fn lay_out<'a>(&self, arena: &'a mut AlignedBuffer) -> Vec<&'a mut [f32]> {
         let mut scratch = Scratch::of(arena);
-        let mut window = |t| &mut scratch.take(self.window_space(Tensor(t)))[..self.window_len(Tensor(t))];
-        (0..self.windows.len()).map(&mut window).collect()
+        let mut slot = |&len: &usize| &mut scratch.take(slot_space(len))[..len];
+        self.memory.slots.iter().map(&mut slot).collect()
     }
 
-    /// Computes some rows of a step, in blocks.
-    fn compute(&self, step: usize, rows: Range<usize>, output: &mut [f32], windows: &[&mut [f32]]) {
+    /// The rows of a tensor that are held at the moment.
+    fn view<'a>(&'a self, tensor: Tensor, slots: &'a [&'a mut [f32]]) -> Rows<'a> {
+        let size = (self.height_of(tensor), self.row_len(tensor));
+        Rows::scattered(slots, &self.memory.places[tensor.0], UNIT, size)
+    }
+
+    /// Computes some rows of a step, in blocks, to the slots that hold them.
+    fn compute(&self, step: usize, rows: Range<usize>, outputs: &mut [&mut [f32]], slots: &[&mut [f32]]) {
         let step = &self.network.steps[step];
         let row_len = self.row_len(step.output);
-        let view = |t: Tensor| Rows::window(windows[t.0], self.windows[t.0], self.height_of(t));
+        let view = |tensor: Tensor| self.view(tensor, slots);
         match &step.operation {
             Operation::Convolution { convolution, input, slope, add } => {
                 let factor = convolution.factor();
-                let blocks = blocks(rows, output, BLOCK_ROWS * factor * row_len);
                 let finish = |first: usize, len: usize| {
                     let Some(add) = add else { return Finish::Leak(*slope) };
-                    let start = first * factor % self.windows[add.0] * row_len;
-                    Finish::LeakThenAdd(*slope, &windows[add.0][start..start + len])
+                    let y = first * factor;
+                    let slot = &*slots[self.memory.places[add.0][y / UNIT]];
+                    Finish::LeakThenAdd(*slope, &slot[y % UNIT * row_len..][..len])
                 };
                 let block = |Block { first, rows, output }| {
                     let len = rows * factor * row_len;
@@ -90,6 +102,7 @@ impl Plan<'_> {
                         finish: finish(first, len),
                     }
                 };
+                let blocks = blocks(rows, outputs, BLOCK_ROWS * factor * row_len);
                 convolution.compute(blocks.into_iter().map(block).collect(), self.width_of(*input));
             }
             Operation::DynamicFilter { filter, condition, features } => {
@@ -100,14 +113,14 @@ impl Plan<'_> {
                     first,
                     output: &mut { output }[..rows * row_len],
                 };
-                let blocks = blocks(rows, output, BLOCK_ROWS * row_len);
+                let blocks = blocks(rows, outputs, BLOCK_ROWS * row_len);
                 filter.compute(blocks.into_iter().map(block).collect());
             }
             Operation::Pixelwise { function, inputs } => {
                 let views: Vec<Rows<'_>> = inputs.iter().map(|&input| view(input)).collect();
                 let channels = |t: &Tensor| self.network.tensors[t.0].channels;
                 let channels: Vec<usize> = inputs.iter().map(channels).collect();
-                blocks(rows, output, BLOCK_ROWS * row_len).into_par_iter().for_each(|block| {
+                blocks(rows, outputs, BLOCK_ROWS * row_len).into_par_iter().for_each(|block| {
                     for (y, row) in block.output.chunks_exact_mut(row_len).take(block.rows).enumerate() {
                         let y = (block.first + y).cast_signed();
                         let rows: Vec<&[f32]> = views.iter().map(|view| view.nearest_row(y)).collect();
@@ -117,40 +130,23 @@ impl Plan<'_> {
             }
         }
     }
-
-    /// Gives the sink the rows that the last step has just computed.
-    fn hand_out(
-        &self,
-        tensor: Tensor,
-        rows: Range<usize>,
-        window: &[f32],
-        sink: &mut impl FnMut(usize, &[f32]),
-    ) {
-        let row_len = self.row_len(tensor);
-        for y in rows {
-            sink(y, &window[y % self.windows[tensor.0] * row_len..][..row_len]);
-        }
-    }
 }
 
-/// Some rows of a step with the part of the window that they go to.
+/// Some rows of a step with the part of a slot that they go to.
 struct Block<'a> {
     first: usize,
     rows: usize,
     output: &'a mut [f32],
 }
 
-/// Cuts rows into blocks, each with its part of the window, which rolls over at its end.
-fn blocks(rows: Range<usize>, window: &mut [f32], block_len: usize) -> Vec<Block<'_>> {
-    let mut parts: Vec<Option<&mut [f32]>> = window.chunks_mut(block_len).map(Some).collect();
-    let count = parts.len();
-    debug_assert_eq!(WINDOW_UNIT % BLOCK_ROWS, 0, "windows hold whole blocks");
-    let block = |first: usize| {
-        let output = parts[first / BLOCK_ROWS % count].take();
-        let output = output.expect("a portion never exceeds its window");
-        Block { first, rows: BLOCK_ROWS.min(rows.end - first), output }
-    };
-    rows.clone().step_by(BLOCK_ROWS).map(block).collect()
+/// Cuts rows into blocks, each with its part of the slots that hold them.
+fn blocks<'a>(rows: Range<usize>, slots: &'a mut [&mut [f32]], block_len: usize) -> Vec<Block<'a>> {
+    // Blocks and slots begin at multiples of their rows; a slot may hold blocks of an earlier portion.
+    let per_slot = slots.first().map_or(1, |slot| slot.len() / block_len);
+    let earlier = rows.start / BLOCK_ROWS % per_slot;
+    let parts = slots.iter_mut().flat_map(|slot| slot.chunks_mut(block_len)).skip(earlier);
+    let block = |(first, output)| Block { first, rows: BLOCK_ROWS.min(rows.end - first), output };
+    rows.clone().step_by(BLOCK_ROWS).zip(parts).map(block).collect()
 }
 
 #[cfg(test)]
@@ -229,17 +225,10 @@ mod tests {
         for (height, width) in [(2, 2), (6, 10), (90, 24), (134, 6)] {
             let shape = Shape::new(1, height, width, 3);
             let input = Values::new(2).take(shape.len());
-            let mut whole = Plan::new(&network, height, width, 1);
-            whole.portion = height;
-            whole.windows = (0..network.tensors.len())
-                .map(|t| whole.height_of(Tensor(t)).next_multiple_of(WINDOW_UNIT))
-                .collect();
-            let expected = run(&whole, &input);
+            let expected = run(&Plan::with_portion(&network, height, width, height), &input);
             assert_eq!(expected.len(), shape.len());
             for portion in [8, 16, 40] {
-                let mut plan = Plan::new(&network, height, width, 1);
-                plan.portion = portion;
-                plan.windows = plan.windows();
+                let plan = Plan::with_portion(&network, height, width, portion);
                 assert_eq!(run(&plan, &input), expected, "{height} × {width}, portions of {portion}");
             }
         }
