@@ -5,7 +5,7 @@ use std::cell::Cell;
 use rayon::prelude::*;
 
 /// Floats per cache line: what a 512-bit vector moves at once.
-const LINE: usize = 16;
+pub(crate) const LINE: usize = 16;
 
 /// A growable buffer of floats that begins on a cache line.
 #[derive(Default)]

@@ -15,7 +15,7 @@
 
 use rayon::prelude::*;
 
-use super::transform::{self, G};
+use super::transform;
 use super::{POINTS, TILE};
 use crate::kernels::finish::{Finish, Finisher, with_finisher};
 use crate::kernels::gemm::{
@@ -70,10 +70,11 @@ impl Weights {
         let vectors = panel_vectors(isa.lanes(), outputs);
         let panel = vectors * isa.lanes();
         let mut packed = AlignedBuffer::zeros(POINTS * POINTS * inputs * outputs);
-        let panels = packed.as_mut_slice().par_chunks_mut(POINTS * POINTS * inputs * panel);
-        panels.enumerate().for_each(|(p, to)| {
+        let shares = packed.as_mut_slice().par_chunks_mut(PACKED_ROWS * POINTS * inputs * panel);
+        shares.enumerate().for_each(|(share, to)| {
+            let (p, first) = (share * PACKED_ROWS / POINTS, share * PACKED_ROWS % POINTS);
             let weight = |lane: usize, input: usize| weight(p * panel + lane, input);
-            isa.run(PackPanel { to, inputs, panel, weight });
+            isa.run(PackPanel { to, inputs, panel, first, weight });
         });
         let mut bias_buffer = AlignedBuffer::zeros(outputs);
         bias_buffer.as_mut_slice().iter_mut().enumerate().for_each(|(o, b)| *b = bias(o));
@@ -81,59 +82,59 @@ impl Weights {
     }
 }
 
-/// Transforms the weights of one panel.
+/// Rows of points that one task packs: a single panel occupies two threads.
+const PACKED_ROWS: usize = POINTS / 2;
+
+/// Transforms the weights of one panel to [`PACKED_ROWS`] rows of points.
 struct PackPanel<'a, W> {
+    /// `[point][input][output of the panel]`.
     to: &'a mut [f32],
     inputs: usize,
     panel: usize,
+    /// The first row of points.
+    first: usize,
     weight: W,
 }
-
-/// Outputs transformed together; divides every panel.
-const PACKED_TOGETHER: usize = 4;
 
 impl<W: Fn(usize, usize) -> [f32; 9]> Kernel for PackPanel<'_, W> {
     type Output = ();
 
-    // In f64, so that the transform adds no error to the weights but their rounding to f32.
     #[inline(always)]
     fn run<S: Simd>(self, _simd: S) {
-        for lane in (0..self.panel).step_by(PACKED_TOGETHER) {
-            for input in 0..self.inputs {
-                let mut g = [[0.0f64; PACKED_TOGETHER]; 9];
-                for together in 0..PACKED_TOGETHER {
-                    let weight = (self.weight)(lane + together, input);
-                    g.iter_mut().zip(weight).for_each(|(g, tap)| g[together] = f64::from(tap));
-                }
-                let transformed = weight_transform(&g);
-                for (point, values) in transformed.iter().enumerate() {
-                    let at = (point * self.inputs + input) * self.panel + lane;
-                    #[expect(clippy::cast_possible_truncation, reason = "rounds to the kernels' precision")]
-                    (0..PACKED_TOGETHER).for_each(|t| self.to[at + t] = values[t] as f32);
-                }
-            }
-        }
+        // Sixteen floats make a whole cache line; the panels of short vectors may be narrower.
+        if self.panel.is_multiple_of(16) { self.pack::<16>() } else { self.pack::<4>() }
     }
 }
 
-/// Computes G·g·Gᵀ for several weights at once.
-#[inline(always)]
-fn weight_transform(g: &[[f64; PACKED_TOGETHER]; 9]) -> [[f64; PACKED_TOGETHER]; POINTS * POINTS] {
-    let mut columns = [[[0.0; PACKED_TOGETHER]; 3]; POINTS];
-    for (row, of_g) in columns.iter_mut().zip(G) {
-        for (x, sum) in row.iter_mut().enumerate() {
-            for (y, factor) in of_g.into_iter().enumerate() {
-                (0..PACKED_TOGETHER).for_each(|t| sum[t] += factor * g[y * 3 + x][t]);
+impl<W: Fn(usize, usize) -> [f32; 9]> PackPanel<'_, W> {
+    /// Computes G·g·Gᵀ for `TOGETHER` outputs at once.
+    #[inline(always)]
+    fn pack<const TOGETHER: usize>(self) {
+        for lane in (0..self.panel).step_by(TOGETHER) {
+            for input in 0..self.inputs {
+                let mut g = [[[0.0f64; TOGETHER]; 3]; 3];
+                for together in 0..TOGETHER {
+                    let weight = (self.weight)(lane + together, input);
+                    for (tap, weight) in weight.into_iter().enumerate() {
+                        g[tap % 3][tap / 3][together] = f64::from(weight);
+                    }
+                }
+                let columns = g.map(transform::weight);
+                for row in 0..PACKED_ROWS {
+                    let points = transform::weight(columns.map(|column| column[self.first + row]));
+                    for (point, values) in points.iter().enumerate() {
+                        let at = ((row * POINTS + point) * self.inputs + input) * self.panel + lane;
+                        let to = &mut self.to[at..at + TOGETHER];
+                        #[expect(
+                            clippy::cast_possible_truncation,
+                            reason = "rounds to the kernels' precision"
+                        )]
+                        to.iter_mut().zip(values).for_each(|(to, value)| *to = *value as f32);
+                    }
+                }
             }
         }
     }
-    let mut result = [[0.0; PACKED_TOGETHER]; POINTS * POINTS];
-    for (point, sum) in result.iter_mut().enumerate() {
-        for (x, factor) in G[point % POINTS].into_iter().enumerate() {
-            (0..PACKED_TOGETHER).for_each(|t| sum[t] += factor * columns[point / POINTS][x][t]);
-        }
-    }
-    result
 }
 
 /// How outputs lie in memory.

@@ -11,11 +11,11 @@
 
 use rayon::prelude::*;
 
-use super::transform::{self, G};
+use super::transform;
 use super::{POINTS, TILE};
 use crate::kernels::gemm::{Operand, load_tile, multiply_add, store_tile, with_weight_tile};
 use crate::kernels::rows::Rows;
-use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines};
+use crate::kernels::scratch::{AlignedBuffer, LINE, lend, whole_lines};
 use crate::kernels::shape::Shape;
 use crate::kernels::simd::{Isa, Kernel, Simd, load_strided, store_strided};
 
@@ -56,9 +56,16 @@ pub(crate) fn weight_gradient(
         let rows = &rows[start..(start + per_group).min(rows.len())];
         isa.run(PointRow { point_row, rows, width: shape.width, inputs, outputs, sums });
     });
-    let mut weights = vec![0.0; outputs * inputs * 9];
-    weights.par_chunks_mut(TOGETHER * inputs * 9).enumerate().for_each(|(block, to)| {
-        isa.run(InvertWeights { sums: sums.as_slice(), inputs, outputs, first: block * TOGETHER, to });
+    let mut by_input = vec![0.0; inputs * 9 * outputs];
+    by_input.par_chunks_mut(INVERTED_INPUTS * 9 * outputs).enumerate().for_each(|(block, to)| {
+        isa.run(InvertWeights { sums: sums.as_slice(), inputs, outputs, first: block * INVERTED_INPUTS, to });
+    });
+    let (mut weights, taps) = (vec![0.0; outputs * inputs * 9], inputs * 9);
+    weights.par_chunks_mut(LINE * taps).enumerate().for_each(|(block, to)| {
+        for (tap, from) in by_input.chunks_exact(outputs).enumerate() {
+            let from = &from[block * LINE..][..to.len() / taps];
+            from.iter().enumerate().for_each(|(output, value)| to[output * taps + tap] = *value);
+        }
     });
     weights
 }
@@ -352,18 +359,18 @@ unsafe fn accumulate<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     }
 }
 
-/// Outputs whose weights are inverted together.
-const TOGETHER: usize = 4;
+/// Inputs whose weights one task takes back.
+const INVERTED_INPUTS: usize = 4;
 
-/// Takes the groups' sums of a few outputs back to weights: Gᵀ·U·G, in f64.
+/// Takes the groups' sums of a few inputs back to weights: Gᵀ·U·G.
 struct InvertWeights<'a> {
     /// `[group][point 6×6][input][output]`.
     sums: &'a [f32],
     inputs: usize,
     outputs: usize,
-    /// The first output.
+    /// The first input.
     first: usize,
-    /// `[output][input][3×3]`.
+    /// `[input][tap][output]`.
     to: &'a mut [f32],
 }
 
@@ -371,28 +378,35 @@ impl Kernel for InvertWeights<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<S: Simd>(self, _simd: S) {
+    fn run<S: Simd>(self, simd: S) {
         let Self { sums, inputs, outputs, first, to } = self;
         let point_len = inputs * outputs;
-        for input in 0..inputs {
-            let mut u = [[0.0f64; TOGETHER]; POINTS * POINTS];
-            for group in sums.chunks_exact(POINTS * POINTS * point_len) {
-                for (sum, point) in u.iter_mut().zip(group.chunks_exact(point_len)) {
-                    let from = &point[input * outputs + first..][..TOGETHER];
-                    sum.iter_mut().zip(from).for_each(|(sum, value)| *sum += f64::from(*value));
-                }
-            }
-            for tap in 0..9 {
-                let (k, l) = (tap / 3, tap % 3);
-                let mut weight = [0.0f64; TOGETHER];
-                for (point, u) in u.iter().enumerate() {
-                    let factor = G[point / POINTS][k] * G[point % POINTS][l];
-                    weight.iter_mut().zip(u).for_each(|(sum, u)| *sum += factor * u);
-                }
-                for (output, value) in weight.into_iter().enumerate() {
-                    #[expect(clippy::cast_possible_truncation, reason = "rounds to the kernels' precision")]
-                    let value = value as f32;
-                    to[(output * inputs + input) * 9 + tap] = value;
+        for (input, to) in to.chunks_exact_mut(9 * outputs).enumerate() {
+            for output in (0..outputs).step_by(S::LANES) {
+                let at = (first + input) * outputs + output;
+                // SAFETY: each group holds 36 parts of `point_len` floats, `to` nine of `outputs`, and outputs
+                // fill whole vectors.
+                unsafe {
+                    let mut columns = [[simd.splat(0.0); POINTS]; 3];
+                    for x in 0..POINTS {
+                        let mut column = [simd.splat(0.0); POINTS];
+                        for group in 0..sums.len() / (POINTS * POINTS * point_len) {
+                            let from = (group * POINTS * POINTS + x) * point_len + at;
+                            let part: [S::Vector; POINTS] =
+                                load_strided(simd, sums, from, POINTS * point_len);
+                            for (sum, part) in column.iter_mut().zip(part) {
+                                *sum = simd.add(*sum, part);
+                            }
+                        }
+                        let column = transform::weight_gradient(simd, column);
+                        for k in 0..3 {
+                            columns[k][x] = column[k];
+                        }
+                    }
+                    for (k, row) in columns.into_iter().enumerate() {
+                        let taps = transform::weight_gradient(simd, row);
+                        store_strided(simd, to, k * 3 * outputs + output, outputs, &taps);
+                    }
                 }
             }
         }

@@ -10,7 +10,8 @@ use super::{POINTS, TILE};
 use crate::kernels::simd::Simd;
 
 /// G, row by row: what the weights are multiplied by.
-pub(crate) const G: [[f64; 3]; POINTS] = {
+#[cfg(test)]
+const G: [[f64; 3]; POINTS] = {
     const H: f64 = std::f64::consts::FRAC_1_SQRT_2;
     const R: f64 = std::f64::consts::SQRT_2;
     [
@@ -80,6 +81,40 @@ pub(crate) fn output_gradient<S: Simd>(simd: S, y: [S::Vector; TILE]) -> [S::Vec
     ]
 }
 
+/// Multiplies the gradients of six transformed weights by Gᵀ.
+#[inline(always)]
+pub(crate) fn weight_gradient<S: Simd>(simd: S, u: [S::Vector; POINTS]) -> [S::Vector; 3] {
+    let (third, two_thirds, sixth) = (simd.splat(1.0 / 3.0), simd.splat(2.0 / 3.0), simd.splat(1.0 / 6.0));
+    let (h, r) = (simd.splat(FRAC_1_SQRT_2 * 2.0 / 3.0), simd.splat(SQRT_2 / 6.0));
+    let (even_h, odd_h) = (simd.add(u[1], u[2]), simd.sub(u[2], u[1]));
+    let (even_r, odd_r) = (simd.add(u[3], u[4]), simd.sub(u[3], u[4]));
+    [
+        simd.mul_add(sixth, even_r, simd.sub_mul(u[0], two_thirds, even_h)),
+        simd.mul_add(r, odd_r, simd.mul(h, odd_h)),
+        simd.mul_add(third, simd.sub(even_r, even_h), u[5]),
+    ]
+}
+
+/// Multiplies three weights by G, several at once and in f64, so that it adds no error but the rounding of its
+/// results to f32.
+#[inline(always)]
+pub(crate) fn weight<const N: usize>(g: [[f64; N]; 3]) -> [[f64; N]; POINTS] {
+    const H: f64 = std::f64::consts::FRAC_1_SQRT_2 * 2.0 / 3.0;
+    const R: f64 = std::f64::consts::SQRT_2 / 6.0;
+    let mut u = [[0.0; N]; POINTS];
+    for t in 0..N {
+        let (even_h, odd_h) = (g[0][t] * (-2.0 / 3.0) - g[2][t] * (1.0 / 3.0), g[1][t] * H);
+        let (even_r, odd_r) = (g[0][t] * (1.0 / 6.0) + g[2][t] * (1.0 / 3.0), g[1][t] * R);
+        u[0][t] = g[0][t];
+        u[1][t] = even_h - odd_h;
+        u[2][t] = even_h + odd_h;
+        u[3][t] = even_r + odd_r;
+        u[4][t] = even_r - odd_r;
+        u[5][t] = g[2][t];
+    }
+    u
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -101,6 +136,23 @@ mod tests {
             let expected: f64 = (0..3).map(|k| f64::from(d[i + k]) * g[k]).sum();
             // The matrices' largest entries are 2.8, six terms of them: some 20 roundings of 6e-8.
             assert!((f64::from(found) - expected).abs() < 2e-6, "{i}: {found} {expected}");
+        }
+    }
+
+    #[test]
+    fn the_weights_are_multiplied_by_g() {
+        let g = [[0.3, -0.1], [-0.7, 0.4], [1.1, 0.9]];
+        let u = [0.4f32, -1.2, 0.8, 2.5, -0.3, 0.6];
+        let back = weight_gradient(Portable, u.map(|u| [u; 4]));
+        for (row, found) in G.iter().zip(weight(g)) {
+            for (lane, found) in found.into_iter().enumerate() {
+                let expected: f64 = row.iter().zip(g).map(|(a, g)| a * g[lane]).sum();
+                assert!((found - expected).abs() < 1e-15, "{found} {expected}");
+            }
+        }
+        for (tap, found) in back.into_iter().enumerate() {
+            let expected: f64 = G.iter().zip(u).map(|(row, u)| row[tap] * f64::from(u)).sum();
+            assert!((f64::from(found[0]) - expected).abs() < 1e-6, "{found:?} {expected}");
         }
     }
 
