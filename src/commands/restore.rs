@@ -33,13 +33,14 @@ use files::{Capture, Job};
 ///
 /// Several inputs, or a folder, are restored one after another into the folder OUT; a file that cannot be
 /// restored is named at the end, the others are done. With --exposures or --bracket the files are one bracket, and each
-/// folder is one.
+/// folder is one. An uncompressed DNG says the mosaic's colours, levels, gains and exposure time itself.
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("how").required(true).args(["model", "method"]))]
 #[command(after_help = "Examples:\n  \
     udc restore capture.exr --model model.safetensors --bank bank.safetensors --angle 3 -o restored.exr\n  \
     udc restore captures/ --model model.safetensors --bank bank.safetensors --psf psf.exr -o restored/\n  \
     udc restore --exposures 1,1/4,1/16 a.exr b.exr c.exr --method constrained --psf psf.exr -o restored.exr\n  \
+    udc restore phone.dng --model m.pth --code c.npy -o restored.exr\n  \
     udc restore --bracket --bayer rggb --white 16383 --black 64 scenes/ --model m.pth --code c.npy -o out/ --resume")]
 pub(crate) struct RestoreArgs {
     /// Images, folders or patterns; also the folder of the published dataset, for its real captures
