@@ -11,6 +11,7 @@ mod container;
 mod describe;
 mod dng;
 mod exr;
+mod field;
 mod folder;
 mod format;
 mod grey_tiff;
@@ -42,6 +43,7 @@ pub use describe::{
     ArrayDescription, BankDescription, Description, ImageDescription, ModelDescription, PsfChannel,
     PsfDescription, Statistics, describe, describe_psf,
 };
+pub use field::{read_field, read_psf_field, write_psf_field};
 pub use folder::{AppendFile, LineLog, create_folder, publish_folder, remove};
 pub use format::{Encoding, Format};
 pub use inputs::expand_inputs;

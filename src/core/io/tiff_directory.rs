@@ -11,10 +11,13 @@ pub(super) const BITS: u16 = 258;
 pub(super) const COMPRESSION: u16 = 259;
 pub(super) const PHOTOMETRIC: u16 = 262;
 pub(super) const SAMPLES: u16 = 277;
+const EXTRA_SAMPLES: u16 = 338;
 
 /// Values of [`PHOTOMETRIC`]: black is zero; red, green and blue.
 pub(super) const GREY: u16 = 1;
 pub(super) const RGB: u16 = 2;
+/// The value of [`EXTRA_SAMPLES`] for an alpha.
+const ALPHA: u16 = 2;
 
 /// Where the position of the first directory stands.
 const FIRST: usize = 4;
@@ -50,12 +53,9 @@ impl<'a> Directory<'a> {
         let count = usize::from(directory.u16(start)?);
         for index in 0..count {
             let place = start.checked_add(2 + 12 * index)?;
-            let field = (
-                directory.u16(place)?,
-                directory.u16(place.checked_add(2)?)?,
-                directory.u32(place.checked_add(4)?)?,
-                place.checked_add(8)?,
-            );
+            directory.slice(place, 12)?;
+            let field =
+                (directory.u16(place)?, directory.u16(place + 2)?, directory.u32(place + 4)?, place + 8);
             directory.fields.push(field);
         }
         Some(directory)
@@ -134,24 +134,38 @@ impl<'a> Directory<'a> {
     /// The file with this directory as its first, and its samples declared to be [`GREY`] or [`RGB`].
     pub(super) fn promoted(&self, photometric: u16) -> Option<Vec<u8>> {
         let (_, _, place) = self.values(PHOTOMETRIC, |kind| (kind == SHORT).then_some(2))?;
-        let start = u32::try_from(self.start).ok()?;
         let mut bytes = self.bytes.to_vec();
-        let (start, photometric) = match self.big_endian {
-            true => (start.to_be_bytes(), photometric.to_be_bytes()),
-            false => (start.to_le_bytes(), photometric.to_le_bytes()),
-        };
-        bytes.get_mut(FIRST..FIRST + 4)?.copy_from_slice(&start);
-        bytes.get_mut(place..place + 2)?.copy_from_slice(&photometric);
+        self.put_u32(&mut bytes, FIRST, u32::try_from(self.start).ok()?);
+        self.put_u16(&mut bytes, place, photometric);
         Some(bytes)
+    }
+
+    fn put_u16(&self, bytes: &mut [u8], place: usize, value: u16) {
+        let value = if self.big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
+        bytes[place..place + 2].copy_from_slice(&value);
+    }
+
+    fn put_u32(&self, bytes: &mut [u8], place: usize, value: u32) {
+        let value = if self.big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
+        bytes[place..place + 4].copy_from_slice(&value);
     }
 }
 
-/// Declares four grey bands, as arrays are often stored, to be four colour channels, which decoders know.
+/// Declares four grey bands, as arrays are often stored, to be three colours and an alpha, which decoders know.
 pub(super) fn bands_as_rgba(bytes: &[u8]) -> Cow<'_, [u8]> {
     let promoted = || {
         let directory = Directory::first(bytes)?;
-        let is_grey = directory.number(PHOTOMETRIC) == Some(usize::from(GREY));
-        (is_grey && directory.number(SAMPLES) == Some(4)).then(|| directory.promoted(RGB))?
+        if directory.number(PHOTOMETRIC) != Some(usize::from(GREY)) || directory.number(SAMPLES) != Some(4) {
+            return None;
+        }
+        let mut promoted = directory.promoted(RGB)?;
+        let extra = directory.fields.iter().find(|(tag, kind, ..)| (*tag, *kind) == (EXTRA_SAMPLES, SHORT));
+        if let Some(&(.., place)) = extra {
+            // One alpha, whose value stands in the field, in place of three unnamed bands.
+            directory.put_u32(&mut promoted, place - 4, 1);
+            directory.put_u16(&mut promoted, place, ALPHA);
+        }
+        Some(promoted)
     };
     promoted().map_or(Cow::Borrowed(bytes), Cow::Owned)
 }
