@@ -1,14 +1,14 @@
 //! The flags that say how raw pictures are read, shared by `udc fuse` and `udc restore`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use ndarray::Array3;
 
+use udc::core::bayer::BayerPattern;
 use udc::core::error::Error;
-use udc::core::io::{DomainTag, inspect_image};
-use udc::psf::bayer::BayerPattern;
+use udc::core::io::{DomainTag, Encoding, Pixels, RawMetadata, inspect_image, inspect_mosaic};
 use udc::psf::{FuseConfig, Fused, MergeRule, show_time};
 
 #[derive(Args, Debug)]
@@ -19,16 +19,19 @@ pub(crate) struct BracketArgs {
     /// Take the ratios of the exposure times from the pictures, where cameras round them
     #[arg(long)]
     estimate_exposures: bool,
-    /// Value of a full photosite; above 1 in the integers of the file [default: 1]
+    /// Value of a full photosite; above 1 in the integers of the file [default: what a DNG says, else 1]
     #[arg(long, value_name = "W", value_parser = parse_fraction)]
     white: Option<f64>,
-    /// Value of a dark photosite, in the same units [default: 0]
+    /// Value of a dark photosite, in the same units [default: what a DNG says, else 0]
     #[arg(long, value_name = "B", value_parser = parse_fraction)]
     black: Option<f64>,
-    /// Colours of the first two rows of a mosaic
+    /// Colours of the first two rows of a mosaic [default: what a DNG says]
+    ///
+    /// A mosaic is one channel, or four channels of half its size, one for each photosite: channels R, G1, G2, B or
+    /// R, Gr, Gb, B of an EXR; the channels of an RGBA PNG, TIFF or EXR, or the last axis of a .npy, in reading order.
     #[arg(long, value_enum, value_name = "PATTERN")]
     pub(crate) bayer: Option<Bayer>,
-    /// Gains of red, green and blue
+    /// Gains of red, green and blue [default: what a DNG says, else 1,1,1]
     #[arg(long, value_name = "R,G,B", value_delimiter = ',', value_parser = parse_fraction)]
     white_balance: Option<Vec<f64>>,
     /// Take the longest unsaturated exposure, or the mean of all weighted by time [default: longest]
@@ -56,7 +59,7 @@ pub(crate) enum Bayer {
 /// The pictures of a bracket as they were read.
 pub(crate) struct Pictures {
     pub(crate) planes: Vec<Array3<f32>>,
-    /// The exposure times of the files, where all of them tell.
+    /// The exposure times of the files relative to the longest, where all of them tell.
     pub(crate) times: Option<Vec<f64>>,
     /// How to fuse them, the levels in the units of the planes.
     pub(crate) config: FuseConfig,
@@ -105,17 +108,17 @@ impl BracketArgs {
     /// Reads the pictures of a bracket.
     pub(crate) fn read(&self, files: &[PathBuf]) -> Result<Pictures> {
         let mut config = self.config()?;
-        let in_integers = config.white > 1.0;
+        let mut raw: Option<RawMetadata> = None;
         let mut largest = None;
         let (mut planes, mut times) = (Vec::with_capacity(files.len()), Vec::with_capacity(files.len()));
-        for file in files {
-            let (pixels, encoding) = inspect_image(file)?;
-            if pixels.domain == Some(DomainTag::ToneMapped) {
-                let reason = "holds tone-mapped values, which add up to nothing; use the linear pictures";
-                return Err(Error::format(file, reason).into());
+        for (index, file) in files.iter().enumerate() {
+            let (pixels, encoding) = self.read_picture(file)?;
+            if index == 0 {
+                raw.clone_from(&pixels.raw);
             }
+            self.check_alike(file, raw.as_ref(), pixels.raw.as_ref())?;
             let scale = largest_integer(&encoding.sample_type);
-            if in_integers && *largest.get_or_insert(scale) != scale {
+            if self.in_integers(raw.as_ref()) && *largest.get_or_insert(scale) != scale {
                 bail!(
                     "{} is stored in another type than the other pictures: give --white and --black for one type",
                     file.display()
@@ -124,11 +127,66 @@ impl BracketArgs {
             planes.push(pixels.planes);
             times.push(pixels.exposure_s);
         }
-        if let (true, Some(Some(largest))) = (in_integers, largest) {
+        if let (true, Some(Some(largest))) = (self.in_integers(raw.as_ref()), largest) {
             (config.white, config.black) = (config.white / largest, config.black / largest);
         }
-        Ok(Pictures { planes, times: times.into_iter().collect(), config })
+        if let Some(raw) = raw {
+            config.white = self.white.map_or(raw.white, |_| config.white);
+            config.black = self.black.map_or(raw.black, |_| config.black);
+            config.bayer = config.bayer.or(raw.bayer);
+            if let (None, Some(gains)) = (&self.white_balance, raw.white_balance) {
+                config.white_balance = gains;
+            }
+        }
+        let times: Option<Vec<f64>> = times.into_iter().collect();
+        Ok(Pictures { planes, times: times.map(relative_to_longest), config })
     }
+
+    fn read_picture(&self, file: &Path) -> Result<(Pixels, Encoding)> {
+        let read = match self.bayer {
+            Some(pattern) => inspect_mosaic(file, pattern.into())?,
+            None => inspect_image(file)?,
+        };
+        if read.0.domain == Some(DomainTag::ToneMapped) {
+            let reason = "holds tone-mapped values, which add up to nothing; use the linear pictures";
+            return Err(Error::format(file, reason).into());
+        }
+        Ok(read)
+    }
+
+    /// Whether the levels of the flags are the file's own integers.
+    fn in_integers(&self, raw: Option<&RawMetadata>) -> bool {
+        self.white.map_or(raw.is_some(), |white| white > 1.0)
+    }
+
+    /// Refuses a raw file of other levels or colours than the first, unless flags give them.
+    fn check_alike(
+        &self,
+        file: &Path,
+        first: Option<&RawMetadata>,
+        this: Option<&RawMetadata>,
+    ) -> Result<()> {
+        let levels = |raw: &RawMetadata| {
+            let unless = |flag: bool, level: f64| (!flag).then_some(level);
+            let (white, black) = (self.white.is_some(), self.black.is_some());
+            let bayer = if self.bayer.is_some() { None } else { raw.bayer };
+            (unless(white, raw.white), unless(black, raw.black), bayer)
+        };
+        if first.map(levels) != this.map(levels) {
+            bail!(
+                "{} says another black or white level or mosaic than the first picture; give --black, --white and \
+                 --bayer",
+                file.display()
+            );
+        }
+        Ok(())
+    }
+}
+
+/// White of the longest exposure is 1, whatever its time in seconds.
+fn relative_to_longest(times: Vec<f64>) -> Vec<f64> {
+    let longest = times.iter().copied().fold(0.0, f64::max);
+    times.into_iter().map(|time| time / longest).collect()
 }
 
 /// By what integers were divided when they were read; OpenEXR's are kept as they are.

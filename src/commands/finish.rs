@@ -3,12 +3,12 @@
 mod pairs;
 mod style;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::{Args, ValueEnum};
 use ndarray::Array3;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use udc::core::error::Error;
 use udc::core::io::{Format, PixelOptions, Pixels, read_pixels, write_pixels};
@@ -19,7 +19,7 @@ use udc::finish::{FinishConfig, Look, channel_means, finish, read_color_matrix};
 use super::Session;
 use super::domain::DomainArg;
 use super::picture::AnyImage;
-use super::queue::{Stages, run_all};
+use super::queue::{Stages, remaining, run_all};
 use pairs::Job;
 use style::StyleArgs;
 
@@ -28,12 +28,12 @@ use style::StyleArgs;
 /// The steps, in this order: inverse tone mapping of tone-mapped images, clip, colour matrix, curve, scaling of the
 /// channels to the means of a reference picture, CLAHE of lightness. --ccm and --reference may be folders, whose files
 /// belong to the images of the same name. The folder of the published dataset stands for its real captures with
-/// their matrices and pictures.
+/// their matrices and pictures. A file that cannot be finished is named at the end, the others are done.
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:\n  udc finish restored.exr -o restored.png\n  \
     udc finish restored.exr --ccm ccm.txt --reference phone.jpg -o restored.jpg\n  \
     udc finish restored/ --ccm real_data/CCM_txt --reference real_data/jpg_ZTE -o finished/\n  \
-    udc finish PUBLISHED_ROOT -o finished/")]
+    udc finish PUBLISHED_ROOT -o finished/ --resume")]
 pub(crate) struct FinishArgs {
     /// Images, folders or patterns; also the folder of the published dataset
     #[arg(required = true, value_name = "IN")]
@@ -61,6 +61,11 @@ pub(crate) struct FinishArgs {
     /// Format of the files in an output folder
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t = FormatArg::Png)]
     format: FormatArg,
+    /// Keep the images that are there and go on with the others
+    ///
+    /// An EXR says how it was made, and is refused if that was otherwise; other formats are kept as they are.
+    #[arg(long)]
+    resume: bool,
     /// Bits of PNG and TIFF [default: 8 for PNG, 16 for TIFF]
     #[arg(long, value_name = "8|16", value_parser = parse_bits)]
     bits: Option<u8>,
@@ -93,8 +98,12 @@ impl FinishArgs {
         let curve = ToneCurve::new(self.alpha, self.x_max)?;
         let config = self.style.config();
         config.check()?;
-        let jobs = self.jobs(session)?;
-        run_all(&Finishing { args: &self, curve, config, session }, &jobs, session)
+        let mut jobs = self.jobs(session)?;
+        let finishing = Finishing { args: &self, curve, config, session };
+        if self.resume {
+            jobs = remaining(&finishing, jobs, session)?;
+        }
+        run_all(&finishing, &jobs, session)
     }
 }
 
@@ -116,11 +125,23 @@ struct Finishing<'a> {
     session: &'a Session,
 }
 
-/// A picture that is ready, with how it came to be.
+impl Finishing<'_> {
+    /// The settings for a job's format.
+    fn config_of(&self, job: &Job) -> FinishConfig {
+        let eight_bit = match (Format::of_extension(&job.output).ok(), self.args.bits) {
+            (Some(Format::Jpeg), _) => true,
+            (Some(Format::Png), bits) => bits != Some(16),
+            (Some(Format::Tiff), bits) => bits == Some(8),
+            _ => false,
+        };
+        FinishConfig { eight_bit, ..self.config }
+    }
+}
+
+/// A picture that is ready, with the look that it took over.
 struct Finished {
     planes: Array3<f32>,
     look: Look,
-    config: FinishConfig,
 }
 
 impl Stages for Finishing<'_> {
@@ -130,6 +151,17 @@ impl Stages for Finishing<'_> {
 
     fn doing(&self, job: &Job) -> String {
         format!("finishing {}", job.input.display())
+    }
+
+    fn output<'a>(&self, job: &'a Job) -> &'a Path {
+        &job.output
+    }
+
+    fn describe(&self, job: &Job) -> Value {
+        json!({
+            "input": job.input, "ccm": job.ccm, "reference": job.reference, "tone": self.curve,
+            "finish": self.config_of(job),
+        })
     }
 
     fn read(&self, job: &Job) -> Result<Self::Input> {
@@ -155,28 +187,18 @@ impl Stages for Finishing<'_> {
     }
 
     fn compute(&self, job: &Job, (image, look): Self::Input) -> Result<Finished> {
-        let eight_bit = match (Format::of_extension(&job.output)?, self.args.bits) {
-            (Format::Jpeg, _) => true,
-            (Format::Png, bits) => bits != Some(16),
-            (Format::Tiff, bits) => bits == Some(8),
-            _ => false,
-        };
-        let config = FinishConfig { eight_bit, ..self.config };
-        let planes = finish(image.into_linear(self.curve), &look, &config)?;
-        Ok(Finished { planes, look, config })
+        let planes = finish(image.into_linear(self.curve), &look, &self.config_of(job))?;
+        Ok(Finished { planes, look })
     }
 
-    fn write(&self, job: &Job, finished: Finished) -> Result<()> {
-        let Finished { planes, look, config } = finished;
-        let described = json!({
-            "input": job.input, "ccm": job.ccm, "reference": job.reference, "tone": self.curve, "look": look,
-            "finish": config,
-        });
+    fn write(&self, job: &Job, Finished { planes, look }: Finished) -> Result<()> {
+        let mut described = self.describe(job);
+        described["look"] = json!(look);
         let pixels =
             Pixels { provenance: Some(Provenance::new("finish", &described)), ..Pixels::of_planes(planes) };
         let overwrite = self.session.overwrite;
-        let options =
-            PixelOptions { overwrite, clip: true, eight_bit: config.eight_bit, ..PixelOptions::default() };
+        let eight_bit = self.config_of(job).eight_bit;
+        let options = PixelOptions { overwrite, clip: true, eight_bit, ..PixelOptions::default() };
         write_pixels(&job.output, &pixels, options)?;
         self.session.say(job.output.display())
     }

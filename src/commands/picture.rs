@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Result, bail};
 
 use udc::core::image::{Linear, LinearImage, ToneMapped, ToneMappedImage};
-use udc::core::io::{Format, WriteOptions, image_of, inspect_image, write_image};
+use udc::core::io::{Encoding, Format, Pixels, WriteOptions, image_of, inspect_image, write_image};
 use udc::core::tone::ToneCurve;
 
 use super::domain::DomainArg;
@@ -20,11 +20,21 @@ impl AnyImage {
     /// Reads an image as `domain`, or as what the file says, or as linear; integers must be told.
     pub(crate) fn read(path: &Path, domain: Option<DomainArg>) -> Result<Self> {
         let (pixels, encoding) = inspect_image(path)?;
+        Self::of(path, pixels, &encoding, domain)
+    }
+
+    /// Takes what was read for an image, as [`read`](Self::read) does.
+    pub(crate) fn of(
+        path: &Path,
+        pixels: Pixels,
+        encoding: &Encoding,
+        domain: Option<DomainArg>,
+    ) -> Result<Self> {
         let is_integer = matches!(encoding.format, Format::Png | Format::Jpeg | Format::Tiff)
             && encoding.sample_type.starts_with("uint");
         let declared = pixels.domain.map(DomainArg::from);
         match domain.or(declared) {
-            None if is_integer => bail!(
+            None if is_integer && pixels.raw.is_none() => bail!(
                 "{} does not say whether its values are linear or tone-mapped: add --domain linear or --domain \
                  tone-mapped",
                 path.display()

@@ -1,8 +1,12 @@
 //! Works through files one after another while the next is read and the last is written.
 
+use std::path::Path;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use anyhow::{Context as _, Result, bail};
+use serde_json::Value;
+
+use udc::core::io::read_provenance;
 
 use super::{Session, was_interrupted};
 
@@ -20,12 +24,50 @@ pub(crate) trait Stages: Sync {
 
     /// What is being done to which file, for messages: `restoring a.exr`.
     fn doing(&self, job: &Self::Job) -> String;
+    /// The file that it becomes.
+    fn output<'a>(&self, job: &'a Self::Job) -> &'a Path;
+    /// Everything that decides what it becomes, as far as it is known before the inputs are read.
+    fn describe(&self, job: &Self::Job) -> Value;
     /// Reads what the job needs.
     fn read(&self, job: &Self::Job) -> Result<Self::Input>;
     /// Computes the result.
     fn compute(&self, job: &Self::Job, input: Self::Input) -> Result<Self::Output>;
     /// Writes it, and tells the user.
     fn write(&self, job: &Self::Job, output: Self::Output) -> Result<()>;
+}
+
+/// The jobs whose outputs are not there yet; tells the user how many are.
+///
+/// # Errors
+/// When an output carries a provenance that says it was made otherwise.
+pub(crate) fn remaining<S: Stages>(stages: &S, jobs: Vec<S::Job>, session: &Session) -> Result<Vec<S::Job>> {
+    let count = jobs.len();
+    let mut remaining = Vec::with_capacity(count);
+    for job in jobs {
+        if !is_done(stages.output(&job), &stages.describe(&job))? {
+            remaining.push(job);
+        }
+    }
+    session.say(format_args!("{} of {count} images are there", count - remaining.len()))?;
+    Ok(remaining)
+}
+
+fn is_done(output: &Path, described: &Value) -> Result<bool> {
+    if !output.exists() {
+        return Ok(false);
+    }
+    let made = read_provenance(output)?.map(|provenance| provenance.config);
+    let agrees = |made: Value| {
+        described.as_object().is_some_and(|keys| keys.iter().all(|(key, value)| made.get(key) == Some(value)))
+    };
+    if made.is_some_and(|made| !agrees(made)) {
+        bail!(
+            "{} was made with other settings or of other files; use the same flags, or pass --overwrite instead of \
+             --resume",
+            output.display()
+        );
+    }
+    Ok(true)
 }
 
 type Outcomes<'a, S> = (&'a <S as Stages>::Job, Result<<S as Stages>::Output>);

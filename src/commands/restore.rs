@@ -8,11 +8,11 @@ mod files;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::{ArgGroup, Args, ValueEnum};
 use serde_json::{Value, json};
 
-use udc::core::io::{WriteOptions, read_provenance};
+use udc::core::io::WriteOptions;
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
 use udc::restore::Highlights;
@@ -21,7 +21,7 @@ use super::Session;
 use super::bracket::BracketArgs;
 use super::domain::DomainArg;
 use super::picture::{AnyImage, check_domain_of_output};
-use super::queue::{Stages, run_all};
+use super::queue::{Stages, remaining, run_all};
 use code::CodeArgs;
 use engine::{Engine, MethodArgs};
 use files::{Capture, Job};
@@ -33,13 +33,14 @@ use files::{Capture, Job};
 ///
 /// Several inputs, or a folder, are restored one after another into the folder OUT; a file that cannot be
 /// restored is named at the end, the others are done. With --exposures or --bracket the files are one bracket, and each
-/// folder is one.
+/// folder is one. An uncompressed DNG says the mosaic's colours, levels, gains and exposure time itself.
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("how").required(true).args(["model", "method"]))]
 #[command(after_help = "Examples:\n  \
     udc restore capture.exr --model model.safetensors --bank bank.safetensors --angle 3 -o restored.exr\n  \
     udc restore captures/ --model model.safetensors --bank bank.safetensors --psf psf.exr -o restored/\n  \
     udc restore --exposures 1,1/4,1/16 a.exr b.exr c.exr --method constrained --psf psf.exr -o restored.exr\n  \
+    udc restore phone.dng --model m.pth --code c.npy -o restored.exr\n  \
     udc restore --bracket --bayer rggb --white 16383 --black 64 scenes/ --model m.pth --code c.npy -o out/ --resume")]
 pub(crate) struct RestoreArgs {
     /// Images, folders or patterns; also the folder of the published dataset, for its real captures
@@ -128,15 +129,7 @@ impl RestoreArgs {
         let engine = Engine::new(&self, curve, &jobs, session)?;
         let restoration = Restoration { args: &self, engine, curve, session };
         if self.resume {
-            let count = jobs.len();
-            let mut todo = Vec::with_capacity(count);
-            for job in jobs {
-                if !restoration.is_done(&job)? {
-                    todo.push(job);
-                }
-            }
-            jobs = todo;
-            session.say(format_args!("{} of {count} images are there", count - jobs.len()))?;
+            jobs = remaining(&restoration, jobs, session)?;
         }
         run_all(&restoration, &jobs, session)
     }
@@ -150,33 +143,6 @@ struct Restoration<'a> {
     session: &'a Session,
 }
 
-impl Restoration<'_> {
-    /// Everything that decides what an image becomes.
-    fn describe(&self, job: &Job) -> Value {
-        let raw = (self.args.is_bracket() || self.args.raw.is_raw()).then(|| self.args.raw.config().ok());
-        json!({
-            "inputs": job.inputs, "exposures": self.args.raw.exposures, "raw": raw, "tone": self.curve,
-            "how": self.engine.describe(),
-        })
-    }
-
-    /// Whether the image is there; refuses one that was made otherwise.
-    fn is_done(&self, job: &Job) -> Result<bool> {
-        if !job.output.exists() {
-            return Ok(false);
-        }
-        let made = read_provenance(&job.output)?.map(|provenance| provenance.config);
-        if made.is_some_and(|made| made != self.describe(job)) {
-            bail!(
-                "{} was made with other settings or of other files; use the same flags, or pass --overwrite instead \
-                 of --resume",
-                job.output.display()
-            );
-        }
-        Ok(true)
-    }
-}
-
 impl Stages for Restoration<'_> {
     type Job = Job;
     type Input = Capture;
@@ -184,6 +150,18 @@ impl Stages for Restoration<'_> {
 
     fn doing(&self, job: &Job) -> String {
         format!("restoring {}", job.name())
+    }
+
+    fn output<'a>(&self, job: &'a Job) -> &'a Path {
+        &job.output
+    }
+
+    fn describe(&self, job: &Job) -> Value {
+        let raw = (self.args.is_bracket() || self.args.raw.is_raw()).then(|| self.args.raw.config().ok());
+        json!({
+            "inputs": job.inputs, "exposures": self.args.raw.exposures, "raw": raw, "tone": self.curve,
+            "how": self.engine.describe(),
+        })
     }
 
     fn read(&self, job: &Job) -> Result<Capture> {

@@ -8,22 +8,30 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 
 use udc::core::dataset::{BANK_FILE, DatasetConfig, FORMAT, Split, VERSION};
+use udc::core::field::PsfField;
 use udc::core::io;
 use udc::restore::{format_bytes, parse_bytes};
 use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, list_scenes};
 
 use super::Session;
-use options::{FormationArgs, KernelArgs, SplitName, StorageArgs};
+use options::{FormationArgs, KernelArgs, Kernels, SplitName, StorageArgs};
 
 /// Synthesise degraded images of clean scenes by the image formation model
 ///
 /// Every scene is convolved with every kernel, noise is added, and the sum is clipped: C(x∗k + n) of the paper's
 /// Eq. 1. Images are stored linear; training and evaluation apply the tone mapping. Scenes of one panorama
-/// (named <panorama>_<nn>, as `udc crop` does) are never divided between training and testing.
+/// (named <panorama>_<nn>, as `udc crop` does) are never divided between training and testing. With --split, a dataset
+/// that lacks this split gets it, if all other flags are as they were.
+///
+/// With --field the PSF changes over the frame. The dataset keeps the field as field.toml, for `udc restore --field`;
+/// training and evaluation take the PSF in the middle of the frame, and its code, for all of it.
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:\n  udc synth views/ --bank bank.safetensors -o dataset\n  \
     udc synth views/ --bank bank.safetensors --noise sensor:configs/sensor/phone-10bit.toml -o noisy\n  \
     udc synth views/ --psf psf.exr --split test -o one-kernel\n  \
+    udc synth train_views/ --bank bank.safetensors --split train -o dataset\n  \
+    udc synth test_views/ --bank bank.safetensors --split test -o dataset\n  \
+    udc synth views/ --field field.toml --bank bank.safetensors -o varying\n  \
     udc synth views/ --bank bank.safetensors -o dataset --shard 2/8 --resume")]
 pub(crate) struct SynthArgs {
     /// Clean linear scenes: files, folders or patterns
@@ -44,7 +52,7 @@ pub(crate) struct SynthArgs {
     /// Share of the panoramas that is kept for testing
     #[arg(long, value_name = "SHARE", default_value_t = 0.15, conflicts_with = "split")]
     test_fraction: f64,
-    /// Keep all scenes for one use
+    /// Keep all scenes for one use; adds it to a dataset of the same flags that has none of it
     #[arg(long, value_enum)]
     split: Option<SplitName>,
     /// Make only the I-th of N parts; all parts may be made at the same time
@@ -90,7 +98,7 @@ impl SynthArgs {
     }
 
     fn plan(&self) -> Result<Synthesis> {
-        let (bank, bank_file) = self.kernels.read()?;
+        let Kernels { bank, file: bank_file, field } = self.kernels.read()?;
         let formation = self.formation.resolve();
         let division = match self.split {
             Some(split) => Division::All(split.into()),
@@ -103,6 +111,7 @@ impl SynthArgs {
             program: concat!("udc ", env!("CARGO_PKG_VERSION")).to_owned(),
             bank: BANK_FILE.to_owned(),
             bank_sha256: io::bank_sha256_of(&bank_file.read()?),
+            field_sha256: field.as_ref().map(PsfField::sha256),
             seed: self.seed,
             division: division.to_string(),
             image_format: self.storage.format.extension().to_owned(),
@@ -110,7 +119,8 @@ impl SynthArgs {
             formation,
         };
         let scenes = self.shard.choose(scenes);
-        Ok(Synthesis { config, bank, bank_file, scenes, shard: self.shard, max_bytes: self.max_memory })
+        let (shard, max_bytes) = (self.shard, self.max_memory);
+        Ok(Synthesis { config, bank, bank_file, field, scenes, shard, max_bytes })
     }
 
     fn warn_of_one_source(&self, session: &Session, synthesis: &Synthesis) {

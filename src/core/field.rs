@@ -1,8 +1,10 @@
 //! Says how what is known at a few places of the frame varies between them.
 
-use ndarray::Array2;
+use ndarray::{Array2, Array3};
+use sha2::{Digest, Sha256};
 
 use super::error::{Error, Result};
+use super::psf::{Psf, hex};
 
 /// A regular grid of places (nodes) over the frame, the outermost on the centres of the frame's outermost pixels.
 ///
@@ -27,6 +29,16 @@ impl FieldGrid {
             ));
         }
         Ok(Self { rows, columns })
+    }
+
+    /// Number of rows of nodes.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Number of columns of nodes.
+    pub fn columns(&self) -> usize {
+        self.columns
     }
 
     /// Number of nodes.
@@ -59,9 +71,80 @@ fn hat(index: usize, count: usize, length: usize) -> Vec<f32> {
     (0..length).map(|pixel| weight(pixel) as f32).collect()
 }
 
+/// The PSFs at the nodes of a grid: a PSF that changes over the frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PsfField {
+    grid: FieldGrid,
+    psfs: Vec<Psf>,
+}
+
+impl PsfField {
+    /// Puts a grid and its PSFs, row by row, together.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] when there are not as many PSFs, all of one size, as nodes.
+    pub fn new(grid: FieldGrid, psfs: Vec<Psf>) -> Result<Self> {
+        let shape = |expected: String, found: String| Err(Error::shape("PSFs of the field", expected, found));
+        if psfs.len() != grid.len() {
+            return shape(format!("{}", grid.len()), format!("{}", psfs.len()));
+        }
+        let size = |psf: &Psf| format!("{} × {}", psf.height(), psf.width());
+        if let Some(other) = psfs.iter().find(|psf| size(psf) != size(&psfs[0])) {
+            return shape(format!("all {}", size(&psfs[0])), size(other));
+        }
+        Ok(Self { grid, psfs })
+    }
+
+    /// The places.
+    pub fn grid(&self) -> &FieldGrid {
+        &self.grid
+    }
+
+    /// The PSFs, row by row.
+    pub fn psfs(&self) -> &[Psf] {
+        &self.psfs
+    }
+
+    /// The PSF in the middle of the frame.
+    ///
+    /// # Errors
+    /// As [`Psf::from_energy`].
+    pub fn centre(&self) -> Result<Psf> {
+        let mut sum = Array3::zeros(self.psfs[0].planes().dim());
+        for (node, psf) in self.psfs.iter().enumerate() {
+            // The middle of three pixels is the middle of the frame.
+            sum.scaled_add(self.grid.weights(node, [3, 3])[[1, 1]], &psf.planes());
+        }
+        Psf::from_energy(sum)
+    }
+
+    /// SHA-256 of the grid and the PSFs, in hexadecimal.
+    pub fn sha256(&self) -> String {
+        let mut hash = Sha256::new();
+        hash.update(format!("{} {}", self.grid.rows, self.grid.columns));
+        self.psfs.iter().for_each(|psf| hash.update(psf.sha256()));
+        hex(&hash.finalize())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_centre_of_four_corners_is_their_mean() {
+        let psf = |peak: usize| {
+            let energy =
+                Array3::from_shape_fn((3, 2, 2), |(_, y, x)| if 2 * y + x == peak { 1.0 } else { 0.0 });
+            Psf::from_energy(energy).unwrap()
+        };
+        let field = PsfField::new(FieldGrid::new(2, 2).unwrap(), (0..4).map(psf).collect()).unwrap();
+        assert!(field.centre().unwrap().as_slice().iter().all(|v| (v - 0.25).abs() < 1e-6));
+        let row = PsfField::new(FieldGrid::new(1, 3).unwrap(), (0..3).map(psf).collect()).unwrap();
+        assert_eq!(row.centre().unwrap(), psf(1));
+        assert_ne!(row.sha256(), field.sha256());
+        assert!(PsfField::new(FieldGrid::new(1, 3).unwrap(), vec![psf(0)]).is_err());
+    }
 
     #[test]
     fn weights_sum_to_one_and_belong_to_their_nodes() {

@@ -2,6 +2,7 @@
 //!
 //! Core knows no stage and no command line, and prints nothing.
 
+pub mod bayer;
 pub mod color;
 pub mod config;
 pub mod dataset;

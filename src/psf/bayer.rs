@@ -1,39 +1,10 @@
 //! Turns the mosaic of a colour sensor into three full planes (Malvar, He and Cutler 2004).
 
 use ndarray::{Array3, ArrayView2, ArrayView3, Axis, Zip};
-use serde::{Deserialize, Serialize};
 
 use crate::core::error::{Error, Result};
 
-/// The colours of a sensor's first two rows, left to right, top to bottom.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum BayerPattern {
-    /// Red, green / green, blue.
-    Rggb,
-    /// Blue, green / green, red.
-    Bggr,
-    /// Green, red / blue, green.
-    Grbg,
-    /// Green, blue / red, green.
-    Gbrg,
-}
-
-impl BayerPattern {
-    /// The channel that the photosite at (y, x) sees.
-    pub fn channel(self, y: usize, x: usize) -> usize {
-        const RED: usize = 0;
-        const GREEN: usize = 1;
-        const BLUE: usize = 2;
-        let sites = match self {
-            Self::Rggb => [RED, GREEN, GREEN, BLUE],
-            Self::Bggr => [BLUE, GREEN, GREEN, RED],
-            Self::Grbg => [GREEN, RED, BLUE, GREEN],
-            Self::Gbrg => [GREEN, BLUE, RED, GREEN],
-        };
-        sites[(y % 2) * 2 + x % 2]
-    }
-}
+pub use crate::core::bayer::BayerPattern;
 
 /// Unpacks `[4, H/2, W/2]`, one plane per photosite of the first two rows, to the mosaic `[1, H, W]`.
 ///

@@ -224,7 +224,8 @@ fn scaled_frames(pictures: Vec<Array3<f32>>, config: &FuseConfig) -> Result<Vec<
     match (channels, config.bayer) {
         (3, None) | (1 | 4, Some(_)) => {}
         (3, Some(_)) => {
-            return Err(Error::shape("bracket with a Bayer pattern", "1 or 4 channels", "3 channels"));
+            let found = "3 channels of colour; leave the pattern out for pictures without mosaic";
+            return Err(Error::shape("bracket with a Bayer pattern", "1 or 4 channels", found));
         }
         _ => {
             let reason = format!("pictures of {channels} channels are mosaics; say rggb, bggr, grbg or gbrg");

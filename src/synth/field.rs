@@ -1,12 +1,13 @@
 //! Convolves a scene with a PSF that changes over the frame.
 
+use std::borrow::Cow;
+
 use ndarray::{Array3, Axis};
 
-use crate::core::error::{Error, Result};
-use crate::core::fft::{Boundary, Convolver};
-use crate::core::field::FieldGrid;
+use crate::core::error::Result;
+use crate::core::fft::{Boundary, Convolver, Otf};
+use crate::core::field::{FieldGrid, PsfField};
 use crate::core::image::LinearImage;
-use crate::core::psf::Psf;
 
 /// Convolves a scene with the PSFs at the nodes of a grid, interpolated between them.
 ///
@@ -16,23 +17,28 @@ use crate::core::psf::Psf;
 /// linearly, so that there is no seam.
 ///
 /// # Errors
-/// [`Error::Shape`] when there are not as many PSFs, all of one size, as nodes.
-pub fn convolve_field(
+/// As [`Convolver::new`].
+pub fn convolve_field(scene: &LinearImage, field: &PsfField, boundary: Boundary) -> Result<Array3<f32>> {
+    let [first, ..] = field.psfs() else { unreachable!("a field has a PSF") };
+    let size = [scene.height(), scene.width()];
+    let convolver = Convolver::new(size, [first.height(), first.width()], boundary)?;
+    convolve_nodes(&convolver, scene, field.grid(), |node| convolver.otf(&field.psfs()[node]).map(Cow::Owned))
+}
+
+/// As [`convolve_field`], with the OTFs of the nodes.
+pub(super) fn convolve_nodes<'a>(
+    convolver: &Convolver,
     scene: &LinearImage,
-    psfs: &[Psf],
     grid: &FieldGrid,
-    boundary: Boundary,
+    otf: impl Fn(usize) -> Result<Cow<'a, Otf>>,
 ) -> Result<Array3<f32>> {
     let size = [scene.height(), scene.width()];
-    if psfs.len() != grid.len() {
-        return Err(Error::shape("PSFs of the field", format!("{}", grid.len()), format!("{}", psfs.len())));
-    }
-    let convolver = Convolver::new(size, [psfs[0].height(), psfs[0].width()], boundary)?;
     let mut sum = Array3::zeros(scene.planes().dim());
-    for (node, psf) in psfs.iter().enumerate() {
+    for node in 0..grid.len() {
         let part = &scene.planes() * &grid.weights(node, size).insert_axis(Axis(0));
-        let part = LinearImage::from_planes(part)?;
-        sum += &convolver.convolve(&convolver.spectrum(&part)?, &convolver.otf(psf)?);
+        let spectrum = convolver.spectrum(&LinearImage::from_planes(part)?)?;
+        sum += &convolver.convolve(&spectrum, &*otf(node)?);
+        convolver.reuse(spectrum);
     }
     Ok(sum)
 }
@@ -40,6 +46,7 @@ pub fn convolve_field(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::core::psf::Psf;
 
     /// A Gaussian displaced by (down, right) pixels.
     fn psf(down: f32, right: f32, width: f32) -> Psf {
@@ -50,27 +57,31 @@ mod tests {
         Psf::from_energy(energy).unwrap()
     }
 
-    fn field() -> (Vec<Psf>, FieldGrid) {
+    fn field() -> PsfField {
         let psfs = vec![psf(0.0, -2.0, 1.0), psf(0.0, 2.0, 1.5), psf(1.0, 0.0, 0.8), psf(-1.0, 0.5, 2.0)];
-        (psfs, FieldGrid::new(2, 2).unwrap())
+        PsfField::new(FieldGrid::new(2, 2).unwrap(), psfs).unwrap()
     }
 
     /// The light of a point is the PSF interpolated to its place: rounding of f32 only.
     #[test]
     fn a_point_spreads_by_the_interpolated_psf() {
-        let (psfs, grid) = field();
+        let field = field();
         for (y, x) in [(20, 24), (9, 33), (31, 12)] {
             let mut planes = Array3::zeros((3, 41, 49));
             planes.slice_mut(ndarray::s![.., y, x]).fill(10.0);
             let point = LinearImage::from_planes(planes).unwrap();
-            let found = convolve_field(&point, &psfs, &grid, Boundary::Zero).unwrap();
+            let found = convolve_field(&point, &field, Boundary::Zero).unwrap();
             let (v, u) = (y as f32 / 40.0, x as f32 / 48.0);
             let weights = [(1.0 - v) * (1.0 - u), (1.0 - v) * u, v * (1.0 - u), v * u];
             for ((c, row, column), value) in found.indexed_iter() {
                 let place = (row + 7).checked_sub(y).zip((column + 7).checked_sub(x));
                 let expected: f32 =
                     place.filter(|&(row, column)| row < 15 && column < 15).map_or(0.0, |(row, column)| {
-                        weights.iter().zip(&psfs).map(|(w, k)| 10.0 * w * k.planes()[[c, row, column]]).sum()
+                        weights
+                            .iter()
+                            .zip(field.psfs())
+                            .map(|(w, k)| 10.0 * w * k.planes()[[c, row, column]])
+                            .sum()
                     });
                 assert!((value - expected).abs() < 1e-5, "{value} instead of {expected}");
             }
@@ -80,17 +91,15 @@ mod tests {
     /// With the same PSF everywhere the field is a convolution, which a flat scene shows without a seam.
     #[test]
     fn equal_psfs_are_one_convolution() {
-        let psfs = vec![psf(0.5, 1.0, 1.2); 6];
-        let grid = FieldGrid::new(2, 3).unwrap();
+        let field = PsfField::new(FieldGrid::new(2, 3).unwrap(), vec![psf(0.5, 1.0, 1.2); 6]).unwrap();
         let planes = Array3::from_shape_fn((3, 30, 37), |(c, y, x)| 1.0 + ((c + 3 * y + 5 * x) % 11) as f32);
         let scene = LinearImage::from_planes(planes).unwrap();
-        let found = convolve_field(&scene, &psfs, &grid, Boundary::Replicate);
-        assert!(found.is_ok());
-        let found = convolve_field(&scene, &psfs, &grid, Boundary::Zero).unwrap();
-        let convolver = Convolver::new([30, 37], [15, 15], Boundary::Zero).unwrap();
-        let expected =
-            convolver.convolve(&convolver.spectrum(&scene).unwrap(), &convolver.otf(&psfs[0]).unwrap());
-        assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-4));
-        assert!(convolve_field(&scene, &psfs[..5], &grid, Boundary::Zero).is_err());
+        for boundary in [Boundary::Zero, Boundary::Replicate] {
+            let found = convolve_field(&scene, &field, boundary).unwrap();
+            let convolver = Convolver::new([30, 37], [15, 15], boundary).unwrap();
+            let otf = convolver.otf(&field.psfs()[0]).unwrap();
+            let expected = convolver.convolve(&convolver.spectrum(&scene).unwrap(), &otf);
+            assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-4));
+        }
     }
 }

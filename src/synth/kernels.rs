@@ -4,10 +4,41 @@ use std::borrow::Cow;
 
 use crate::core::error::{Error, Result};
 use crate::core::fft::{Convolver, Otf};
+use crate::core::field::PsfField;
 use crate::core::image::CHANNELS;
 use crate::core::kernel_code::KernelBank;
+use crate::core::psf::Psf;
 
 use super::Formation;
+
+/// The PSFs that scenes are convolved with, and what is in memory beside them.
+#[derive(Clone, Copy)]
+pub(super) struct KernelSet<'a> {
+    psfs: &'a [Psf],
+    /// Images that a scene becomes.
+    images: usize,
+    /// Bytes of all PSFs, components and means.
+    held_bytes: usize,
+    /// Images beside the planes and the file of each degraded image.
+    beside: usize,
+}
+
+impl<'a> KernelSet<'a> {
+    /// One image for each kernel of a bank.
+    pub(super) fn of_bank(bank: &'a KernelBank) -> Self {
+        let psf = size_of_val(bank.psfs[0].as_slice());
+        let held_bytes = psf * (bank.len() + bank.code_dim() + 1);
+        Self { psfs: &bank.psfs, images: bank.len(), held_bytes, beside: 0 }
+    }
+
+    /// One image by all PSFs of a field; the bank holds the PSF in its middle.
+    pub(super) fn of_field(field: &'a PsfField, bank: &KernelBank) -> Self {
+        let psfs = field.psfs();
+        let held_bytes = KernelSet::of_bank(bank).held_bytes + psfs.len() * size_of_val(psfs[0].as_slice());
+        // The weighted scene, its weights, and the sum.
+        Self { psfs, images: 1, held_bytes, beside: 3 }
+    }
+}
 
 /// How the work on scenes of one size fits into memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,9 +60,14 @@ impl MemoryPlan {
     ///
     /// # Errors
     /// [`Error::Config`] with the memory that is needed, when one image at a time does not fit.
-    pub fn new(convolver: &Convolver, bank: &KernelBank, threads: usize, max_bytes: u64) -> Result<Self> {
-        let kernels = bank.len();
-        let bytes = |cached, at_once| bytes_needed(convolver, bank, cached, at_once);
+    pub(super) fn new(
+        convolver: &Convolver,
+        set: KernelSet<'_>,
+        threads: usize,
+        max_bytes: u64,
+    ) -> Result<Self> {
+        let (kernels, images) = (set.psfs.len(), set.images);
+        let bytes = |cached, at_once| bytes_needed(convolver, set, cached, at_once);
         let fits = |cached, at_once| bytes(cached, at_once) <= max_bytes;
         if !fits(0, 1) {
             let [height, width] = convolver.image_size();
@@ -39,60 +75,57 @@ impl MemoryPlan {
             let reason = format!("scenes of {height} × {width} need {needed} MiB at least");
             return Err(Error::config("max-memory", reason));
         }
-        let at_once = (1..=threads.min(kernels)).rev().find(|&n| fits(0, n)).unwrap_or(1);
+        let at_once = (1..=threads.min(images)).rev().find(|&n| fits(0, n)).unwrap_or(1);
         let cached_otfs = (0..=kernels).rev().find(|&n| fits(n, at_once)).unwrap_or(0);
-        let most = kernels.min(2 * threads);
+        let most = images.min(2 * threads);
         let at_once = (at_once..=most).rev().find(|&n| fits(cached_otfs, n)).unwrap_or(at_once);
         // The same number of rounds with equal shares.
-        let at_once = kernels.div_ceil(kernels.div_ceil(at_once));
+        let at_once = images.div_ceil(images.div_ceil(at_once));
         Ok(Self { cached_otfs, at_once, bytes: bytes(cached_otfs, at_once) })
     }
 }
 
-fn bytes_needed(convolver: &Convolver, bank: &KernelBank, cached: usize, at_once: usize) -> u64 {
+fn bytes_needed(convolver: &Convolver, set: KernelSet<'_>, cached: usize, at_once: usize) -> u64 {
     let float = size_of::<f32>();
     let [height, width] = convolver.image_size();
     let image = CHANNELS * height * width * float;
     let spectrum = convolver.spectrum_bytes();
-    let psf = size_of_val(bank.psfs[0].as_slice());
-    // PSFs, components and mean.
-    let bank_bytes = psf * (bank.len() + bank.code_dim() + 1);
     // The scene as it was read and decoded, and its clipped copy.
     let scene = 3 * image;
     // The forward transform works on all channels at once.
     let forward = CHANNELS * convolver.intermediate_bytes();
-    let transient_otf = if cached < bank.len() { spectrum } else { 0 };
+    let transient_otf = if cached < set.psfs.len() { spectrum } else { 0 };
     // The planes, and the file made of them.
-    let each = convolver.intermediate_bytes() + 2 * image + transient_otf;
-    (bank_bytes + scene + spectrum + forward + cached * spectrum + at_once * each) as u64
+    let each = convolver.intermediate_bytes() + (2 + set.beside) * image + transient_otf;
+    (set.held_bytes + scene + spectrum + forward + cached * spectrum + at_once * each) as u64
 }
 
-/// The kernels of a bank, ready for scenes of one size.
+/// The kernels of a set, ready for scenes of one size.
 pub(super) struct Kernels<'a> {
     pub(super) convolver: Convolver,
     pub(super) plan: MemoryPlan,
-    bank: &'a KernelBank,
+    psfs: &'a [Psf],
     cached: Vec<Otf>,
 }
 
 impl<'a> Kernels<'a> {
     pub(super) fn new(
         formation: &Formation,
-        bank: &'a KernelBank,
+        set: KernelSet<'a>,
         size: [usize; 2],
         max_bytes: u64,
     ) -> Result<Self> {
-        let convolver = formation.convolver(size, [bank.psfs[0].height(), bank.psfs[0].width()])?;
-        let plan = MemoryPlan::new(&convolver, bank, rayon::current_num_threads(), max_bytes)?;
-        let psfs = &bank.psfs[..plan.cached_otfs];
-        let cached = psfs.iter().map(|psf| convolver.otf(psf)).collect::<Result<_>>()?;
-        Ok(Self { convolver, plan, bank, cached })
+        let convolver = formation.convolver(size, [set.psfs[0].height(), set.psfs[0].width()])?;
+        let plan = MemoryPlan::new(&convolver, set, rayon::current_num_threads(), max_bytes)?;
+        let psfs = set.psfs;
+        let cached = psfs[..plan.cached_otfs].iter().map(|psf| convolver.otf(psf)).collect::<Result<_>>()?;
+        Ok(Self { convolver, plan, psfs, cached })
     }
 
     pub(super) fn otf(&self, index: usize) -> Result<Cow<'_, Otf>> {
         match self.cached.get(index) {
             Some(otf) => Ok(Cow::Borrowed(otf)),
-            None => Ok(Cow::Owned(self.convolver.otf(&self.bank.psfs[index])?)),
+            None => Ok(Cow::Owned(self.convolver.otf(&self.psfs[index])?)),
         }
     }
 }
@@ -102,7 +135,6 @@ mod tests {
     use super::*;
     use crate::core::fft::Boundary;
     use crate::core::kernel_code::CodeBasis;
-    use crate::core::psf::Psf;
     use ndarray::{Array1, Array2, Array3};
 
     fn bank(kernels: usize, size: usize) -> KernelBank {
@@ -120,13 +152,14 @@ mod tests {
     fn less_memory_means_fewer_kept_transforms_then_an_error() {
         let bank = bank(9, 64);
         let convolver: Convolver = Convolver::new([100, 100], [64, 64], Boundary::Zero).unwrap();
-        let plan = |max_bytes| MemoryPlan::new(&convolver, &bank, 2, max_bytes);
+        let set = KernelSet::of_bank(&bank);
+        let plan = |max_bytes| MemoryPlan::new(&convolver, set, 2, max_bytes);
         let all = plan(u64::MAX).unwrap();
         assert_eq!((all.cached_otfs, all.at_once), (9, 3));
         let less = plan(all.bytes * 2 / 3).unwrap();
         assert!((1..9).contains(&less.cached_otfs), "{less:?}");
         assert!(less.bytes <= all.bytes * 2 / 3);
-        let least = plan(bytes_needed(&convolver, &bank, 0, 1)).unwrap();
+        let least = plan(bytes_needed(&convolver, set, 0, 1)).unwrap();
         assert_eq!((least.cached_otfs, least.at_once), (0, 1));
         let message = plan(1 << 20).unwrap_err().to_string();
         assert!(message.contains("max-memory") && message.contains("MiB"), "{message}");

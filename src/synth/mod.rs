@@ -3,6 +3,7 @@
 //! [`Formation`] is the model, for one scene and one PSF; [`Synthesis`] makes a dataset folder with it, every
 //! scene through every kernel of a bank.
 
+mod existing;
 mod field;
 mod folder;
 mod formation;
@@ -12,8 +13,8 @@ mod run;
 mod scene_run;
 mod scenes;
 
+pub use existing::Existing;
 pub use field::convolve_field;
-pub use folder::Existing;
 pub use formation::Formation;
 pub use kernels::MemoryPlan;
 pub use noise::add_noise;

@@ -5,14 +5,16 @@ use std::time::Duration;
 
 use crate::core::dataset::DatasetConfig;
 use crate::core::error::{Error, Result};
+use crate::core::field::PsfField;
 use crate::core::image::{CHANNELS, Linear};
 use crate::core::io;
 use crate::core::kernel_code::KernelBank;
 use crate::core::progress::Progress;
 
 use super::Formation;
-use super::folder::{DatasetFolder, Existing};
-use super::kernels::MemoryPlan;
+use super::existing::Existing;
+use super::folder::DatasetFolder;
+use super::kernels::{KernelSet, MemoryPlan};
 use super::scene_run::Run;
 use super::scenes::{Scene, Shard};
 
@@ -48,6 +50,8 @@ pub struct Synthesis {
     pub bank: KernelBank,
     /// The bank's file.
     pub bank_file: BankFile,
+    /// PSFs over the frame, to degrade scenes by instead; the bank's one kernel is the PSF in the middle.
+    pub field: Option<PsfField>,
     /// The scenes of this run.
     pub scenes: Vec<Scene>,
     /// Which run of how many this is.
@@ -100,7 +104,8 @@ impl Synthesis {
         let size = [first.height(), first.width()];
         let psf = &self.bank.psfs[0];
         let convolver = self.formation()?.convolver(size, [psf.height(), psf.width()])?;
-        let memory = MemoryPlan::new(&convolver, &self.bank, rayon::current_num_threads(), self.max_bytes)?;
+        let memory =
+            MemoryPlan::new(&convolver, self.kernels(), rayon::current_num_threads(), self.max_bytes)?;
         let sample_bytes = if self.config.half { 2 } else { 4 };
         let image_bytes = (CHANNELS * size[0] * size[1] * sample_bytes) as u64 + HEADER_BYTES;
         let images = self.scenes.len() * self.bank.len();
@@ -141,6 +146,14 @@ impl Synthesis {
         }
         bar.finish_and_clear();
         Ok(())
+    }
+
+    /// What scenes are convolved with.
+    pub(super) fn kernels(&self) -> KernelSet<'_> {
+        match &self.field {
+            Some(field) => KernelSet::of_field(field, &self.bank),
+            None => KernelSet::of_bank(&self.bank),
+        }
     }
 
     fn formation(&self) -> Result<Formation> {

@@ -2,17 +2,20 @@
 
 use std::time::{Duration, Instant};
 
+use ndarray::Array3;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::core::dataset::{FormationConfig, Triplet};
 use crate::core::error::Result;
 use crate::core::fft::Spectrum;
+use crate::core::field::PsfField;
 use crate::core::image::{Linear, LinearImage};
 use crate::core::io::{self, WriteOptions};
 use crate::core::provenance::Provenance;
 
 use super::Formation;
+use super::field::convolve_nodes;
 use super::folder::{DatasetFolder, sha256_of};
 use super::kernels::Kernels;
 use super::run::{SceneReport, Synthesis};
@@ -50,6 +53,26 @@ struct Made {
     writing: Duration,
 }
 
+/// A scene, ready for the convolution.
+enum Light<'a> {
+    /// Its transform.
+    Spectrum(Spectrum),
+    /// The scene itself, and the PSFs over the frame.
+    Field(LinearImage, &'a PsfField),
+}
+
+impl Light<'_> {
+    /// x∗k of kernel `index`; a field has one image.
+    fn through(&self, kernels: &Kernels<'_>, index: usize) -> Result<Array3<f32>> {
+        match self {
+            Self::Spectrum(spectrum) => Ok(kernels.convolver.convolve(spectrum, &*kernels.otf(index)?)),
+            Self::Field(scene, field) => {
+                convolve_nodes(&kernels.convolver, scene, field.grid(), |node| kernels.otf(node))
+            }
+        }
+    }
+}
+
 impl<'a> Run<'a> {
     /// The kernels that a scene has yet to be seen through.
     pub(super) fn unfinished(&self, scene: &Scene) -> Vec<usize> {
@@ -72,18 +95,23 @@ impl<'a> Run<'a> {
         self.write_ground_truth(scene, &image)?;
         let reading = started.elapsed();
         let started = Instant::now();
-        let spectrum = kernels.convolver.spectrum(&self.formation.scene(&image))?;
+        let light = match &self.synthesis.field {
+            Some(field) => Light::Field(self.formation.scene(&image).into_owned(), field),
+            None => Light::Spectrum(kernels.convolver.spectrum(&self.formation.scene(&image))?),
+        };
         let (mut computing, mut writing) = (started.elapsed(), Duration::ZERO);
         drop(image);
         for indices in todo.chunks(kernels.plan.at_once) {
-            let made = indices.par_iter().map(|&index| self.degrade(scene, &kernels, &spectrum, index));
+            let made = indices.par_iter().map(|&index| self.degrade(scene, &kernels, &light, index));
             let made: Vec<Made> = made.collect::<Result<_>>()?;
             computing += made.iter().map(|made| made.computing).sum::<Duration>();
             writing += made.iter().map(|made| made.writing).sum::<Duration>();
             self.folder.record(made.into_iter().map(|made| made.triplet))?;
             on_images(indices.len())?;
         }
-        kernels.convolver.reuse(spectrum);
+        if let Light::Spectrum(spectrum) = light {
+            kernels.convolver.reuse(spectrum);
+        }
         self.kernels = Some(kernels);
         Ok(SceneReport { id: scene.id.clone(), size, made: todo.len(), reading, computing, writing })
     }
@@ -92,7 +120,7 @@ impl<'a> Run<'a> {
     fn take_kernels(&mut self, size: [usize; 2]) -> Result<Kernels<'a>> {
         match self.kernels.take() {
             Some(kernels) if kernels.convolver.image_size() == size => Ok(kernels),
-            _ => Kernels::new(&self.formation, &self.synthesis.bank, size, self.synthesis.max_bytes),
+            _ => Kernels::new(&self.formation, self.synthesis.kernels(), size, self.synthesis.max_bytes),
         }
     }
 
@@ -102,16 +130,10 @@ impl<'a> Run<'a> {
         io::write_image(&path, &ground_truth, &self.write_options(scene, None))
     }
 
-    fn degrade(
-        &self,
-        scene: &Scene,
-        kernels: &Kernels<'_>,
-        spectrum: &Spectrum,
-        index: usize,
-    ) -> Result<Made> {
+    fn degrade(&self, scene: &Scene, kernels: &Kernels<'_>, light: &Light<'_>, index: usize) -> Result<Made> {
         let name = &self.names[index];
         let started = Instant::now();
-        let irradiance = kernels.convolver.convolve(spectrum, &*kernels.otf(index)?);
+        let irradiance = light.through(kernels, index)?;
         let image = self.formation.record(irradiance, &format!("{}/{name}", scene.id))?;
         let computing = started.elapsed();
         let started = Instant::now();

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use udc::core::image::{Linear, LinearImage};
 use udc::core::io::{self, PixelOptions, Pixels, WriteOptions, read_pixels, write_pixels};
 
+#[cfg(unix)]
+use super::common::interrupt_after;
 use super::common::{fail, succeed, udc};
 
 fn fixture(name: &str) -> String {
@@ -136,6 +138,60 @@ fn a_broken_image_does_not_stop_the_others() {
     let last = said.lines().last().unwrap();
     assert!(last.contains("1 of 3 images") && last.contains("b.exr"), "{said}");
     assert_eq!(io::list_folder(&scratch.path().join("out")).unwrap(), ["a.jpg", "c.jpg"]);
+}
+
+/// What is there stays, what is missing or was corrupt is made; a changed setting is told where the file carries it.
+#[test]
+fn goes_on_where_it_ended() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path().join("restored");
+    fs::create_dir(&folder).unwrap();
+    for name in ["a.exr", "b.exr", "c.exr"] {
+        write_scene(&folder.join(name));
+    }
+    let whole = fs::read(folder.join("b.exr")).unwrap();
+    fs::write(folder.join("b.exr"), &whole[..whole.len() / 2]).unwrap();
+    let finish = ["finish", "restored", "-o", "out", "--format", "exr", "--no-clahe"];
+    assert!(fail(scratch.path(), &finish, 1).contains("1 of 3 images were not done"));
+    let written = |name: &str| scratch.path().join("out").join(name).metadata().unwrap().modified().unwrap();
+    let before = [written("a.exr"), written("c.exr")];
+    fs::write(folder.join("b.exr"), whole).unwrap();
+    assert!(fail(scratch.path(), &finish, 1).contains("--overwrite"));
+    let resume = [&finish[..], &["--resume"]].concat();
+    let said = succeed(scratch.path(), &resume);
+    assert!(said.contains("2 of 3 images are there") && said.contains("b.exr"), "{said}");
+    assert_eq!([written("a.exr"), written("c.exr")], before);
+    let said = fail(scratch.path(), &[&resume[..], &["--gamma", "2"]].concat(), 1);
+    assert!(said.contains("other settings"), "{said}");
+    assert!(succeed(scratch.path(), &resume).contains("3 of 3 images are there"));
+}
+
+/// After Ctrl-C there are finished pictures and nothing else, and the run can be taken up again.
+#[cfg(unix)]
+#[test]
+fn an_interrupt_leaves_finished_pictures_only() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path().join("restored");
+    fs::create_dir(&folder).unwrap();
+    let planes =
+        ndarray::Array3::from_shape_fn((3, 300, 400), |(c, y, x)| ((c + 1) * (y ^ x)) as f32 / 900.0);
+    let scene = LinearImage::from_planes(planes).unwrap();
+    io::write_image(&folder.join("00.exr"), &scene, &WriteOptions::default()).unwrap();
+    let count = 40;
+    for index in 1..count {
+        fs::copy(folder.join("00.exr"), folder.join(format!("{index:02}.exr"))).unwrap();
+    }
+    let finish = ["finish", "restored", "-o", "out"];
+    let (code, said) = interrupt_after(scratch.path(), &finish, "out/00.png");
+    assert!(code == Some(1) && said.contains("interrupted"), "{said}");
+    let names = io::list_folder(&scratch.path().join("out")).unwrap();
+    assert!((1..count).contains(&names.len()), "{names:?}");
+    for name in &names {
+        read_pixels(&scratch.path().join("out").join(name)).unwrap();
+    }
+    let said = succeed(scratch.path(), &[&finish[..], &["--resume"]].concat());
+    assert!(said.contains(&format!("{} of {count} images are there", names.len())), "{said}");
+    assert_eq!(io::list_folder(&scratch.path().join("out")).unwrap().len(), count);
 }
 
 #[test]

@@ -17,7 +17,10 @@ mod finish;
 mod measure;
 #[path = "../common/perceptual_weights.rs"]
 mod perceptual_weights;
+mod raw;
 mod restore;
 mod sweep;
 mod synth;
+#[path = "../common/tiff.rs"]
+mod tiff;
 mod train;

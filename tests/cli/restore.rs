@@ -8,6 +8,8 @@ use udc::core::image::{Linear, LinearImage, ToneMapped, ToneMappedImage};
 use udc::core::io::{self, WriteOptions};
 use udc::core::psf::Psf;
 
+#[cfg(unix)]
+use super::common::interrupt_after;
 use super::common::{fail, succeed, udc};
 
 fn fixture(name: &str) -> String {
@@ -388,22 +390,8 @@ fn an_interrupt_leaves_finished_files_only() {
         std::fs::copy(scratch.path().join("large.exr"), folder.join(format!("{index:02}.exr"))).unwrap();
     }
     let restore = ["restore", "captures", "--method", "constrained", "--psf", "psf.exr", "-o", "out"];
-    let run = std::process::Command::new(env!("CARGO_BIN_EXE_udc"))
-        .args(restore)
-        .current_dir(scratch.path())
-        .stdout(std::process::Stdio::null())
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    while !scratch.path().join("out/00.exr").exists() {
-        std::thread::sleep(std::time::Duration::from_millis(5));
-    }
-    let pid = run.id().to_string();
-    assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
-    let output = run.wait_with_output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("interrupted"), "{said}");
+    let (code, said) = interrupt_after(scratch.path(), &restore, "out/00.exr");
+    assert!(code == Some(1) && said.contains("interrupted"), "{said}");
     let names = io::list_folder(&scratch.path().join("out")).unwrap();
     assert!((1..count).contains(&names.len()), "{names:?}");
     for name in &names {

@@ -167,6 +167,143 @@ fn refuses_to_resume_with_other_flags_or_to_replace_a_dataset() {
     assert!((dataset.formation.x_max - 400.0).abs() < 1e-6);
 }
 
+/// Moves the scenes of the hall to a folder of their own.
+fn divide_views(folder: &Path) {
+    fs::create_dir(folder.join("halls")).unwrap();
+    for name in ["hall_01.npy", "hall_02.npy"] {
+        fs::rename(folder.join("views").join(name), folder.join("halls").join(name)).unwrap();
+    }
+}
+
+const HALLS: [&str; 7] = ["synth", "halls", "--bank", "bank.safetensors", "-o", "dataset", "--split"];
+
+#[test]
+fn a_dataset_gets_the_split_that_it_lacks() {
+    let folder = scratch();
+    divide_views(folder.path());
+    synth(folder.path(), "dataset", &["--split", "train"]);
+    let root = folder.path().join("dataset");
+    let images = || contents(&root.join("degraded"));
+    let list = || fs::read(root.join("triplets.jsonl")).unwrap();
+    let (trained, listed) = (images(), list());
+    let halls = [&HALLS[..], &["test"]].concat();
+    assert!(succeed(folder.path(), &halls).contains("6 images made"));
+    let dataset = Dataset::open(&root).unwrap();
+    let count = |split| dataset.split(split).unwrap().len();
+    assert_eq!((count(Split::Train), count(Split::Test)), (9, 6));
+    assert_eq!(dataset.config.as_ref().unwrap().division, "all train, test");
+    assert!(trained.iter().all(|file| images().contains(file)) && listed == list());
+    assert!(fail(folder.path(), &halls, 1).contains("--resume"));
+    // Either run can be taken up again, and neither touches what the other has made.
+    let path = root.join("triplets-test.jsonl");
+    let text = fs::read_to_string(&path).unwrap();
+    fs::write(&path, text.lines().take(4).collect::<Vec<_>>().join("\n")).unwrap();
+    assert!(
+        succeed(folder.path(), &[&halls[..], &["--resume"]].concat()).contains("2 images made, 4 were there")
+    );
+    assert!(synth(folder.path(), "dataset", &["--split", "train", "--resume"]).contains("9 were there"));
+    assert_eq!(Dataset::open(&root).unwrap().triplets, dataset.triplets);
+    fs::rename(folder.path().join("halls/hall_01.npy"), folder.path().join("halls/lobby_01.npy")).unwrap();
+    fs::remove_file(folder.path().join("halls/hall_02.npy")).unwrap();
+    for shard in ["1/2", "2/2"] {
+        let val = [&HALLS[..], &["val", "--shard", shard]].concat();
+        if shard == "1/2" {
+            succeed(folder.path(), &val);
+        } else {
+            assert!(fail(folder.path(), &val, 1).contains("fewer shards"));
+        }
+    }
+    assert_eq!(Dataset::open(&root).unwrap().split(Split::Val).unwrap().len(), 3);
+}
+
+#[test]
+fn an_added_split_shares_neither_flags_nor_scenes_with_the_others() {
+    let folder = scratch();
+    divide_views(folder.path());
+    synth(folder.path(), "dataset", &["--split", "train"]);
+    let before = contents(&folder.path().join("dataset"));
+    let refused = |more: &[&str]| fail(folder.path(), &[&HALLS[..], more].concat(), 1);
+    assert!(refused(&["test", "--x-max", "400"]).contains("another formation.x-max"));
+    assert!(refused(&["test", "--half"]).contains("another half"));
+    assert!(refused(&["train"]).contains("--resume"));
+    let (views, halls) = (folder.path().join("views"), folder.path().join("halls"));
+    fs::copy(views.join("park_01.npy"), halls.join("park_01.npy")).unwrap();
+    let said = refused(&["test"]);
+    assert!(said.contains("scene park_01 in its train split"), "{said}");
+    fs::rename(halls.join("park_01.npy"), halls.join("park_09.npy")).unwrap();
+    let said = refused(&["test"]);
+    assert!(said.contains("scenes of park in its train split") && said.contains("park_09"), "{said}");
+    assert!(before == contents(&folder.path().join("dataset")), "the dataset was touched");
+}
+
+/// A field file with the given PSFs side by side.
+fn write_field(folder: &Path, name: &str, psfs: &[&str]) {
+    let text = format!("rows = 1\ncolumns = {}\npsfs = {psfs:?}\n", psfs.len());
+    fs::write(folder.join(name), text).unwrap();
+}
+
+/// The stored image is C of the scene convolved with the field, whatever the memory; equal PSFs are one kernel.
+#[test]
+fn the_psf_may_change_over_the_frame() {
+    let folder = scratch();
+    let psf = io::read_psf(&folder.path().join("psf.npy")).unwrap();
+    let turned = udc::codes::rotate(&psf, 40.0).unwrap();
+    io::write_psf(&folder.path().join("turned.npy"), &turned, &WriteOptions::default()).unwrap();
+    write_field(folder.path(), "field.toml", &["psf.npy", "turned.npy"]);
+    write_field(folder.path(), "same.toml", &["psf.npy", "psf.npy"]);
+    let said = synth(folder.path(), "dataset", &["--field", "field.toml", "--boundary", "replicate"]);
+    assert!(said.contains("through 1 kernels: 5 images"), "{said}");
+    let root = folder.path().join("dataset");
+    let dataset = Dataset::open(&root).unwrap();
+    let field = io::read_psf_field(&root.join("field.toml")).unwrap();
+    assert_eq!(field.psfs(), [psf.clone(), turned]);
+    let triplet = &dataset.triplets[0];
+    assert_eq!(dataset.code(triplet).unwrap().len(), 2);
+    let scene = io::read_image::<Linear>(&folder.path().join(format!("views/{}.npy", triplet.id))).unwrap();
+    let light = udc::synth::convolve_field(&scene, &field, udc::core::fft::Boundary::Replicate).unwrap();
+    let formation = udc::synth::Formation::new(dataset.formation.clone(), 0).unwrap();
+    let near = |a: &LinearImage, b: &LinearImage| {
+        a.as_slice().iter().zip(b.as_slice()).all(|(a, b)| (a - b).abs() <= 1e-5 * b.abs().max(1.0))
+    };
+    assert!(near(&dataset.read_degraded(triplet).unwrap(), &formation.record(light, "").unwrap()));
+
+    synth(
+        folder.path(),
+        "poor",
+        &["--field", "field.toml", "--boundary", "replicate", "--max-memory", "200kB"],
+    );
+    assert!(contents(&folder.path().join("poor")) == contents(&root), "different bytes");
+    let views = ["synth", "views", "-o"];
+    succeed(folder.path(), &[&views[..], &["same", "--field", "same.toml"]].concat());
+    succeed(folder.path(), &[&views[..], &["single", "--psf", "psf.npy"]].concat());
+    let [same, single] = ["same", "single"].map(|name| Dataset::open(&folder.path().join(name)).unwrap());
+    for (a, b) in same.triplets.iter().zip(&single.triplets) {
+        assert!(near(&same.read_degraded(a).unwrap(), &single.read_degraded(b).unwrap()), "{}", a.id);
+    }
+}
+
+#[test]
+fn a_dataset_of_a_field_is_not_taken_for_one_of_a_kernel() {
+    let folder = scratch();
+    write_field(folder.path(), "field.toml", &["psf.npy"]);
+    write_field(folder.path(), "short.toml", &["psf.npy"; 0]);
+    synth(folder.path(), "dataset", &["--field", "field.toml"]);
+    let base = ["synth", "views", "--bank", "bank.safetensors", "-o", "dataset", "--resume"];
+    assert!(fail(folder.path(), &base, 1).contains("another bank-sha256, field-sha256"));
+    synth(folder.path(), "dataset", &["--field", "field.toml", "--resume"]);
+    let said = fail(
+        folder.path(),
+        &["eval", "dataset", "--method", "wiener", "--metrics", "psnr", "-o", "results", "--ldr"],
+        1,
+    );
+    assert!(said.contains("changes over the frame"), "{said}");
+    succeed(folder.path(), &["eval", "dataset", "--method", "wiener", "--metrics", "psnr", "-o", "results"]);
+    let refused = |file: &str| fail(folder.path(), &["synth", "views", "--field", file, "-o", "other"], 1);
+    assert!(refused("short.toml").contains("at least 1 × 1 places"));
+    assert!(refused("missing.toml").contains("missing.toml"));
+    assert!(!folder.path().join("other").exists());
+}
+
 #[test]
 fn a_single_psf_makes_a_dataset_without_codes() {
     let folder = scratch();

@@ -54,6 +54,7 @@ impl<'a> Ldr<'a> {
             bail!("--ldr {white} clips every scene to darkness; name a positive irradiance, such as 1");
         }
         let dataset = comparison.dataset;
+        dataset.check_one_psf()?;
         let (Some(bank), Some(config)) = (&dataset.bank, &dataset.config) else {
             bail!(
                 "{} has kernel codes and no PSFs, which --ldr forms images with; name a dataset of `udc synth`",

@@ -52,7 +52,7 @@ impl FinishArgs {
                 false => self.output.clone(),
             };
             Format::of_extension(&output)?;
-            check_output(&output, session.overwrite)?;
+            check_output(&output, session.overwrite || self.resume)?;
             if let Some(other) = jobs.iter().find(|job| job.output == output) {
                 let (a, b) = (other.input.display(), input.display());
                 bail!("{a} and {b} would both be written to {}", output.display());

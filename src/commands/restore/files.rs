@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 
-use udc::core::io::{Format, check_output, expand_inputs, list_folder};
+use udc::core::io::{Format, check_output, expand_inputs, inspect_image, list_folder};
 use udc::psf::{Bracket, fuse};
 
 use super::RestoreArgs;
@@ -85,7 +85,12 @@ impl RestoreArgs {
 
     pub(super) fn read_capture(&self, job: &Job, session: &Session) -> Result<Capture> {
         if !self.is_bracket() && !self.raw.is_raw() {
-            return Ok(Capture { pixels: AnyImage::read(&job.inputs[0], self.domain)?, saturation: None });
+            let file = &job.inputs[0];
+            let (pixels, encoding) = inspect_image(file)?;
+            if pixels.raw.is_none() {
+                let pixels = AnyImage::of(file, pixels, &encoding, self.domain)?;
+                return Ok(Capture { pixels, saturation: None });
+            }
         }
         let mut pictures = self.raw.read(&job.inputs)?;
         let bracket = if self.is_bracket() {

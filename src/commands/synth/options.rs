@@ -4,24 +4,39 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
+use ndarray::Axis;
 
+use udc::codes::project;
 use udc::core::config::parse_toml;
 use udc::core::dataset::{FormationConfig, NoiseConfig, SensorConfig, Split};
 use udc::core::error::Error;
 use udc::core::fft::Boundary;
+use udc::core::field::PsfField;
 use udc::core::io;
 use udc::core::kernel_code::KernelBank;
 use udc::synth::BankFile;
 
 #[derive(Args, Debug)]
-#[group(required = true, multiple = false)]
+#[group(required = true, multiple = true)]
 pub(super) struct KernelArgs {
     /// Kernel bank made by `udc codes`
     #[arg(long, value_name = "BANK")]
     bank: Option<PathBuf>,
     /// A single PSF, which has no code
-    #[arg(long, value_name = "PSF")]
+    #[arg(long, value_name = "PSF", conflicts_with_all = ["bank", "field"])]
     psf: Option<PathBuf>,
+    /// PSFs of several places of the frame (.toml: rows, columns, psfs row by row): every scene becomes one image, whose
+    /// PSF is interpolated between them. With --bank, the PSF in the middle of the frame gets its code in that basis
+    #[arg(long, value_name = "FIELD")]
+    field: Option<PathBuf>,
+}
+
+/// What scenes are degraded by.
+pub(super) struct Kernels {
+    pub(super) bank: KernelBank,
+    /// The bank's file.
+    pub(super) file: BankFile,
+    pub(super) field: Option<PsfField>,
 }
 
 #[derive(Args, Debug)]
@@ -83,18 +98,35 @@ pub(super) enum SplitName {
 }
 
 impl KernelArgs {
-    /// The bank and its file's bytes.
-    pub(super) fn read(&self) -> Result<(KernelBank, BankFile)> {
-        let read = |path: &Path| format!("reading {}", path.display());
-        if let Some(path) = &self.bank {
-            let bank = io::read_bank(path).with_context(|| read(path))?;
-            return Ok((bank, BankFile::Stored(path.clone())));
+    pub(super) fn read(&self) -> Result<Kernels> {
+        let reading = |path: &Path| format!("reading {}", path.display());
+        let bank = self.bank.as_deref();
+        let read_bank = |path: &Path| io::read_bank(path).with_context(|| reading(path));
+        if let Some(path) = &self.field {
+            let field = io::read_psf_field(path).with_context(|| reading(path))?;
+            let bank =
+                central_bank(&field, bank.map(read_bank).transpose()?).with_context(|| reading(path))?;
+            return Ok(Kernels { file: BankFile::Encoded(io::encode_bank(&bank)), bank, field: Some(field) });
         }
-        let path = self.psf.as_ref().context("name a --bank or a --psf")?;
-        let bank = KernelBank::single(io::read_psf(path).with_context(|| read(path))?);
-        let file = BankFile::Encoded(io::encode_bank(&bank));
-        Ok((bank, file))
+        if let Some(path) = bank {
+            return Ok(Kernels {
+                bank: read_bank(path)?,
+                file: BankFile::Stored(path.to_owned()),
+                field: None,
+            });
+        }
+        let path = self.psf.as_ref().context("name a --bank, a --psf or a --field")?;
+        let bank = KernelBank::single(io::read_psf(path).with_context(|| reading(path))?);
+        Ok(Kernels { file: BankFile::Encoded(io::encode_bank(&bank)), bank, field: None })
     }
+}
+
+/// A bank of the PSF in the middle of the frame, with its code in the basis of `bank`.
+fn central_bank(field: &PsfField, bank: Option<KernelBank>) -> Result<KernelBank> {
+    let psf = field.centre()?;
+    let Some(bank) = bank else { return Ok(KernelBank::single(psf)) };
+    let code = project(&bank, &psf)?.code;
+    Ok(KernelBank::new(vec![psf], code.insert_axis(Axis(0)), bank.basis, Some(vec![0.0]))?)
 }
 
 impl FormationArgs {

@@ -97,6 +97,7 @@ impl OnTheFly {
     }
 
     fn of_dataset(dataset: &Dataset, seed: u64) -> Result<Self> {
+        dataset.check_one_psf()?;
         let (Some(bank), Some(config)) = (dataset.bank.clone(), &dataset.config) else {
             bail!(
                 "{} has kernel codes and no PSFs, so that nothing can be degraded on the fly; train with \

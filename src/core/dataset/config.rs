@@ -26,9 +26,14 @@ pub struct DatasetConfig {
     pub bank: String,
     /// SHA-256 of the bank's file.
     pub bank_sha256: String,
+    /// SHA-256 of the PSFs of the field file [`FIELD_FILE`](super::FIELD_FILE), where the PSF changes over the frame; the
+    /// bank then holds the PSF in its middle.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub field_sha256: Option<String>,
     /// Seed of the noise and of the split.
     pub seed: u64,
-    /// How the sources (panoramas) were divided: `test-fraction 0.15`, `all train`.
+    /// How the sources (panoramas) were divided: `test-fraction 0.15`, `all train`; behind it, the splits that were added
+    /// since: `all train, test`.
     pub division: String,
     /// Extension of the images: `exr` or `npy`.
     pub image_format: String,

@@ -8,13 +8,16 @@ use crate::core::error::{Error, Result};
 use crate::core::io;
 
 use super::config::{DatasetConfig, FORMAT, VERSION};
-use super::{Dataset, Triplet};
+use super::{Dataset, Split, Triplet};
 
 /// The file that describes a dataset.
 pub const CONFIG_FILE: &str = "dataset.toml";
 
 /// The kernel bank of a dataset.
 pub const BANK_FILE: &str = "kernels.safetensors";
+
+/// The PSFs over the frame, in a dataset whose PSF changes there.
+pub const FIELD_FILE: &str = "field.toml";
 
 pub(super) fn open(root: &Path) -> Result<Dataset> {
     let config = DatasetConfig::read(root)?;
@@ -93,12 +96,14 @@ impl TripletFiles {
         Ok(Self { root: root.to_owned(), names })
     }
 
-    /// The name of the list that shard `index` (from 0) of `count` writes.
-    pub fn name(index: usize, count: usize) -> String {
+    /// The name of the list that shard `index` (from 0) of `count` writes; a split that is `added` to a dataset has
+    /// lists of its own.
+    pub fn name(added: Option<Split>, index: usize, count: usize) -> String {
+        let added = added.map_or(String::new(), |split| format!("-{}", split.name()));
         if count == 1 {
-            "triplets.jsonl".to_owned()
+            format!("triplets{added}.jsonl")
         } else {
-            format!("triplets-{:05}-of-{count:05}.jsonl", index + 1)
+            format!("triplets{added}-{:05}-of-{count:05}.jsonl", index + 1)
         }
     }
 

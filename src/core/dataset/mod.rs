@@ -17,7 +17,7 @@ use super::io;
 use super::kernel_code::{KernelBank, KernelCode};
 
 pub use config::{DatasetConfig, FORMAT, FormationConfig, NoiseConfig, SensorConfig, VERSION};
-pub use folder::{BANK_FILE, CONFIG_FILE, TripletFiles};
+pub use folder::{BANK_FILE, CONFIG_FILE, FIELD_FILE, TripletFiles};
 
 /// The use that a triplet is reserved for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -101,6 +101,20 @@ impl Dataset {
         };
         dataset.check_files()?;
         Ok(dataset)
+    }
+
+    /// Refuses to form images anew where one PSF stands for a field of them.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] for a dataset whose PSF changes over the frame.
+    pub fn check_one_psf(&self) -> Result<()> {
+        match self.config.as_ref().and_then(|config| config.field_sha256.as_ref()) {
+            None => Ok(()),
+            Some(_) => Err(Error::Unsupported(format!(
+                "the PSF of {} changes over the frame ({FIELD_FILE}): use its stored images, or synthesise with --bank",
+                self.root.display()
+            ))),
+        }
     }
 
     /// The triplets reserved for `split`.

@@ -20,6 +20,7 @@ use ::exr::meta::header::Header;
 use super::format::{Encoding, Format};
 use super::guard::guarded;
 use super::{DomainTag, Pixels};
+use crate::core::bayer::BayerPattern;
 use crate::core::error::{Error, Result};
 use crate::core::provenance::Provenance;
 
@@ -33,12 +34,12 @@ const PROVENANCE_ATTRIBUTE: &str = "udc:provenance";
 /// Number of blocks that are decoded or encoded at once: enough for any number of threads.
 const WAVE: usize = 64;
 
-/// Decodes the one RGB or grey layer of a file.
-pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
+/// Decodes the one RGB or grey layer of a file, or, with a pattern, its packed mosaic.
+pub(super) fn decode(path: &Path, bytes: &[u8], packed: Option<BayerPattern>) -> Result<(Pixels, Encoding)> {
     let damaged = |reason: String| Error::format(path, reason);
     let (meta, header_end) = read_meta(bytes).map_err(damaged)?;
     limits::check(path, &meta, bytes.len())?;
-    let layer = layers::choose_layer(&meta).map_err(damaged)?;
+    let layer = layers::choose_layer(&meta, packed).map_err(damaged)?;
     let planes = blocks::decode_layer(bytes, header_end, &meta, &layer).map_err(damaged)?;
     let header = &meta.headers[layer.header];
     let sample_type = match header.channels.list[layer.channels[0]].sample_type {
@@ -46,12 +47,13 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
         SampleType::F32 => "float",
         SampleType::U32 => "uint32",
     };
+    let planes = window::place_in_display_window(planes, header).map_err(damaged)?;
     let pixels = Pixels {
-        planes: window::place_in_display_window(planes, header).map_err(damaged)?,
         domain: text_attribute(header, DOMAIN_ATTRIBUTE).and_then(|name| DomainTag::from_name(&name)),
         exposure_s: exposure_of(header),
         provenance: text_attribute(header, PROVENANCE_ATTRIBUTE)
             .and_then(|json| serde_json::from_str(&json).ok()),
+        ..Pixels::of_planes(planes)
     };
     Ok((pixels, Encoding { format: Format::Exr, sample_type: sample_type.to_owned() }))
 }

@@ -42,15 +42,24 @@ fn images_of_folder(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(read_error)? {
         let path = entry.map_err(read_error)?.path();
-        if path.is_file() && Format::known_extension(&path).is_some() {
+        if path.is_file() && is_image(&path) {
             files.push(path);
         }
     }
     if files.is_empty() {
-        return Err(Error::format(folder, "the folder holds no image (.exr, .npy, .hdr, .png, .tif, .jpg)"));
+        return Err(Error::format(
+            folder,
+            "the folder holds no image (.exr, .npy, .hdr, .png, .tif, .dng, .jpg)",
+        ));
     }
     files.sort();
     Ok(files)
+}
+
+/// Whether the name is that of an image: of a format that is written, or of a camera's raw file.
+fn is_image(path: &Path) -> bool {
+    let is_raw = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("dng"));
+    is_raw || Format::known_extension(path).is_some()
 }
 
 fn files_of_pattern(input: &Path, pattern: &str) -> Result<Vec<PathBuf>> {

@@ -9,7 +9,9 @@ mod atomic;
 mod bank;
 mod container;
 mod describe;
+mod dng;
 mod exr;
+mod field;
 mod folder;
 mod format;
 mod grey_tiff;
@@ -19,11 +21,13 @@ mod npy;
 mod plain;
 mod planes;
 mod raster;
+mod tiff_directory;
 
 use std::path::Path;
 
-use ndarray::{Array3, ArrayView3, Axis, concatenate};
+use ndarray::{Array3, ArrayView2, ArrayView3, Axis, concatenate};
 
+use super::bayer::BayerPattern;
 use super::error::{Error, Result};
 use super::image::{Domain, Image, Linear, ToneMapped};
 use super::provenance::Provenance;
@@ -39,6 +43,7 @@ pub use describe::{
     ArrayDescription, BankDescription, Description, ImageDescription, ModelDescription, PsfChannel,
     PsfDescription, Statistics, describe, describe_psf,
 };
+pub use field::{read_field, read_psf_field, write_psf_field};
 pub use folder::{AppendFile, LineLog, create_folder, publish_folder, remove};
 pub use format::{Encoding, Format};
 pub use inputs::expand_inputs;
@@ -89,12 +94,27 @@ pub struct Pixels {
     pub exposure_s: Option<f64>,
     /// The provenance that the file carries.
     pub provenance: Option<Provenance>,
+    /// What a camera's raw file says of its values.
+    pub raw: Option<RawMetadata>,
+}
+
+/// What a camera's raw file says of its values; levels are in the units of the planes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RawMetadata {
+    /// The colours of the mosaic; none for three full planes.
+    pub bayer: Option<BayerPattern>,
+    /// The value of a dark photosite.
+    pub black: f64,
+    /// The value of a full photosite.
+    pub white: f64,
+    /// Gains of red, green and blue that make grey grey.
+    pub white_balance: Option<[f64; 3]>,
 }
 
 impl Pixels {
     /// Takes planes over that a file says nothing about.
     pub fn of_planes(planes: Array3<f32>) -> Self {
-        Self { planes, domain: None, exposure_s: None, provenance: None }
+        Self { planes, domain: None, exposure_s: None, provenance: None, raw: None }
     }
 }
 
@@ -124,7 +144,26 @@ pub fn read_pixels(path: &Path) -> Result<Pixels> {
 /// As [`read_pixels`].
 pub fn inspect_image(path: &Path) -> Result<(Pixels, Encoding)> {
     let (format, bytes) = format::read_recognised(path)?;
-    decode_image(path, &bytes, format)
+    decode_image(path, &bytes, format, None)
+}
+
+/// Reads a picture of a sensor with how it is stored: four channels are a packed mosaic, not colours with an alpha.
+///
+/// The planes are the pattern's photosites in reading order. In OpenEXR the channels R, G1, G2, B (greens in reading
+/// order) or R, Gr, Gb, B (greens in the rows of red and of blue) are found by name; R, G, B, A and the four channels of
+/// other formats are the photosites in this order. An alpha that is opaque everywhere is no photosite.
+///
+/// # Errors
+/// As [`read_pixels`].
+pub fn inspect_mosaic(path: &Path, pattern: BayerPattern) -> Result<(Pixels, Encoding)> {
+    let (format, bytes) = format::read_recognised(path)?;
+    let (mut pixels, encoding) = decode_image(path, &bytes, format, Some(pattern))?;
+    let is_opaque = |alpha: ArrayView2<'_, f32>| alpha.iter().all(|a| (a - 1.0).abs() < f32::EPSILON);
+    let planes = &mut pixels.planes;
+    if format != Format::Npy && planes.dim().0 == 4 && is_opaque(planes.index_axis(Axis(0), 3)) {
+        planes.remove_index(Axis(0), 3);
+    }
+    Ok((pixels, encoding))
 }
 
 /// Reads the provenance of an image file without its pixels; formats other than EXR carry none.
@@ -136,11 +175,19 @@ pub fn read_provenance(path: &Path) -> Result<Option<Provenance>> {
     Ok(exr::provenance_of_head(&head))
 }
 
-fn decode_image(path: &Path, bytes: &[u8], format: Format) -> Result<(Pixels, Encoding)> {
+fn decode_image(
+    path: &Path,
+    bytes: &[u8],
+    format: Format,
+    packed: Option<BayerPattern>,
+) -> Result<(Pixels, Encoding)> {
     match format {
-        Format::Exr => exr::decode(path, bytes),
+        Format::Exr => exr::decode(path, bytes, packed),
         Format::Npy => npy::decode_image(path, bytes),
-        Format::Png | Format::Jpeg | Format::Tiff | Format::Hdr => raster::decode(path, bytes, format),
+        Format::Tiff if dng::is_dng(bytes) => dng::decode(path, bytes),
+        Format::Png | Format::Jpeg | Format::Tiff | Format::Hdr => {
+            raster::decode(path, bytes, format, packed.is_some())
+        }
     }
 }
 
@@ -159,6 +206,7 @@ pub fn read_image<D: Domain>(path: &Path) -> Result<Image<D>> {
 /// As [`read_image`], but for those of reading.
 pub fn image_of<D: Domain>(path: &Path, pixels: Pixels) -> Result<Image<D>> {
     check_domain::<D>(path, pixels.domain)?;
+    check_cooked(path, &pixels)?;
     let planes = to_rgb(path, pixels.planes)?;
     Image::from_planes(planes).map_err(|error| Error::format(path, error.to_string()))
 }
@@ -170,6 +218,7 @@ pub fn image_of<D: Domain>(path: &Path, pixels: Pixels) -> Result<Image<D>> {
 pub fn read_psf(path: &Path) -> Result<Psf> {
     let pixels = read_pixels(path)?;
     check_domain::<Linear>(path, pixels.domain)?;
+    check_cooked(path, &pixels)?;
     let planes = to_rgb(path, pixels.planes)?;
     Psf::from_energy(planes).map_err(|error| Error::format(path, error.to_string()))
 }
@@ -266,6 +315,16 @@ fn check_domain<D: Domain>(path: &Path, declared: Option<DomainTag>) -> Result<(
             ))
         }
         _ => Ok(()),
+    }
+}
+
+fn check_cooked(path: &Path, pixels: &Pixels) -> Result<()> {
+    match pixels.raw {
+        None => Ok(()),
+        Some(_) => Err(Error::format(
+            path,
+            "is a camera's raw file; `udc fuse` and `udc restore` read it, other commands read what they write",
+        )),
     }
 }
 

@@ -1,5 +1,6 @@
 //! Reads and writes PNG, JPEG, TIFF and Radiance HDR as planes of floats.
 
+use std::borrow::Cow;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -14,7 +15,7 @@ use super::format::{Encoding, Format};
 use super::grey_tiff;
 use super::guard::guarded;
 use super::planes::{from_interleaved, to_interleaved};
-use super::{MAX_PIXELS, PixelOptions, Pixels};
+use super::{MAX_PIXELS, PixelOptions, Pixels, tiff_directory};
 use crate::core::error::{Error, Result};
 
 /// The most memory a decoder may take beside the image: a frame of [`MAX_PIXELS`] at 16 bits.
@@ -26,8 +27,13 @@ const MAX_RATIO: u64 = 4096;
 /// Beyond this the files grow and the pictures do not get better to the eye.
 const JPEG_QUALITY: u8 = 95;
 
-/// Decodes an image; grey stays one plane, integers are divided by their type's maximum.
-pub(super) fn decode(path: &Path, bytes: &[u8], format: Format) -> Result<(Pixels, Encoding)> {
+/// Decodes an image; grey stays one plane, integers are divided by their type's maximum. A fourth channel is kept if it is
+/// `packed` with the others.
+pub(super) fn decode(path: &Path, bytes: &[u8], format: Format, packed: bool) -> Result<(Pixels, Encoding)> {
+    let bytes = &*match format {
+        Format::Tiff if packed => tiff_directory::bands_as_rgba(bytes),
+        _ => Cow::Borrowed(bytes),
+    };
     if format == Format::Tiff
         && let Some(planes) = grey_tiff::decode(bytes)
     {
@@ -40,7 +46,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: Format) -> Result<(Pixel
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => "uint16",
         _ => "float",
     };
-    let planes = to_planes(&image).map_err(|reason| Error::format(path, reason))?;
+    let planes = to_planes(&image, packed).map_err(|reason| Error::format(path, reason))?;
     Ok((Pixels::of_planes(planes), Encoding { format, sample_type: sample_type.to_owned() }))
 }
 
@@ -76,7 +82,7 @@ fn image_format(format: Format) -> ImageFormat {
     }
 }
 
-fn to_planes(image: &DynamicImage) -> Result<Array3<f32>, String> {
+fn to_planes(image: &DynamicImage, packed: bool) -> Result<Array3<f32>, String> {
     let shape = (usize::from(image.color().channel_count()), image.height() as usize, image.width() as usize);
     let planes = match image {
         DynamicImage::ImageLuma8(i) => from_interleaved(i.as_raw(), shape, from_u8),
@@ -91,7 +97,7 @@ fn to_planes(image: &DynamicImage) -> Result<Array3<f32>, String> {
         DynamicImage::ImageRgba32F(i) => from_interleaved(i.as_raw(), shape, |v| v),
         other => return Err(format!("has colours of type {:?}, which is not read", other.color())),
     };
-    drop_alpha(planes)
+    if packed && planes.dim().0 == 4 { Ok(planes) } else { drop_alpha(planes) }
 }
 
 fn from_u8(value: u8) -> f32 {

@@ -120,9 +120,9 @@ fn damaged(bytes: &[u8], name: &str) -> Vec<Vec<u8>> {
 fn damaged_images_are_read_or_refused() {
     let path = Path::new("image");
     for (name, format, bytes) in files() {
-        decode_image(path, &bytes, format).unwrap_or_else(|error| panic!("{name}: {error}"));
+        decode_image(path, &bytes, format, None).unwrap_or_else(|error| panic!("{name}: {error}"));
         let refused =
-            damaged(&bytes, &name).iter().filter(|v| decode_image(path, v, format).is_err()).count();
+            damaged(&bytes, &name).iter().filter(|v| decode_image(path, v, format, None).is_err()).count();
         assert!(refused >= 10, "{name}: only {refused} damaged files were refused");
     }
 }

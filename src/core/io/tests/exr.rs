@@ -47,7 +47,7 @@ fn file(layers: Vec<(&str, AnyChannels<Levels<FlatSamples>>)>) -> Vec<u8> {
 }
 
 fn decode(bytes: &[u8]) -> Result<Array3<f32>> {
-    decode_image(Path::new("a.exr"), bytes, Format::Exr).map(|(pixels, _)| pixels.planes)
+    decode_image(Path::new("a.exr"), bytes, Format::Exr, None).map(|(pixels, _)| pixels.planes)
 }
 
 fn full_resolution() -> Array3<f32> {
@@ -130,10 +130,10 @@ fn domain_exposure_and_provenance_travel_with_the_image() {
     let path = folder.path().join("a.exr");
     let provenance = Provenance::new("fuse", &serde_json::json!({"input": "Außenaufnahme №1.exr"}));
     let pixels = Pixels {
-        planes: Array3::zeros((3, 4, 5)),
         domain: Some(DomainTag::ToneMapped),
         exposure_s: Some(0.03125),
         provenance: Some(provenance),
+        ..Pixels::of_planes(Array3::zeros((3, 4, 5)))
     };
     write_pixels(&path, &pixels, PixelOptions::default()).unwrap();
     let read = read_pixels(&path).unwrap();

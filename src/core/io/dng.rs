@@ -1,0 +1,176 @@
+//! Reads the raw image of a digital negative (DNG 1.7): the values of the photosites, and what the file says of them.
+//!
+//! The raw image lies in the first directory or in one inside of it, beside previews. It is stored as a grey or RGB TIFF
+//! image is, but for what its samples are declared to be: it is decoded as such, cut to its active area, and every
+//! photosite brought to the same black level.
+
+use std::path::Path;
+
+use ndarray::{Array3, s};
+
+use super::format::{Encoding, Format};
+use super::tiff_directory::{BITS, COMPRESSION, Directory, GREY, PHOTOMETRIC, RGB, WIDTH};
+use super::{Pixels, RawMetadata, raster};
+use crate::core::bayer::BayerPattern;
+use crate::core::error::{Error, Result};
+
+const SUB_DIRECTORIES: u16 = 330;
+const CFA_REPEAT: u16 = 33421;
+const CFA_PATTERN: u16 = 33422;
+const EXPOSURE_TIME: u16 = 33434;
+const EXIF: u16 = 34665;
+const DNG_VERSION: u16 = 50706;
+const LINEARIZATION_TABLE: u16 = 50712;
+const BLACK_LEVEL_REPEAT: u16 = 50713;
+const BLACK_LEVEL: u16 = 50714;
+const WHITE_LEVEL: u16 = 50717;
+const AS_SHOT_NEUTRAL: u16 = 50728;
+const ACTIVE_AREA: u16 = 50829;
+
+/// Values of [`PHOTOMETRIC`]: a mosaic, and its colours interpolated.
+const CFA: usize = 32803;
+const LINEAR_RAW: usize = 34892;
+
+/// Values of [`COMPRESSION`]: none, LZW, deflate by two names; lossless or lossy JPEG.
+const DECODED: [usize; 4] = [1, 5, 8, 32946];
+const JPEG: [usize; 2] = [7, 34892];
+
+/// The most directories that are looked at: files have a raw image and a few previews.
+const MAX_DIRECTORIES: usize = 32;
+
+/// Whether a TIFF file says that it is a digital negative, or holds a mosaic as one does.
+pub(super) fn is_dng(bytes: &[u8]) -> bool {
+    Directory::first(bytes)
+        .is_some_and(|root| root.numbers(DNG_VERSION).is_some() || root.number(PHOTOMETRIC) == Some(CFA))
+}
+
+/// The raw image `[1, height, width]`, or `[3, height, width]` where the file holds it interpolated.
+pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
+    let damaged = |reason: String| Error::format(path, reason);
+    let root = Directory::first(bytes).ok_or_else(|| damaged("is damaged: it has no directory".into()))?;
+    let inner = root.inner(SUB_DIRECTORIES).take(MAX_DIRECTORIES);
+    let raw = raw_of(std::iter::once(Directory::first(bytes)).flatten().chain(inner).collect())
+        .ok_or_else(|| damaged("is a DNG without a raw image; export it from the camera again".into()))?;
+    check_encoding(&raw).map_err(damaged)?;
+    let is_mosaic = raw.number(PHOTOMETRIC) == Some(CFA);
+    let promoted = raw.promoted(if is_mosaic { GREY } else { RGB });
+    let promoted = promoted.ok_or_else(|| damaged("is damaged: its raw directory is incomplete".into()))?;
+    let (pixels, encoding) = raster::decode(path, &promoted, Format::Tiff, false)?;
+    let mut planes = active_area(pixels.planes, &raw).map_err(damaged)?;
+    let largest = largest_value(&encoding);
+    let metadata = levelled(&mut planes, &raw, largest).map_err(damaged)?;
+    let bayer = is_mosaic.then(|| pattern_of(&raw)).transpose().map_err(damaged)?;
+    let white_balance = gains_of(&raw).or_else(|| gains_of(&root));
+    let exposure_s = exposure_of(&root).or_else(|| root.inner(EXIF).find_map(|exif| exposure_of(&exif)));
+    let raw = Some(RawMetadata { bayer, white_balance, ..metadata });
+    Ok((Pixels { exposure_s, raw, ..Pixels::of_planes(planes) }, encoding))
+}
+
+/// The widest raw image; a file may hold smaller versions of it.
+fn raw_of(directories: Vec<Directory<'_>>) -> Option<Directory<'_>> {
+    let is_raw = |directory: &Directory<'_>| {
+        directory.number(PHOTOMETRIC).is_some_and(|kind| [CFA, LINEAR_RAW].contains(&kind))
+    };
+    directories.into_iter().filter(is_raw).max_by_key(|directory| directory.number(WIDTH))
+}
+
+fn check_encoding(raw: &Directory<'_>) -> Result<(), String> {
+    let compression = raw.number(COMPRESSION).unwrap_or(1);
+    if JPEG.contains(&compression) {
+        return Err(
+            "is a DNG compressed as JPEG, which is not read; convert it to an uncompressed DNG (in Adobe \
+                    DNG Converter: compatibility custom, uncompressed)"
+                .into(),
+        );
+    }
+    if !DECODED.contains(&compression) {
+        return Err(format!(
+            "is a DNG of compression {compression}, which is not read; write it uncompressed"
+        ));
+    }
+    if let Some(bits) = raw.number(BITS).filter(|bits| ![8, 16, 32].contains(bits)) {
+        return Err(format!("is a DNG of {bits} bits a sample, which is not read; write it with 16"));
+    }
+    if raw.numbers(LINEARIZATION_TABLE).is_some() {
+        return Err(
+            "is a DNG whose values need a linearisation table, which is not read; write it linear".into()
+        );
+    }
+    Ok(())
+}
+
+fn largest_value(encoding: &Encoding) -> f64 {
+    match encoding.sample_type.as_str() {
+        "uint8" => f64::from(u8::MAX),
+        "uint16" => f64::from(u16::MAX),
+        _ => 1.0,
+    }
+}
+
+/// Cuts away the masked photosites at the borders.
+fn active_area(planes: Array3<f32>, raw: &Directory<'_>) -> Result<Array3<f32>, String> {
+    let Some(area) = raw.numbers(ACTIVE_AREA) else { return Ok(planes) };
+    let (_, height, width) = planes.dim();
+    match area[..] {
+        [top, left, bottom, right] if top < bottom && bottom <= height && left < right && right <= width => {
+            Ok(planes.slice(s![.., top..bottom, left..right]).to_owned())
+        }
+        _ => Err(format!("is damaged: its active area {area:?} lies outside of {height} × {width}")),
+    }
+}
+
+/// Reads the levels, and brings every photosite to the mean black level where they have several.
+fn levelled(planes: &mut Array3<f32>, raw: &Directory<'_>, largest: f64) -> Result<RawMetadata, String> {
+    let channels = planes.dim().0;
+    let in_planes = |levels: Vec<f64>| levels.into_iter().map(|level| level / largest).collect::<Vec<_>>();
+    let white =
+        raw.reals(WHITE_LEVEL).map_or(1.0, |levels| in_planes(levels).into_iter().fold(1.0, f64::min));
+    let blacks = raw.reals(BLACK_LEVEL).map_or(vec![0.0], in_planes);
+    let (rows, columns) = match raw.numbers(BLACK_LEVEL_REPEAT).as_deref() {
+        None => (1, 1),
+        Some(&[rows, columns]) => (rows, columns),
+        Some(_) => return Err("is damaged: its black levels have no repeat pattern".into()),
+    };
+    let black = blacks.iter().sum::<f64>() / blacks.len() as f64;
+    if blacks.iter().chain([&white]).any(|level| !level.is_finite()) || blacks.iter().any(|&b| b >= white) {
+        return Err(format!("is damaged: black levels {blacks:?} do not lie below white {white}"));
+    }
+    let metadata = RawMetadata { bayer: None, black, white, white_balance: None };
+    if blacks.iter().all(|&b| (b - black).abs() < f64::EPSILON) {
+        return Ok(metadata);
+    }
+    // Some writers give one level a channel and leave the repeat pattern out.
+    let count = rows.checked_mul(columns).and_then(|sites| sites.checked_mul(channels));
+    if count != Some(blacks.len()) {
+        return Err(format!("is damaged: {} black levels for {rows} × {columns} photosites", blacks.len()));
+    }
+    for ((channel, y, x), value) in planes.indexed_iter_mut() {
+        let here = blacks[(y % rows * columns + x % columns) * channels + channel];
+        let light = (f64::from(*value) - here) / (white - here);
+        #[expect(clippy::cast_possible_truncation, reason = "images are kept in 32 bit")]
+        let levelled = (black + light * (white - black)) as f32;
+        *value = levelled;
+    }
+    Ok(metadata)
+}
+
+/// The colours of the first two rows.
+fn pattern_of(raw: &Directory<'_>) -> Result<BayerPattern, String> {
+    let sites = raw.numbers(CFA_PATTERN).unwrap_or_default();
+    let repeats = raw.numbers(CFA_REPEAT).is_none_or(|repeat| repeat == [2, 2]);
+    let pattern = <[usize; 4]>::try_from(sites).ok().filter(|_| repeats).and_then(BayerPattern::of_sites);
+    pattern
+        .ok_or_else(|| "is a DNG whose mosaic is no Bayer pattern; it cannot be demosaiced here".to_owned())
+}
+
+/// Gains that make neutral colours grey, 1 for green.
+fn gains_of(directory: &Directory<'_>) -> Option<[f64; 3]> {
+    let neutral: [f64; 3] = directory.reals(AS_SHOT_NEUTRAL)?.try_into().ok()?;
+    let is_positive = neutral.iter().all(|value| value.is_finite() && *value > 0.0);
+    is_positive.then(|| neutral.map(|value| neutral[1] / value))
+}
+
+fn exposure_of(directory: &Directory<'_>) -> Option<f64> {
+    let seconds = *directory.reals(EXPOSURE_TIME)?.first()?;
+    (seconds.is_finite() && seconds > 0.0).then_some(seconds)
+}

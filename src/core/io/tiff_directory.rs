@@ -1,0 +1,171 @@
+//! Reads the directories of TIFF files: fields of a tag, a type, a count, and values or their position.
+//!
+//! The file: byte order, 42, the position of the first directory (TIFF 6.0, section 2). Nothing is believed that lies
+//! beyond the end of the file.
+
+use std::borrow::Cow;
+
+pub(super) const WIDTH: u16 = 256;
+pub(super) const HEIGHT: u16 = 257;
+pub(super) const BITS: u16 = 258;
+pub(super) const COMPRESSION: u16 = 259;
+pub(super) const PHOTOMETRIC: u16 = 262;
+pub(super) const SAMPLES: u16 = 277;
+const EXTRA_SAMPLES: u16 = 338;
+
+/// Values of [`PHOTOMETRIC`]: black is zero; red, green and blue.
+pub(super) const GREY: u16 = 1;
+pub(super) const RGB: u16 = 2;
+/// The value of [`EXTRA_SAMPLES`] for an alpha.
+const ALPHA: u16 = 2;
+
+/// Where the position of the first directory stands.
+const FIRST: usize = 4;
+
+/// The types of numbers: bytes, 16 and 32 bits, fractions with and without sign, positions of directories.
+const BYTE: u16 = 1;
+const SHORT: u16 = 3;
+const LONG: u16 = 4;
+const RATIONAL: u16 = 5;
+const SRATIONAL: u16 = 10;
+const IFD: u16 = 13;
+
+/// One directory of a file.
+pub(super) struct Directory<'a> {
+    bytes: &'a [u8],
+    /// Its position in the file.
+    start: usize,
+    big_endian: bool,
+    /// Tag, type, count and the place of the value or of its position.
+    fields: Vec<(u16, u16, usize, usize)>,
+}
+
+impl<'a> Directory<'a> {
+    /// The first directory of a file.
+    pub(super) fn first(bytes: &'a [u8]) -> Option<Self> {
+        let file = Self { bytes, start: 0, big_endian: bytes.starts_with(b"MM"), fields: Vec::new() };
+        file.at(file.u32(FIRST)?)
+    }
+
+    /// Another directory of the same file.
+    fn at(&self, start: usize) -> Option<Self> {
+        let mut directory = Self { start, fields: Vec::new(), ..*self };
+        let count = usize::from(directory.u16(start)?);
+        for index in 0..count {
+            let place = start.checked_add(2 + 12 * index)?;
+            directory.slice(place, 12)?;
+            let field =
+                (directory.u16(place)?, directory.u16(place + 2)?, directory.u32(place + 4)?, place + 8);
+            directory.fields.push(field);
+        }
+        Some(directory)
+    }
+
+    /// The directories whose positions a field lists.
+    pub(super) fn inner(&self, tag: u16) -> impl Iterator<Item = Self> + '_ {
+        self.numbers(tag).unwrap_or_default().into_iter().filter_map(|start| self.at(start))
+    }
+
+    fn u16(&self, place: usize) -> Option<u16> {
+        let bytes = *self.bytes.get(place..)?.first_chunk::<2>()?;
+        Some(if self.big_endian { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) })
+    }
+
+    fn u32(&self, place: usize) -> Option<usize> {
+        let bytes = *self.bytes.get(place..)?.first_chunk::<4>()?;
+        let value = if self.big_endian { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) };
+        usize::try_from(value).ok()
+    }
+
+    pub(super) fn is_big_endian(&self) -> bool {
+        self.big_endian
+    }
+
+    /// `length` bytes of the file from `start`.
+    pub(super) fn slice(&self, start: usize, length: usize) -> Option<&'a [u8]> {
+        self.bytes.get(start..start.checked_add(length)?)
+    }
+
+    /// Type, count and position of a field's values of `size` bytes each; all are there.
+    fn values(&self, tag: u16, size_of: impl Fn(u16) -> Option<usize>) -> Option<(u16, usize, usize)> {
+        let &(_, kind, count, place) = self.fields.iter().find(|field| field.0 == tag)?;
+        let length = count.checked_mul(size_of(kind)?)?;
+        let start = if length <= 4 { place } else { self.u32(place)? };
+        self.slice(start, length)?;
+        Some((kind, count, start))
+    }
+
+    /// All values of a field of integers.
+    pub(super) fn numbers(&self, tag: u16) -> Option<Vec<usize>> {
+        let size_of = |kind| match kind {
+            BYTE => Some(1),
+            SHORT => Some(2),
+            LONG | IFD => Some(4),
+            _ => None,
+        };
+        let (kind, count, start) = self.values(tag, size_of)?;
+        let value = |index: usize| match kind {
+            BYTE => self.bytes.get(start + index).copied().map(usize::from),
+            SHORT => self.u16(start + 2 * index).map(usize::from),
+            _ => self.u32(start + 4 * index),
+        };
+        (0..count).map(value).collect()
+    }
+
+    /// The first value of a field of integers.
+    pub(super) fn number(&self, tag: u16) -> Option<usize> {
+        self.numbers(tag)?.first().copied()
+    }
+
+    /// All values of a field of integers or fractions; a fraction by zero is not finite.
+    pub(super) fn reals(&self, tag: u16) -> Option<Vec<f64>> {
+        if let Some(numbers) = self.numbers(tag) {
+            return Some(numbers.into_iter().map(|number| number as f64).collect());
+        }
+        let (kind, count, start) =
+            self.values(tag, |kind| [RATIONAL, SRATIONAL].contains(&kind).then_some(8))?;
+        let part = |place: usize| {
+            let bits = u32::try_from(self.u32(place)?).ok()?;
+            Some(if kind == SRATIONAL { f64::from(bits.cast_signed()) } else { f64::from(bits) })
+        };
+        (0..count).map(|index| Some(part(start + 8 * index)? / part(start + 8 * index + 4)?)).collect()
+    }
+
+    /// The file with this directory as its first, and its samples declared to be [`GREY`] or [`RGB`].
+    pub(super) fn promoted(&self, photometric: u16) -> Option<Vec<u8>> {
+        let (_, _, place) = self.values(PHOTOMETRIC, |kind| (kind == SHORT).then_some(2))?;
+        let mut bytes = self.bytes.to_vec();
+        self.put_u32(&mut bytes, FIRST, u32::try_from(self.start).ok()?);
+        self.put_u16(&mut bytes, place, photometric);
+        Some(bytes)
+    }
+
+    fn put_u16(&self, bytes: &mut [u8], place: usize, value: u16) {
+        let value = if self.big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
+        bytes[place..place + 2].copy_from_slice(&value);
+    }
+
+    fn put_u32(&self, bytes: &mut [u8], place: usize, value: u32) {
+        let value = if self.big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
+        bytes[place..place + 4].copy_from_slice(&value);
+    }
+}
+
+/// Declares four grey bands, as arrays are often stored, to be three colours and an alpha, which decoders know.
+pub(super) fn bands_as_rgba(bytes: &[u8]) -> Cow<'_, [u8]> {
+    let promoted = || {
+        let directory = Directory::first(bytes)?;
+        if directory.number(PHOTOMETRIC) != Some(usize::from(GREY)) || directory.number(SAMPLES) != Some(4) {
+            return None;
+        }
+        let mut promoted = directory.promoted(RGB)?;
+        let extra = directory.fields.iter().find(|(tag, kind, ..)| (*tag, *kind) == (EXTRA_SAMPLES, SHORT));
+        if let Some(&(.., place)) = extra {
+            // One alpha, whose value stands in the field, in place of three unnamed bands.
+            directory.put_u32(&mut promoted, place - 4, 1);
+            directory.put_u16(&mut promoted, place, ALPHA);
+        }
+        Some(promoted)
+    };
+    promoted().map_or(Cow::Borrowed(bytes), Cow::Owned)
+}
