@@ -25,7 +25,8 @@ pub(crate) struct BracketArgs {
     /// Value of a dark photosite, in the same units [default: 0]
     #[arg(long, value_name = "B", value_parser = parse_fraction)]
     black: Option<f64>,
-    /// Colours of the first two rows of a mosaic
+    /// Colours of the first two rows of a mosaic. Greens on the wrong diagonal are noticed; red and blue exchanged look
+    /// like another scene
     #[arg(long, value_enum, value_name = "PATTERN")]
     pub(crate) bayer: Option<Bayer>,
     /// Gains of red, green and blue
@@ -90,7 +91,7 @@ impl BracketArgs {
                 bail!("--white-balance takes three gains, red, green and blue; found {}", gains.len())
             }
         };
-        Ok(FuseConfig {
+        let config = FuseConfig {
             white: self.white.unwrap_or(default.white),
             black: self.black.unwrap_or(default.black),
             merge: self.merge.map_or(default.merge, MergeRule::from),
@@ -99,7 +100,9 @@ impl BracketArgs {
             estimate_exposures: self.estimate_exposures,
             max_motion_px: if self.allow_motion { None } else { default.max_motion_px },
             ..default
-        })
+        };
+        config.check()?;
+        Ok(config)
     }
 
     /// Reads the pictures of a bracket.
