@@ -133,7 +133,8 @@ impl Stages for Finishing<'_> {
     }
 
     fn read(&self, job: &Job) -> Result<Self::Input> {
-        let image = AnyImage::read(&job.input, self.args.domain)?;
+        let read = || AnyImage::read(&job.input, self.args.domain);
+        let image = self.session.timed(format_args!("reading {}", job.input.display()), read)?;
         let ccm = job.ccm.as_deref().map(read_color_matrix).transpose()?;
         if let (Some(ccm), Some(path)) = (&ccm, &job.ccm)
             && ccm.looks_transposed()
@@ -162,7 +163,8 @@ impl Stages for Finishing<'_> {
             _ => false,
         };
         let config = FinishConfig { eight_bit, ..self.config };
-        let planes = finish(image.into_linear(self.curve), &look, &config)?;
+        let finish = || finish(image.into_linear(self.curve), &look, &config);
+        let planes = self.session.timed(self.doing(job), finish)?;
         Ok(Finished { planes, look, config })
     }
 
@@ -177,7 +179,8 @@ impl Stages for Finishing<'_> {
         let overwrite = self.session.overwrite;
         let options =
             PixelOptions { overwrite, clip: true, eight_bit: config.eight_bit, ..PixelOptions::default() };
-        write_pixels(&job.output, &pixels, options)?;
+        let write = || write_pixels(&job.output, &pixels, options);
+        self.session.timed(format_args!("writing {}", job.output.display()), write)?;
         self.session.say(job.output.display())
     }
 }

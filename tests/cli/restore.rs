@@ -315,6 +315,53 @@ fn restores_brackets_of_mosaics_folder_by_folder() {
     assert!(scratch.path().join("missing/a.exr").exists());
 }
 
+/// The bracket of [`write_raw_bracket`] through red, green and blue filters (RGGB).
+fn write_coloured_bracket(folder: &Path) {
+    write_raw_bracket(folder, &[("1.npy", 1.0), ("2.npy", 0.25), ("3.npy", 0.0625)], 0);
+    for name in ["1.npy", "2.npy", "3.npy"] {
+        let file = folder.join(name);
+        let mut mosaic = io::read_array(&file).unwrap();
+        mosaic.indexed_iter_mut().for_each(|(place, value)| {
+            let filter = [0.5, 1.0, 1.0, 0.3][place[0] % 2 * 2 + place[1] % 2];
+            *value = (64.0 + (*value - 64.0) * filter).round();
+        });
+        io::write_array(&file, &mosaic.mapv(|v| v as f32), true).unwrap();
+    }
+}
+
+#[test]
+fn says_what_is_wrong_with_a_bracket() {
+    let scratch = scratch();
+    write_coloured_bracket(&scratch.path().join("raw"));
+    let all = ["raw/1.npy", "raw/2.npy", "raw/3.npy"];
+    let flags = |black: &'static str, bayer: &'static str| {
+        ["--white", "1023", "--black", black, "--bayer", bayer, "--exposures", "1,1/4,1/16", "--overwrite"]
+    };
+    let run = |pictures: &[&'static str], black, bayer| {
+        let how = ["--method", "wiener", "--psf", "psf.exr", "-o", "out.exr"];
+        let arguments = [&["restore"][..], pictures, &flags(black, bayer), &how].concat();
+        let output = udc(scratch.path(), &arguments);
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let refuses = |pictures: &[&'static str], black, reason: &str| {
+        let (code, said) = run(pictures, black, "rggb");
+        assert!(code == Some(1) && said.contains(reason) && said.lines().count() == 1, "{code:?} {said}");
+    };
+    refuses(&["raw/3.npy", "raw/2.npy", "raw/1.npy"], "64", "is brighter than picture 1");
+    refuses(&["raw/1.npy", "raw/3.npy", "raw/2.npy"], "64", "is brighter than picture 2");
+    refuses(&all[..2], "64", "expected 3 pictures, one for each exposure time, found 2");
+    refuses(&all, "200", "black: lies above");
+    refuses(&all, "2000", "white: must lie above black 2000, found 1023");
+    assert_eq!(run(&all, "64", "rggb"), (Some(0), String::new()));
+    for wrong in ["grbg", "gbrg"] {
+        let (code, said) = run(&all, "64", wrong);
+        assert!(code == Some(0) && said.contains("check --bayer"), "{said}");
+    }
+    let mosaic = ArrayD::from_elem(vec![94, 112], 70.0f32);
+    io::write_array(&scratch.path().join("raw/2.npy"), &mosaic, true).unwrap();
+    refuses(&all, "64", "picture 2 of the bracket: expected 1 channels of 96 × 112");
+}
+
 #[test]
 fn refuses_a_bracket_that_moved_unless_told() {
     let scratch = scratch();

@@ -85,9 +85,12 @@ impl RestoreArgs {
 
     pub(super) fn read_capture(&self, job: &Job, session: &Session) -> Result<Capture> {
         if !self.is_bracket() && !self.raw.is_raw() {
-            return Ok(Capture { pixels: AnyImage::read(&job.inputs[0], self.domain)?, saturation: None });
+            let read = || AnyImage::read(&job.inputs[0], self.domain);
+            let pixels = session.timed(format_args!("reading {}", job.name()), read)?;
+            return Ok(Capture { pixels, saturation: None });
         }
-        let mut pictures = self.raw.read(&job.inputs)?;
+        let mut pictures =
+            session.timed(format_args!("reading {}", job.name()), || self.raw.read(&job.inputs))?;
         let bracket = if self.is_bracket() {
             let Some(times) = self.raw.exposures.clone().or(pictures.times) else {
                 bail!(
@@ -98,7 +101,8 @@ impl RestoreArgs {
         } else {
             Bracket::single(pictures.planes.remove(0))?
         };
-        let fused = fuse(bracket, &pictures.config)?;
+        let fused =
+            session.timed(format_args!("fusing {}", job.name()), || fuse(bracket, &pictures.config))?;
         for warning in warnings_of(&fused) {
             session.warn(format_args!("{}: {warning}", job.name()));
         }
