@@ -274,13 +274,19 @@ fn refuses_too_little_memory_naming_what_would_do() {
 
 /// A mosaic of a scene in three exposures, 10 bits above a black level, as a camera would store it.
 fn write_raw_bracket(folder: &Path, exposures: &[(&str, f32)], shift: usize) {
+    write_filtered_bracket(folder, exposures, shift, [1.0; 4]);
+}
+
+/// The same, the four photosites of each cell behind filters.
+fn write_filtered_bracket(folder: &Path, exposures: &[(&str, f32)], shift: usize, filters: [f32; 4]) {
     std::fs::create_dir_all(folder).unwrap();
     for (index, (name, time)) in exposures.iter().enumerate() {
         let mosaic = ArrayD::from_shape_fn(vec![96, 112], |place| {
             let (y, x) = (place[0], place[1] + shift * index);
             let lamp = |cy: f32, cx: f32| (-((y as f32 - cy).powi(2) + (x as f32 - cx).powi(2)) / 30.0).exp();
             let light = 0.2 + 12.0 * lamp(40.0, 50.0) + 6.0 * lamp(70.0, 20.0) + 9.0 * lamp(20.0, 90.0);
-            (64.0 + (light * time).min(1.0) * 959.0).round()
+            let filter = filters[place[0] % 2 * 2 + place[1] % 2];
+            (64.0 + (light * filter * time).min(1.0) * 959.0).round()
         });
         io::write_array(&folder.join(name), &mosaic, true).unwrap();
     }
@@ -315,24 +321,11 @@ fn restores_brackets_of_mosaics_folder_by_folder() {
     assert!(scratch.path().join("missing/a.exr").exists());
 }
 
-/// The bracket of [`write_raw_bracket`] through red, green and blue filters (RGGB).
-fn write_coloured_bracket(folder: &Path) {
-    write_raw_bracket(folder, &[("1.npy", 1.0), ("2.npy", 0.25), ("3.npy", 0.0625)], 0);
-    for name in ["1.npy", "2.npy", "3.npy"] {
-        let file = folder.join(name);
-        let mut mosaic = io::read_array(&file).unwrap();
-        mosaic.indexed_iter_mut().for_each(|(place, value)| {
-            let filter = [0.5, 1.0, 1.0, 0.3][place[0] % 2 * 2 + place[1] % 2];
-            *value = (64.0 + (*value - 64.0) * filter).round();
-        });
-        io::write_array(&file, &mosaic.mapv(|v| v as f32), true).unwrap();
-    }
-}
-
 #[test]
 fn says_what_is_wrong_with_a_bracket() {
     let scratch = scratch();
-    write_coloured_bracket(&scratch.path().join("raw"));
+    let exposures = [("1.npy", 1.0), ("2.npy", 0.25), ("3.npy", 0.0625)];
+    write_filtered_bracket(&scratch.path().join("raw"), &exposures, 0, [0.5, 1.0, 1.0, 0.3]);
     let all = ["raw/1.npy", "raw/2.npy", "raw/3.npy"];
     let flags = |black: &'static str, bayer: &'static str| {
         ["--white", "1023", "--black", black, "--bayer", bayer, "--exposures", "1,1/4,1/16", "--overwrite"]
