@@ -29,6 +29,7 @@ pub(crate) struct BracketArgs {
     ///
     /// A mosaic is one channel, or four channels of half its size, one for each photosite: channels R, G1, G2, B or
     /// R, Gr, Gb, B of an EXR; the channels of an RGBA PNG, TIFF or EXR, or the last axis of a .npy, in reading order.
+    /// Greens on the wrong diagonal are noticed; red and blue exchanged look like another scene.
     #[arg(long, value_enum, value_name = "PATTERN")]
     pub(crate) bayer: Option<Bayer>,
     /// Gains of red, green and blue [default: what a DNG says, else 1,1,1]
@@ -93,7 +94,7 @@ impl BracketArgs {
                 bail!("--white-balance takes three gains, red, green and blue; found {}", gains.len())
             }
         };
-        Ok(FuseConfig {
+        let config = FuseConfig {
             white: self.white.unwrap_or(default.white),
             black: self.black.unwrap_or(default.black),
             merge: self.merge.map_or(default.merge, MergeRule::from),
@@ -102,7 +103,9 @@ impl BracketArgs {
             estimate_exposures: self.estimate_exposures,
             max_motion_px: if self.allow_motion { None } else { default.max_motion_px },
             ..default
-        })
+        };
+        config.check()?;
+        Ok(config)
     }
 
     /// Reads the pictures of a bracket.

@@ -19,9 +19,11 @@ use udc::core::error;
 use udc::core::io::DomainTag;
 use udc::core::metrics::Measure;
 use udc::eval::{EvalConfig, Evaluation, Matrix};
+use udc::restore::Highlights;
 
 use super::Session;
 use super::domain::DomainArg;
+use super::highlights::HighlightsArg;
 use super::method::MethodArg;
 use super::metrics::MetricArgs;
 use comparison::{Comparison, Extras};
@@ -41,6 +43,7 @@ use restorer::Restorer;
 #[command(after_help = "Examples:\n  udc eval dataset --model run/model.safetensors -o results\n  \
     udc eval dataset --model a/model.safetensors b/model.safetensors --method wiener --method constrained \\\n    \
     --regions --mismatch --ldr -o results\n  \
+    udc eval dataset --model model.safetensors --highlights network,blend,keep --regions -o results\n  \
     udc eval --restored restored --gt clean -o results")]
 pub(crate) struct EvalArgs {
     /// Datasets to restore and measure
@@ -52,6 +55,9 @@ pub(crate) struct EvalArgs {
     /// Deconvolutions to measure, with the PSF of each image's kernel; may be repeated
     #[arg(long, value_enum, value_name = "METHOD", value_delimiter = ',', requires = "dataset")]
     method: Vec<MethodArg>,
+    /// What to do where the capture is saturated; a row for each of several [default: network]
+    #[arg(long, value_enum, value_name = "WHAT", value_delimiter = ',', requires = "dataset")]
+    highlights: Vec<HighlightsArg>,
     /// Folder of restored images, instead of a dataset
     #[arg(long, value_name = "DIR", requires = "gt")]
     restored: Option<PathBuf>,
@@ -172,10 +178,17 @@ impl EvalArgs {
 
     fn restorers(&self) -> Result<Vec<Restorer>> {
         let mut restorers = vec![Restorer::Nothing];
+        let asked: Vec<Highlights> = self.highlights.iter().map(|&highlights| highlights.into()).collect();
+        let treatments = if asked.is_empty() { vec![Highlights::default()] } else { asked };
         for path in &self.model {
-            restorers.push(Restorer::network(path)?);
+            for &highlights in &treatments {
+                restorers.push(Restorer::network(path, highlights)?);
+            }
         }
-        restorers.extend(self.method.iter().map(|&method| Restorer::Deconvolution(method)));
+        for &method in &self.method {
+            restorers
+                .extend(treatments.iter().map(|&highlights| Restorer::Deconvolution(method, highlights)));
+        }
         Ok(restorers)
     }
 

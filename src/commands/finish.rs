@@ -165,7 +165,8 @@ impl Stages for Finishing<'_> {
     }
 
     fn read(&self, job: &Job) -> Result<Self::Input> {
-        let image = AnyImage::read(&job.input, self.args.domain)?;
+        let read = || AnyImage::read(&job.input, self.args.domain);
+        let image = self.session.timed(format_args!("reading {}", job.input.display()), read)?;
         let ccm = job.ccm.as_deref().map(read_color_matrix).transpose()?;
         if let (Some(ccm), Some(path)) = (&ccm, &job.ccm)
             && ccm.looks_transposed()
@@ -187,7 +188,8 @@ impl Stages for Finishing<'_> {
     }
 
     fn compute(&self, job: &Job, (image, look): Self::Input) -> Result<Finished> {
-        let planes = finish(image.into_linear(self.curve), &look, &self.config_of(job))?;
+        let finish = || finish(image.into_linear(self.curve), &look, &self.config_of(job));
+        let planes = self.session.timed(self.doing(job), finish)?;
         Ok(Finished { planes, look })
     }
 
@@ -199,7 +201,8 @@ impl Stages for Finishing<'_> {
         let overwrite = self.session.overwrite;
         let eight_bit = self.config_of(job).eight_bit;
         let options = PixelOptions { overwrite, clip: true, eight_bit, ..PixelOptions::default() };
-        write_pixels(&job.output, &pixels, options)?;
+        let write = || write_pixels(&job.output, &pixels, options);
+        self.session.timed(format_args!("writing {}", job.output.display()), write)?;
         self.session.say(job.output.display())
     }
 }

@@ -12,6 +12,7 @@ mod domain;
 mod eval;
 mod finish;
 mod fuse;
+mod highlights;
 mod info;
 mod man;
 mod method;
@@ -133,6 +134,18 @@ impl Session {
         if self.verbosity > 1 {
             eprintln!("{text}");
         }
+    }
+
+    /// Does a step of the work, and tells with `--verbose` how long it took.
+    pub(crate) fn timed<T, E>(
+        &self,
+        doing: impl std::fmt::Display,
+        step: impl FnOnce() -> Result<T, E>,
+    ) -> Result<T, E> {
+        let started = Instant::now();
+        let result = step()?;
+        self.detail(format_args!("{doing}: {:.2} s", started.elapsed().as_secs_f64()));
+        Ok(result)
     }
 }
 

@@ -6,7 +6,6 @@ mod field;
 mod files;
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use anyhow::Result;
 use clap::{ArgGroup, Args, ValueEnum};
@@ -15,11 +14,11 @@ use serde_json::{Value, json};
 use udc::core::io::WriteOptions;
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
-use udc::restore::Highlights;
 
 use super::Session;
 use super::bracket::BracketArgs;
 use super::domain::DomainArg;
+use super::highlights::HighlightsArg;
 use super::picture::{AnyImage, check_domain_of_output};
 use super::queue::{Stages, remaining, run_all};
 use code::CodeArgs;
@@ -101,26 +100,6 @@ enum FormatArg {
     Tif,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum HighlightsArg {
-    /// Leave what the network or the deconvolution makes of them
-    Network,
-    /// Keep the capture's values in every saturated pixel
-    Keep,
-    /// Keep them inside of large saturated areas, fading to the restored values at their edges
-    Blend,
-}
-
-impl From<HighlightsArg> for Highlights {
-    fn from(highlights: HighlightsArg) -> Self {
-        match highlights {
-            HighlightsArg::Network => Self::Network,
-            HighlightsArg::Keep => Self::Keep,
-            HighlightsArg::Blend => Self::Blend,
-        }
-    }
-}
-
 impl RestoreArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let curve = ToneCurve::new(self.alpha, self.x_max)?;
@@ -173,11 +152,9 @@ impl Stages for Restoration<'_> {
 
     fn compute(&self, job: &Job, capture: Capture) -> Result<Self::Output> {
         self.session.progress.check()?;
-        let started = Instant::now();
         let domain = self.args.output_domain.unwrap_or(capture.pixels.domain());
-        let restored = self.engine.restore(&job.name(), capture, self.curve, self.session)?;
-        self.session.detail(format_args!("{}: {:.2} s", job.name(), started.elapsed().as_secs_f64()));
-        Ok((restored, domain))
+        let restore = || self.engine.restore(&job.name(), capture, self.curve, self.session);
+        Ok((self.session.timed(self.doing(job), restore)?, domain))
     }
 
     fn write(&self, job: &Job, (restored, domain): Self::Output) -> Result<()> {
@@ -186,7 +163,8 @@ impl Stages for Restoration<'_> {
             overwrite: self.session.overwrite,
             provenance: Some(Provenance::new("restore", &self.describe(job))),
         };
-        restored.write(&job.output, domain, self.curve, &options)?;
+        let write = || restored.write(&job.output, domain, self.curve, &options);
+        self.session.timed(format_args!("writing {}", job.output.display()), write)?;
         self.session.say(job.output.display())
     }
 }

@@ -17,6 +17,7 @@ use udc::core::io;
 use udc::core::psf::hex;
 use udc::eval::EvalConfig;
 use udc::network::{Backend, Model};
+use udc::restore::Highlights;
 use udc::train::TrainConfig;
 
 use super::eval::comparison::{Comparison, Extras};
@@ -194,7 +195,10 @@ impl Sweep<'_> {
 
     fn measure(&self, entry: &Entry, folder: &Path, iterations: u64) -> Result<Row> {
         let model = Model::load(&folder.join("model.safetensors"))?;
-        let restorers = [Restorer::Nothing, Restorer::Network(entry.name.clone(), Box::new(model))];
+        let restorers = [
+            Restorer::Nothing,
+            Restorer::Network(entry.name.clone(), Box::new(model), Highlights::default()),
+        ];
         let images = (Split::Test, self.args.limit);
         let comparison =
             Comparison::new(self.dataset, &restorers, images, self.args.max_memory, self.session)?;

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use rand_distr::{Distribution, StandardNormal, Uniform};
 use serde::{Deserialize, Serialize};
 
-use super::architecture::Architecture;
+use super::architecture::{Architecture, Kind};
 use super::layers::{LayerWeights, TensorSpec};
 use crate::core::error::{Error, Result};
 use crate::core::io::TensorData;
@@ -28,6 +28,21 @@ pub enum Initialisation {
     Released,
     /// Kaiming normal without bias everywhere (the paper's text).
     Paper,
+}
+
+impl Initialisation {
+    /// Checks that an architecture's signals keep their size under these weights.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for SFTMD and [`Paper`](Self::Paper): each of its sixteen residual blocks triples the variance,
+    /// which makes the first output some 10⁶.
+    pub fn check(self, architecture: &Architecture) -> Result<()> {
+        if (self, architecture.kind) == (Self::Paper, Kind::Sftmd) {
+            let reason = "\"paper\" makes the sixteen residual blocks of sftmd multiply their signals to 10⁶; use \"released\"";
+            return Err(Error::config("initialisation", reason));
+        }
+        Ok(())
+    }
 }
 
 /// A tensor of 32-bit floats with its shape, in C order.

@@ -100,6 +100,10 @@ pub fn demosaic(mosaic: ArrayView2<'_, f32>, pattern: BayerPattern) -> Result<Ar
 /// The light that is compressed to one half: a quarter of the longest exposure's white, as in the tone mapping φ.
 const COMPRESSION: f32 = 0.25;
 
+fn compress(x: f32) -> f32 {
+    x / (x.abs() + COMPRESSION)
+}
+
 /// Interpolates the missing colours of a scene with lamps: as [`demosaic`], of compressed light.
 ///
 /// Beside a lamp that is 10³ times as bright as its surroundings the correction of a linear interpolation is larger than
@@ -110,7 +114,6 @@ const COMPRESSION: f32 = 0.25;
 /// # Errors
 /// As [`demosaic`].
 pub fn demosaic_scene(mosaic: ArrayView2<'_, f32>, pattern: BayerPattern) -> Result<Array3<f32>> {
-    let compress = |x: f32| x / (x.abs() + COMPRESSION);
     let mut planes = demosaic(mosaic.mapv(compress).view(), pattern)?;
     // Overshoots end at the brightest photosite, where compressed values still have an inverse.
     let (lowest, highest) = mosaic.iter().fold((0.0f32, 0.0f32), |(low, high), &x| (low.min(x), high.max(x)));
@@ -153,10 +156,12 @@ fn mirrored(index: usize, offset: isize, length: usize) -> usize {
 /// Whether the greens seem to stand on the other diagonal: the pattern was probably declared wrongly.
 ///
 /// The two green photosites of a cell see the same colour, so that their difference is small beside that of the
-/// other two; without colour in the scene nothing can be told.
+/// other two, in compressed light so that the edges of lamps do not outweigh the scene; without colour in the scene
+/// nothing can be told.
 pub fn greens_look_swapped(mosaic: ArrayView2<'_, f32>, pattern: BayerPattern) -> bool {
     let mut difference = [0.0f64; 2];
     for cell in mosaic.exact_chunks((2, 2)) {
+        let cell = cell.mapv(compress);
         difference[0] += f64::from((cell[[0, 1]] - cell[[1, 0]]).abs());
         difference[1] += f64::from((cell[[0, 0]] - cell[[1, 1]]).abs());
     }

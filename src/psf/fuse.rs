@@ -70,7 +70,11 @@ impl Default for FuseConfig {
 }
 
 impl FuseConfig {
-    fn check(&self) -> Result<()> {
+    /// Checks levels, saturation and gains.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the key that is out of range.
+    pub fn check(&self) -> Result<()> {
         if !(self.white.is_finite() && self.black.is_finite() && self.black < self.white) {
             let reason = format!("must lie above black {}, found {}", self.black, self.white);
             return Err(Error::config("white", reason));
@@ -144,7 +148,7 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
     let (numbers, mut times) = (bracket.numbers(), bracket.times());
     let Bracket { exposures, valid } = bracket;
     let frames = scaled_frames(exposures.into_iter().map(|exposure| exposure.planes).collect(), config)?;
-    check_black(&frames[0], config)?;
+    check_black(&frames)?;
     check_order(&frames, &times, &numbers)?;
     let mut ratio_found = ratios_found(&frames, &times, config.saturation);
     if config.estimate_exposures {
@@ -243,14 +247,23 @@ fn scaled_frames(pictures: Vec<Array3<f32>>, config: &FuseConfig) -> Result<Vec<
     Ok(pictures.into_iter().map(frame).collect())
 }
 
-/// Refuses a black level that the longest exposure mostly stays below: noise alone puts only half there.
-fn check_black(longest: &Array3<f32>, config: &FuseConfig) -> Result<()> {
-    let below = longest.iter().filter(|v| **v < 0.0).count();
-    if 4 * below > 3 * longest.len() {
-        let percent = 100.0 * below as f64 / longest.len() as f64;
-        let reason =
-            format!("{} lies above {percent:.0} % of the longest exposure's values; lower it", config.black);
-        return Err(Error::config("black", reason));
+/// Values below black by this share of the range are not noise: a sensor's read noise is a tenth of that.
+const BELOW_BLACK: f32 = 0.01;
+
+/// Refuses a black level that an exposure mostly stays below, where noise alone puts half of it: three quarters of
+/// the longest, or half of any by more than noise.
+fn check_black(frames: &[Array3<f32>]) -> Result<()> {
+    let share_below = |frame: &Array3<f32>, level: f32| {
+        frame.iter().filter(|v| **v < level).count() as f64 / frame.len() as f64
+    };
+    let darkest = frames.iter().map(|frame| share_below(frame, -BELOW_BLACK)).fold(0.0, f64::max);
+    let longest = share_below(&frames[0], 0.0);
+    if longest > 0.75 || darkest > 0.5 {
+        let percent = 100.0 * longest.max(darkest);
+        return Err(Error::config(
+            "black",
+            format!("lies above {percent:.0} % of an exposure's values; lower it"),
+        ));
     }
     Ok(())
 }
@@ -377,7 +390,19 @@ mod tests {
     fn refuses_a_black_level_above_the_signal() {
         let config = FuseConfig { black: 0.3, ..FuseConfig::default() };
         let dim = Array3::from_elem((3, 9, 9), 0.2);
-        assert!(fuse(bracket(&dim), &config).unwrap_err().to_string().starts_with("black: 0.3"));
+        assert!(fuse(bracket(&dim), &config).unwrap_err().to_string().starts_with("black: lies above 100 %"));
+    }
+
+    /// Noise about the right level is let through, though half of a night's values lie below it.
+    #[test]
+    fn refuses_a_black_level_above_the_shorter_exposures() {
+        let scene =
+            Array3::from_shape_fn((3, 20, 24), |(c, y, x)| if (c + y + x) % 2 == 0 { 0.9 } else { 0.2 });
+        let config = FuseConfig { black: 0.1, ..FuseConfig::default() };
+        assert!(fuse(bracket(&scene), &config).unwrap_err().to_string().starts_with("black: lies above"));
+        let noise =
+            Array3::from_shape_fn((3, 20, 24), |(c, y, x)| 0.002 * ((c * 480 + y * 24 + x) as f32).sin());
+        assert!(check_black(&[noise.clone(), noise]).is_ok());
     }
 
     #[test]

@@ -19,8 +19,9 @@ pub enum Highlights {
     Blend,
 }
 
-/// The part of the saturation from which on a value counts as saturated: half floats round by 2⁻¹².
-pub const SATURATED_PART: f32 = 0.999;
+/// The part of the saturation from which on a value counts as saturated, as in the fusion of brackets: read noise and
+/// half floats leave some of a lamp's values below the saturation itself.
+pub const SATURATED_PART: f32 = 0.99;
 
 /// Pixels from the edge of a saturated area inwards in which the capture is not believed: the glare around a lamp
 /// saturates too and is not in the scene.

@@ -269,6 +269,7 @@ impl TrainConfig {
     /// [`Error::Config`] naming the first key that is out of range.
     pub fn validate(&self) -> Result<()> {
         self.architecture.validate()?;
+        self.initialisation.check(&self.architecture)?;
         self.validation.validate()?;
         let counts = [
             ("iterations", self.iterations),
@@ -474,6 +475,7 @@ mod tests {
             message("", &["loss.perceptual.weight=-1"]).contains("loss.perceptual.weight: must be 0 (off)")
         );
         assert!(message("", &["architecture.kind=unet"]).contains("must be \"none\""));
+        assert!(message("", &["architecture.kind=sftmd", "initialisation=paper"]).contains("\"released\""));
         assert!(message("", &["schedule.minimum=1.0"]).contains("schedule.minimum"));
         assert!(message("", &["data.crop"]).contains("expected key.path=value"));
         assert!(message("", &["validation.best=lpips"]).contains("validation.best"));

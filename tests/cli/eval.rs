@@ -193,6 +193,14 @@ fn measures_models_and_the_degraded_images_of_a_dataset() {
         "{said}"
     );
 
+    let treated = ["--model", "1.pth", "--highlights", "network,keep,blend", "-o", "highlights"];
+    succeed(scratch.path(), &[&["eval", "dataset"][..], &treated].concat());
+    let table = std::fs::read_to_string(scratch.path().join("highlights/table.md")).unwrap();
+    assert!(
+        table.contains("1.pth, highlights kept") && table.contains("1.pth, highlights blended"),
+        "{table}"
+    );
+
     succeed(scratch.path(), &["eval", "dataset", "--split", "train", "--limit", "1", "-o", "baseline"]);
     let csv = std::fs::read_to_string(scratch.path().join("baseline/metrics.csv")).unwrap();
     assert_eq!(csv.lines().count(), 2);

@@ -276,13 +276,19 @@ fn refuses_too_little_memory_naming_what_would_do() {
 
 /// A mosaic of a scene in three exposures, 10 bits above a black level, as a camera would store it.
 fn write_raw_bracket(folder: &Path, exposures: &[(&str, f32)], shift: usize) {
+    write_filtered_bracket(folder, exposures, shift, [1.0; 4]);
+}
+
+/// The same, the four photosites of each cell behind filters.
+fn write_filtered_bracket(folder: &Path, exposures: &[(&str, f32)], shift: usize, filters: [f32; 4]) {
     std::fs::create_dir_all(folder).unwrap();
     for (index, (name, time)) in exposures.iter().enumerate() {
         let mosaic = ArrayD::from_shape_fn(vec![96, 112], |place| {
             let (y, x) = (place[0], place[1] + shift * index);
             let lamp = |cy: f32, cx: f32| (-((y as f32 - cy).powi(2) + (x as f32 - cx).powi(2)) / 30.0).exp();
             let light = 0.2 + 12.0 * lamp(40.0, 50.0) + 6.0 * lamp(70.0, 20.0) + 9.0 * lamp(20.0, 90.0);
-            (64.0 + (light * time).min(1.0) * 959.0).round()
+            let filter = filters[place[0] % 2 * 2 + place[1] % 2];
+            (64.0 + (light * filter * time).min(1.0) * 959.0).round()
         });
         io::write_array(&folder.join(name), &mosaic, true).unwrap();
     }
@@ -315,6 +321,40 @@ fn restores_brackets_of_mosaics_folder_by_folder() {
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("1 of 2 images") && said.contains("expected 3 pictures"), "{said}");
     assert!(scratch.path().join("missing/a.exr").exists());
+}
+
+#[test]
+fn says_what_is_wrong_with_a_bracket() {
+    let scratch = scratch();
+    let exposures = [("1.npy", 1.0), ("2.npy", 0.25), ("3.npy", 0.0625)];
+    write_filtered_bracket(&scratch.path().join("raw"), &exposures, 0, [0.5, 1.0, 1.0, 0.3]);
+    let all = ["raw/1.npy", "raw/2.npy", "raw/3.npy"];
+    let flags = |black: &'static str, bayer: &'static str| {
+        ["--white", "1023", "--black", black, "--bayer", bayer, "--exposures", "1,1/4,1/16", "--overwrite"]
+    };
+    let run = |pictures: &[&'static str], black, bayer| {
+        let how = ["--method", "wiener", "--psf", "psf.exr", "-o", "out.exr"];
+        let arguments = [&["restore"][..], pictures, &flags(black, bayer), &how].concat();
+        let output = udc(scratch.path(), &arguments);
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let refuses = |pictures: &[&'static str], black, reason: &str| {
+        let (code, said) = run(pictures, black, "rggb");
+        assert!(code == Some(1) && said.contains(reason) && said.lines().count() == 1, "{code:?} {said}");
+    };
+    refuses(&["raw/3.npy", "raw/2.npy", "raw/1.npy"], "64", "is brighter than picture 1");
+    refuses(&["raw/1.npy", "raw/3.npy", "raw/2.npy"], "64", "is brighter than picture 2");
+    refuses(&all[..2], "64", "expected 3 pictures, one for each exposure time, found 2");
+    refuses(&all, "200", "black: lies above");
+    refuses(&all, "2000", "white: must lie above black 2000, found 1023");
+    assert_eq!(run(&all, "64", "rggb"), (Some(0), String::new()));
+    for wrong in ["grbg", "gbrg"] {
+        let (code, said) = run(&all, "64", wrong);
+        assert!(code == Some(0) && said.contains("check --bayer"), "{said}");
+    }
+    let mosaic = ArrayD::from_elem(vec![94, 112], 70.0f32);
+    io::write_array(&scratch.path().join("raw/2.npy"), &mosaic, true).unwrap();
+    refuses(&all, "64", "picture 2 of the bracket: expected 1 channels of 96 × 112");
 }
 
 #[test]

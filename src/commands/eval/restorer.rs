@@ -12,7 +12,10 @@ use udc::core::tone::ToneCurve;
 use udc::eval::{Cost, Method};
 use udc::network::Model;
 use udc::restore::deconvolution::{DeconvolutionConfig, deconvolution_bytes, deconvolve};
-use udc::restore::{Conditioning, NetworkRestorer, Tiling, format_bytes, restore_tiled};
+use udc::restore::{
+    Conditioning, Highlights, NetworkRestorer, SATURATED_PART, Tiling, blend_highlights, format_bytes,
+    restore_tiled,
+};
 
 use crate::commands::method::MethodArg;
 
@@ -21,9 +24,9 @@ pub(in crate::commands) enum Restorer {
     /// Leaves the image as it is, to compare with.
     Nothing,
     /// A network, by its name in tables.
-    Network(String, Box<Model>),
+    Network(String, Box<Model>, Highlights),
     /// A deconvolution with the kernel's PSF.
-    Deconvolution(MethodArg),
+    Deconvolution(MethodArg, Highlights),
 }
 
 /// A degraded image with what a restoration may know of it.
@@ -37,21 +40,23 @@ pub(super) struct Degraded<'a> {
 }
 
 impl Restorer {
-    pub(in crate::commands) fn network(path: &Path) -> error::Result<Self> {
-        Ok(Self::Network(super::name_of(path), Box::new(Model::load(path)?)))
+    pub(in crate::commands) fn network(path: &Path, highlights: Highlights) -> error::Result<Self> {
+        Ok(Self::Network(super::name_of(path), Box::new(Model::load(path)?), highlights))
     }
 
     pub(super) fn method(&self) -> Method {
         match self {
             Self::Nothing => Method::baseline("degraded"),
-            Self::Network(name, _) => Method::restored(name),
-            Self::Deconvolution(method) => Method::restored(method.name()),
+            Self::Network(name, _, highlights) => Method::restored(with_highlights(name, *highlights)),
+            Self::Deconvolution(method, highlights) => {
+                Method::restored(with_highlights(method.name(), *highlights))
+            }
         }
     }
 
     /// What it costs to restore images of these sizes, where that is counted.
     pub(super) fn cost(&self, sizes: &[([usize; 2], usize)]) -> Option<Cost> {
-        let Self::Network(_, model) = self else { return None };
+        let Self::Network(_, model, _) = self else { return None };
         let architecture = model.architecture();
         Some(Cost::of(architecture.parameters(), sizes, |height, width| architecture.macs(height, width)))
     }
@@ -60,8 +65,8 @@ impl Restorer {
     pub(super) fn knows_the_kernel(&self) -> bool {
         match self {
             Self::Nothing => false,
-            Self::Network(_, model) => model.architecture().condition.uses_code(),
-            Self::Deconvolution(_) => true,
+            Self::Network(_, model, _) => model.architecture().condition.uses_code(),
+            Self::Deconvolution(..) => true,
         }
     }
 
@@ -69,11 +74,11 @@ impl Restorer {
     pub(super) fn check(&self, dataset: &Dataset) -> Result<()> {
         let root = dataset.root.display();
         match self {
-            Self::Deconvolution(method) if dataset.bank.is_none() => bail!(
+            Self::Deconvolution(method, _) if dataset.bank.is_none() => bail!(
                 "{root} has kernel codes and no PSFs, which --method {} needs; name a dataset of `udc synth`",
                 method.name()
             ),
-            Self::Network(name, model) if self.knows_the_kernel() => {
+            Self::Network(name, model, _) if self.knows_the_kernel() => {
                 let (needed, found) = (model.architecture().code_dim, dataset.code_dim());
                 if needed != found {
                     bail!("{name} needs kernel codes of {needed} numbers, and those of {root} have {found}");
@@ -86,7 +91,7 @@ impl Restorer {
 
     /// What may be wrong between the restoration and the dataset, and need not be.
     pub(super) fn warning(&self, dataset: &Dataset) -> Option<String> {
-        let Self::Network(name, model) = self else { return None };
+        let Self::Network(name, model, _) = self else { return None };
         let own = &dataset.config.as_ref()?.bank_sha256;
         let trained = model.origin().kernel_bank_sha256.as_ref()?;
         (self.knows_the_kernel() && own != trained).then(|| {
@@ -101,13 +106,39 @@ impl Restorer {
         let curve = degraded.dataset.formation.curve()?;
         match self {
             Self::Nothing => Ok(curve.tone_map(degraded.image)),
-            Self::Network(_, model) => degraded.restore_by_network(model, curve),
-            Self::Deconvolution(method) => degraded.deconvolve(*method, curve),
+            Self::Network(_, model, highlights) => {
+                degraded.treat_highlights(degraded.restore_by_network(model, curve)?, *highlights, curve)
+            }
+            Self::Deconvolution(method, highlights) => {
+                degraded.treat_highlights(degraded.deconvolve(*method, curve)?, *highlights, curve)
+            }
         }
     }
 }
 
+/// The name of a row: the restoration, and what is done with highlights unless nothing.
+fn with_highlights(name: &str, highlights: Highlights) -> String {
+    match highlights {
+        Highlights::Network => name.to_owned(),
+        Highlights::Keep => format!("{name}, highlights kept"),
+        Highlights::Blend => format!("{name}, highlights blended"),
+    }
+}
+
 impl Degraded<'_> {
+    fn treat_highlights(
+        &self,
+        restored: ToneMappedImage,
+        highlights: Highlights,
+        curve: ToneCurve,
+    ) -> error::Result<ToneMappedImage> {
+        if highlights == Highlights::Network {
+            return Ok(restored);
+        }
+        let level = curve.compress(SATURATED_PART * curve.x_max);
+        blend_highlights(restored, &curve.tone_map(self.image), level, highlights)
+    }
+
     fn restore_by_network(&self, model: &Model, curve: ToneCurve) -> error::Result<ToneMappedImage> {
         let code = match model.architecture().condition.uses_code() {
             true => Conditioning::Code(self.dataset.code_of(self.kernel)?),

@@ -86,13 +86,15 @@ impl RestoreArgs {
     pub(super) fn read_capture(&self, job: &Job, session: &Session) -> Result<Capture> {
         if !self.is_bracket() && !self.raw.is_raw() {
             let file = &job.inputs[0];
-            let (pixels, encoding) = inspect_image(file)?;
+            let read = || inspect_image(file);
+            let (pixels, encoding) = session.timed(format_args!("reading {}", job.name()), read)?;
             if pixels.raw.is_none() {
                 let pixels = AnyImage::of(file, pixels, &encoding, self.domain)?;
                 return Ok(Capture { pixels, saturation: None });
             }
         }
-        let mut pictures = self.raw.read(&job.inputs)?;
+        let mut pictures =
+            session.timed(format_args!("reading {}", job.name()), || self.raw.read(&job.inputs))?;
         let bracket = if self.is_bracket() {
             let Some(times) = self.raw.exposures.clone().or(pictures.times) else {
                 bail!(
@@ -103,7 +105,8 @@ impl RestoreArgs {
         } else {
             Bracket::single(pictures.planes.remove(0))?
         };
-        let fused = fuse(bracket, &pictures.config)?;
+        let fused =
+            session.timed(format_args!("fusing {}", job.name()), || fuse(bracket, &pictures.config))?;
         for warning in warnings_of(&fused) {
             session.warn(format_args!("{}: {warning}", job.name()));
         }

@@ -109,6 +109,10 @@ impl<W: Fn(usize, usize) -> [f32; 9]> Kernel for PackPanel<'_, W> {
 impl<W: Fn(usize, usize) -> [f32; 9]> PackPanel<'_, W> {
     /// Computes G·g·Gᵀ for `TOGETHER` outputs at once.
     #[inline(always)]
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "the loop transposes: an output becomes a lane of each tap"
+    )]
     fn pack<const TOGETHER: usize>(self) {
         for lane in (0..self.panel).step_by(TOGETHER) {
             for input in 0..self.inputs {

@@ -378,6 +378,10 @@ impl Kernel for InvertWeights<'_> {
     type Output = ();
 
     #[inline(always)]
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "the loop transposes: a column becomes an entry of each row"
+    )]
     fn run<S: Simd>(self, simd: S) {
         let Self { sums, inputs, outputs, first, to } = self;
         let point_len = inputs * outputs;

@@ -2,9 +2,7 @@
 
 use ndarray::{Array2, ArrayView2, Zip};
 
-/// The part of the saturation from which on a pixel counts as saturated: below it by more than rounding to
-/// half floats (2⁻¹¹) moves a value.
-const SATURATED_PART: f32 = 0.999;
+use crate::restore::SATURATED_PART;
 
 /// Rounds of filling in: the change of the last one is below a percent of the first's.
 pub(super) const FILL_ROUNDS: usize = 5;
