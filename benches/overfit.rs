@@ -111,7 +111,7 @@ fn learns(name: &str, config: &TrainConfig) -> bool {
                 parameters: trainer.weights().clone(),
                 origin: Origin::default(),
             };
-            let found = quality(&data, Some(&Model::new(&weights, Backend::default())));
+            let found = quality(&data, Some(&Model::new(weights)));
             best = best.max(found);
             let (loss, seconds) = (sum / LOOK as f64, begun.elapsed().as_secs_f64());
             println!("{name}: {:5} steps, loss {loss:.6}, {found:.2} dB, {seconds:.0} s", step.iteration);

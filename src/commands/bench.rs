@@ -107,7 +107,7 @@ fn time_network(session: &Session, side: usize, patience: Duration) -> Result<()
     let macs = architecture.macs(side, side);
     let code = KernelCode::zeros(architecture.code_dim);
     let weights = Weights { architecture, parameters, origin: Origin::default() };
-    let model = Model::new(&weights, Backend::default());
+    let model = Model::new(weights);
     let image = ToneMappedImage::from_planes(Array3::from_elem((3, side, side), 0.5))?;
     model.restore(&image, Some(&code))?;
     let seconds = benchmark::best_time(patience, || {

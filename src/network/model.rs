@@ -7,9 +7,7 @@ use ndarray::{ArrayRef3, ArrayView3, Axis};
 use serde_json::Value;
 
 use super::architecture::Architecture;
-use super::backend::Backend;
 use super::inference::Inference;
-use super::networks::Network;
 use super::weights::{self, Weights};
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
@@ -26,11 +24,10 @@ pub struct Origin {
     pub state_dict: Option<String>,
 }
 
-/// A network with its weights on a device, for inference.
+/// A network with its weights, for inference: whole images go through the kernels, without tensors of Burn.
 #[derive(Clone, Debug)]
 pub struct Model {
-    network: Network,
-    origin: Origin,
+    weights: Arc<Weights>,
     /// The weights packed for whole images, once the first is restored.
     inference: Arc<OnceLock<Inference>>,
 }
@@ -41,41 +38,27 @@ impl Model {
     /// # Errors
     /// Those of [`weights::read`].
     pub fn load(path: &Path) -> Result<Self> {
-        Self::load_on(path, Backend::default())
+        Ok(Self::new(weights::read(path)?))
     }
 
-    /// Reads a model file or a PyTorch checkpoint for a backend of choice.
-    ///
-    /// # Errors
-    /// Those of [`weights::read`].
-    pub fn load_on(path: &Path, backend: Backend) -> Result<Self> {
-        Ok(Self::new(&weights::read(path)?, backend))
-    }
-
-    /// Puts weights on a backend's device.
-    pub fn new(weights: &Weights, backend: Backend) -> Self {
-        let device = backend.device();
-        let network = Network::new(&weights.architecture, &weights.parameters, &device);
-        Self { network, origin: weights.origin.clone(), inference: Arc::default() }
+    /// Takes weights over.
+    pub fn new(weights: Weights) -> Self {
+        Self { weights: Arc::new(weights), inference: Arc::default() }
     }
 
     /// The network's configuration.
     pub fn architecture(&self) -> &Architecture {
-        self.network.architecture()
+        &self.weights.architecture
     }
 
     /// Where the weights come from.
     pub fn origin(&self) -> &Origin {
-        &self.origin
+        &self.weights.origin
     }
 
-    /// Copies the weights to main memory.
-    pub fn to_weights(&self) -> Weights {
-        Weights {
-            architecture: self.architecture().clone(),
-            parameters: self.network.parameters(),
-            origin: self.origin.clone(),
-        }
+    /// Architecture, weights and origin.
+    pub fn weights(&self) -> &Weights {
+        &self.weights
     }
 
     /// Restores an image of any size; `code` describes its PSF, and is not looked at by networks that need
@@ -116,7 +99,7 @@ impl Model {
     }
 
     fn inference(&self) -> &Inference {
-        self.inference.get_or_init(|| Inference::new(self.architecture(), &self.network.parameters()))
+        self.inference.get_or_init(|| Inference::new(self.architecture(), &self.weights.parameters))
     }
 
     fn check_map<'a>(&self, map: Option<ArrayView3<'a, f32>>) -> Result<ArrayView3<'a, f32>> {
@@ -147,7 +130,7 @@ mod tests {
     fn model(condition: super::super::Condition) -> Model {
         let architecture = Architecture { features: 2, condition, ..Architecture::default() };
         let parameters = Parameters::random(&architecture, Initialisation::Released, 3);
-        Model::new(&Weights { architecture, parameters, origin: Origin::default() }, Backend::default())
+        Model::new(Weights { architecture, parameters, origin: Origin::default() })
     }
 
     fn image(height: usize, width: usize) -> ToneMappedImage {

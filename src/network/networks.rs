@@ -255,7 +255,7 @@ mod tests {
             let planes = values(CHANNELS * SIDES[0] * SIDES[1]);
             let planes = ndarray::Array3::from_shape_vec((CHANNELS, SIDES[0], SIDES[1]), planes).unwrap();
             let image = ToneMappedImage::from_planes(planes).unwrap();
-            let model = Model::new(&weights, Backend::default());
+            let model = Model::new(weights.clone());
             let streamed = model.restore(&image, Some(&KernelCode::from_vec(vec![0.4, -0.7]))).unwrap();
             let largest = trained.iter().fold(0.0f32, |m, v| m.max(v.abs()));
             for (a, b) in trained.iter().zip(streamed.as_slice()) {

@@ -85,13 +85,13 @@ mod tests {
     use super::*;
     use crate::core::progress::Progress;
     use crate::network::weights::Weights;
-    use crate::network::{Architecture, Backend, Condition, Initialisation, Kind, Origin, Parameters};
+    use crate::network::{Architecture, Condition, Initialisation, Kind, Origin, Parameters};
     use crate::restore::{Tiling, restore_tiled};
 
     fn model(kind: Kind, condition: Condition) -> Model {
         let architecture = Architecture { kind, condition, features: 2, ..Architecture::default() };
         let parameters = Parameters::random(&architecture, Initialisation::Paper, 6);
-        Model::new(&Weights { architecture, parameters, origin: Origin::default() }, Backend::default())
+        Model::new(Weights { architecture, parameters, origin: Origin::default() })
     }
 
     /// Sums of 32-bit floats differ where windows begin elsewhere.

@@ -273,7 +273,7 @@ impl Run {
         let Some(validator) = &self.validator else { return Ok(()) };
         let weights = self.weights(job);
         let iteration = self.trainer.iteration();
-        let validation = validator.run(&weights, job.backend, iteration)?;
+        let validation = validator.run(&weights, iteration)?;
         let metric = job.config.validation.best;
         if let Some(value) = validation.restored(metric)
             && self.best.is_none_or(|best| metric.is_better(value, best.value))

@@ -9,8 +9,8 @@ use crate::core::error::Result;
 use crate::core::image::ToneMappedImage;
 use crate::core::metrics::{Measure, Metric, MetricDefinition};
 use crate::core::rng;
+use crate::network::Model;
 use crate::network::weights::Weights;
-use crate::network::{Backend, Model};
 
 /// What equal images count as: no restored photograph comes near it.
 const HIGHEST_PSNR: f64 = 100.0;
@@ -80,8 +80,8 @@ impl Validator {
     }
 
     /// Restores every image and takes the mean of the measures.
-    pub(super) fn run(&self, weights: &Weights, backend: Backend, iteration: u64) -> Result<Validation> {
-        let model = Model::new(weights, backend);
+    pub(super) fn run(&self, weights: &Weights, iteration: u64) -> Result<Validation> {
+        let model = Model::new(weights.clone());
         let (mut restored, mut degraded) = (vec![0.0; self.measures.len()], vec![0.0; self.measures.len()]);
         for patch in &self.patches {
             let image = model.restore(&patch.degraded, patch.code.as_ref())?;

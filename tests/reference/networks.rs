@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use ndarray::{Array1, Array3};
 use udc::core::image::ToneMappedImage;
 use udc::network::weights::{self, Weights};
-use udc::network::{Architecture, Backend, Condition, Kind, Model};
+use udc::network::{Architecture, Condition, Kind, Model};
 
 use crate::discnet::npy;
 
@@ -45,7 +45,7 @@ fn a_unet_is_a_discnet_without_conditions() {
     let architecture = Architecture { kind: Kind::Unet, ..discnet.architecture.clone() };
     let unet = Weights { architecture, ..discnet.clone() };
     let restore = |weights: &Weights| {
-        let model = Model::new(weights, Backend::default());
+        let model = Model::new(weights.clone());
         model.restore(&image("networks/de-unet_input.npy"), None).unwrap()
     };
     assert_eq!(restore(&unet), restore(&discnet));

@@ -155,6 +155,8 @@ pub(super) fn slot_space(len: usize) -> usize {
 pub(super) struct Rows<'a> {
     plan: &'a Plan<'a>,
     pub(super) computed: Vec<usize>,
+    /// The steps that read each tensor.
+    readers: Vec<Vec<usize>>,
     /// Rows that each step has computed, before shuffling.
     done: Vec<usize>,
     /// Input rows fed.
@@ -166,8 +168,13 @@ pub(super) struct Rows<'a> {
 impl<'a> Rows<'a> {
     pub(super) fn new(plan: &'a Plan<'a>) -> Self {
         let network = plan.network;
+        let mut readers = vec![Vec::new(); network.tensors.len()];
+        for (s, step) in network.steps.iter().enumerate() {
+            step.operation.inputs().for_each(|tensor| readers[tensor.0].push(s));
+        }
         Self {
             plan,
+            readers,
             computed: vec![0; network.tensors.len()],
             done: vec![0; network.steps.len()],
             fed: 0,
@@ -223,9 +230,9 @@ impl<'a> Rows<'a> {
     /// The oldest row of a tensor that a step still has to read, if any step reads it.
     fn oldest_read(&self, tensor: Tensor) -> Option<usize> {
         let mut oldest = usize::MAX;
-        for (s, step) in self.plan.network.steps.iter().enumerate() {
+        for &s in &self.readers[tensor.0] {
             let done = self.done[s];
-            match &step.operation {
+            match &self.plan.network.steps[s].operation {
                 Operation::Convolution { convolution, input, add, .. } => {
                     let geometry = convolution.geometry();
                     if *input == tensor {

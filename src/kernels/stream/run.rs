@@ -13,7 +13,7 @@ use crate::kernels::rows::Rows;
 use crate::kernels::scratch::{AlignedBuffer, Scratch};
 
 /// Writes one input row, given its number: `width · channels` floats.
-pub type Source<'a> = &'a dyn Fn(usize, &mut [f32]);
+pub type Source<'a> = &'a (dyn Fn(usize, &mut [f32]) + Sync);
 
 impl Plan<'_> {
     /// Runs the network: `sources` fill the rows of each input in turn, `sink` is given each row of the last
@@ -24,7 +24,17 @@ impl Plan<'_> {
     ///
     /// # Panics
     /// When there is not one source for each input of the network.
-    pub fn run<E>(
+    pub fn run<E: Send>(
+        &self,
+        sources: &[Source<'_>],
+        sink: impl FnMut(usize, &[f32]) + Send,
+        proceed: impl FnMut(usize) -> Result<(), E> + Send,
+    ) -> Result<(), E> {
+        // On a thread of the pool, which shares each step's work without being woken for it.
+        rayon::scope(|_| self.run_here(sources, sink, proceed))
+    }
+
+    fn run_here<E>(
         &self,
         sources: &[Source<'_>],
         mut sink: impl FnMut(usize, &[f32]),

@@ -170,14 +170,14 @@ impl Model {
     /// # Errors
     /// [`Error::Io`] when the file cannot be written, or exists and may not be replaced.
     pub fn save(&self, path: &Path, overwrite: bool) -> Result<()> {
-        write(path, &self.to_weights(), overwrite)
+        write(path, self.weights(), overwrite)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::network::{Backend, Condition, Initialisation, Kind};
+    use crate::network::{Condition, Initialisation, Kind};
     use serde_json::json;
 
     fn weights() -> Weights {
@@ -208,7 +208,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("model.safetensors");
         let saved = weights();
-        Model::new(&saved, Backend::default()).save(&path, false).unwrap();
+        Model::new(saved.clone()).save(&path, false).unwrap();
         let found = read(&path).unwrap();
         assert_eq!((found.architecture, found.parameters), (saved.architecture, saved.parameters));
         assert_eq!(found.origin, saved.origin);
@@ -232,7 +232,7 @@ mod tests {
             let architecture = Architecture { kind, condition, features: 2, ..Architecture::default() };
             let parameters = Parameters::random(&architecture, Initialisation::Released, 5);
             let saved = Weights { architecture, parameters, origin: Origin::default() };
-            Model::new(&saved, Backend::default()).save(&path, false).unwrap();
+            Model::new(saved.clone()).save(&path, false).unwrap();
             let found = read(&path).unwrap();
             assert_eq!((found.architecture, found.parameters), (saved.architecture, saved.parameters));
         }
