@@ -8,9 +8,10 @@
 
 use std::path::PathBuf;
 
-use ndarray::{Array2, Array3, ArrayView2, s};
-use udc::core::image::Linear;
+use ndarray::{Array2, Array3, ArrayView2};
+use udc::core::image::{Linear, ToneMappedImage};
 use udc::core::io::{expand_inputs, read_image};
+use udc::core::metrics::{MetricDefinition, psnr};
 use udc::core::tone::ToneCurve;
 use udc::psf::bayer::{BayerPattern, demosaic, demosaic_scene};
 
@@ -35,7 +36,7 @@ fn main() {
             demosaic(mosaic.view(), PATTERN).expect("the view is large enough"),
             demosaic_scene(mosaic.view(), PATTERN).expect("the view is large enough"),
         ]
-        .map(|planes| psnr(&planes, &scene));
+        .map(|planes| tone_mapped_psnr(&planes, &scene));
         print_row(name, found);
         sums.iter_mut().zip(found).for_each(|(sum, value)| *sum += value);
     }
@@ -102,12 +103,11 @@ fn bilinear(mosaic: ArrayView2<'_, f32>) -> Array3<f32> {
     })
 }
 
-#[expect(clippy::reversed_empty_ranges, reason = "negative ends count from the far side")]
-fn psnr(found: &Array3<f32>, expected: &Array3<f32>) -> f64 {
+fn tone_mapped_psnr(found: &Array3<f32>, expected: &Array3<f32>) -> f64 {
     let curve = ToneCurve::default();
-    let inner = s![.., 4..-4, 4..-4];
-    let tone_mapped =
-        |planes: &Array3<f32>| planes.slice(inner).mapv(|x| f64::from(curve.compress(x.max(0.0))));
-    let error = tone_mapped(found) - tone_mapped(expected);
-    -10.0 * (error.mapv(|e| e * e).sum() / error.len() as f64).log10()
+    let tone_mapped = |planes: &Array3<f32>| {
+        ToneMappedImage::from_planes(planes.mapv(|x| curve.compress(x.max(0.0)))).expect("finite light")
+    };
+    let definition = MetricDefinition { border: 4, ..MetricDefinition::float() };
+    psnr(&tone_mapped(found), &tone_mapped(expected), &definition).expect("images of one size")
 }

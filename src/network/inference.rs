@@ -71,8 +71,8 @@ impl Inference {
 
     /// Estimates the bytes that a run on an image takes, packed weights included, the image's own not.
     pub(super) fn bytes(&self, architecture: &Architecture, height: usize, width: usize) -> u64 {
-        let windows = self.plan(height, width).bytes();
-        windows as u64 + (architecture.parameters() + self.derived_weights as u64) * PACKING
+        let rows = self.plan(height, width).bytes();
+        rows as u64 + (architecture.parameters() + self.derived_weights as u64) * PACKING
     }
 
     /// The schedule for an image, which is continued by repetition to sides that the network can halve.

@@ -34,11 +34,12 @@ impl Initialisation {
     /// Checks that an architecture's signals keep their size under these weights.
     ///
     /// # Errors
-    /// [`Error::Config`] for SFTMD and [`Paper`](Self::Paper): each of its sixteen residual blocks triples the variance,
-    /// which makes the first output some 10⁶.
+    /// [`Error::Config`] for SFTMD and [`Paper`](Self::Paper): its sixteen residual blocks in a row multiply their signals
+    /// to some 10⁶.
     pub fn check(self, architecture: &Architecture) -> Result<()> {
         if (self, architecture.kind) == (Self::Paper, Kind::Sftmd) {
-            let reason = "\"paper\" makes the sixteen residual blocks of sftmd multiply their signals to 10⁶; use \"released\"";
+            let reason = "\"paper\" makes the sixteen residual blocks of sftmd multiply their signals to 10⁶; use \
+                          \"released\"";
             return Err(Error::config("initialisation", reason));
         }
         Ok(())

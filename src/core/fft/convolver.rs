@@ -202,32 +202,25 @@ impl Convolver {
     pub fn convolve_into(&self, image: &Spectrum, otf: &Otf, out: &mut [f32]) {
         let [height, width] = self.image_size();
         assert_eq!(out.len(), CHANNELS * height * width, "the output has the image's size");
-        let len = self.transform.spectrum_len();
         let window = Window { top: self.rows.lead, left: self.columns.lead, height, width };
         let spectra = image.channels.iter().zip(&otf.channels);
-        for ((spectrum, otf), out) in spectra.zip(out.chunks_exact_mut(height * width)) {
-            assert_eq!((spectrum.len(), otf.high.len()), (len, len), "spectra belong to this convolver");
+        for ((spectrum, SplitSpectrum { high, low }), out) in
+            spectra.zip(out.chunks_exact_mut(height * width))
+        {
+            assert_eq!(high.len(), self.transform.spectrum_len(), "the OTF belongs to this convolver");
             match spectrum {
                 ChannelSpectrum::Single(spectrum) => {
-                    let product = |kx, column: &mut [Complex32]| {
-                        let range = self.column(kx);
-                        for ((out, x), h) in
-                            column.iter_mut().zip(&spectrum[range.clone()]).zip(&otf.high[range])
-                        {
-                            *out = x * h;
-                        }
-                    };
-                    self.single.inverse(product, window, out);
+                    let otf = |range: Range<usize>| high[range].iter().copied();
+                    self.single.inverse(self.product(spectrum, otf), window, out);
                 }
                 ChannelSpectrum::Double(spectrum) => {
-                    let product = |kx, column: &mut [Complex64]| {
-                        let range = self.column(kx);
-                        let otf = otf.high[range.clone()].iter().zip(&otf.low[range.clone()]);
-                        for ((out, x), (high, low)) in column.iter_mut().zip(&spectrum[range]).zip(otf) {
-                            *out = x * (widen(high) + widen(low));
-                        }
+                    let otf = |range: Range<usize>| {
+                        high[range.clone()]
+                            .iter()
+                            .zip(&low[range])
+                            .map(|(high, low)| widen(high) + widen(low))
                     };
-                    self.transform.inverse(product, window, out);
+                    self.transform.inverse(self.product(spectrum, otf), window, out);
                 }
             }
         }
@@ -243,10 +236,20 @@ impl Convolver {
         }
     }
 
-    /// The indices of one column of a half spectrum.
-    pub(super) fn column(&self, kx: usize) -> Range<usize> {
-        let height = self.transform.height();
-        kx * height..(kx + 1) * height
+    /// The columns of a spectrum times a filter, for [`Transform::inverse`]; `filter` gives its values at some indices.
+    pub(super) fn product<T: Real, I: Iterator<Item = Complex<T>>>(
+        &self,
+        spectrum: &[Complex<T>],
+        filter: impl Fn(Range<usize>) -> I + Sync,
+    ) -> impl Fn(usize, &mut [Complex<T>]) + Sync {
+        let (len, height) = (self.transform.spectrum_len(), self.transform.height());
+        assert_eq!(spectrum.len(), len, "the spectrum belongs to this convolver");
+        move |kx, column| {
+            let range = kx * height..(kx + 1) * height;
+            for ((out, x), h) in column.iter_mut().zip(&spectrum[range.clone()]).zip(filter(range)) {
+                *out = *x * h;
+            }
+        }
     }
 
     pub(super) fn transform_kernel(&self, kernel: ArrayView2<'_, f32>) -> PlaneSpectrum {
@@ -265,15 +268,6 @@ impl Convolver {
                 }
             }
         })
-    }
-}
-
-impl ChannelSpectrum {
-    fn len(&self) -> usize {
-        match self {
-            Self::Single(spectrum) => spectrum.len(),
-            Self::Double(spectrum) => spectrum.len(),
-        }
     }
 }
 

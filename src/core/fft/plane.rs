@@ -39,7 +39,7 @@ impl Convolver {
     pub fn filter_plane(&self, spectrum: &[Complex64], filter: &[Complex64]) -> Array2<f32> {
         let [height, width] = self.image_size();
         let window = Window { top: self.rows.lead, left: self.columns.lead, height, width };
-        self.invert(spectrum, filter, |x, h| x * h, window)
+        self.invert(spectrum, filter, |h| h, window)
     }
 
     /// A x: convolves one plane with the kernel of spectrum `otf`.
@@ -68,7 +68,7 @@ impl Convolver {
             }
         });
         let whole = Window { top: 0, left: 0, height: self.rows.extended, width: self.columns.extended };
-        let extended = self.invert(&spectrum, otf, |x, h| x * h.conj(), whole);
+        let extended = self.invert(&spectrum, otf, |h| h.conj(), whole);
         self.transform.reuse(spectrum);
         if extended.shape() == [height, width] {
             return extended;
@@ -85,17 +85,11 @@ impl Convolver {
         &self,
         spectrum: &[Complex64],
         filter: &[Complex64],
-        response: impl Fn(Complex64, Complex64) -> Complex64 + Sync,
+        response: impl Fn(Complex64) -> Complex64 + Copy + Sync,
         window: Window,
     ) -> Array2<f32> {
-        let len = self.transform.spectrum_len();
-        assert_eq!((spectrum.len(), filter.len()), (len, len), "spectra belong to this convolver");
-        let product = |kx, column: &mut [Complex64]| {
-            let range = self.column(kx);
-            for ((out, x), h) in column.iter_mut().zip(&spectrum[range.clone()]).zip(&filter[range]) {
-                *out = response(*x, *h);
-            }
-        };
+        assert_eq!(filter.len(), self.transform.spectrum_len(), "the filter belongs to this convolver");
+        let product = self.product(spectrum, |range| filter[range].iter().copied().map(response));
         let mut out = Array2::zeros((window.height, window.width));
         let slice = out.as_slice_mut().expect("new arrays are contiguous");
         self.transform.inverse(product, window, slice);

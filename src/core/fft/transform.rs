@@ -198,13 +198,13 @@ impl<T: Real> Transform<T> {
 
     /// Writes the real parts to the first row, the imaginary ones to the second where there is one.
     fn keep_pair(&self, samples: &[Complex<T>], width: usize, rows: &mut [f32]) {
-        let scale = T::reciprocal(self.height * self.width);
+        let scale = T::one() / T::from_usize(self.height * self.width).expect("a float holds any count");
         let (first, second) = rows.split_at_mut(width);
         for (out, z) in first.iter_mut().zip(samples) {
-            *out = (z.re * scale).to_f32();
+            *out = (z.re * scale).to_f32().expect("a float is rounded");
         }
         for (out, z) in second.iter_mut().zip(samples) {
-            *out = (z.im * scale).to_f32();
+            *out = (z.im * scale).to_f32().expect("a float is rounded");
         }
     }
 
@@ -254,9 +254,9 @@ fn separate_pair<T: Real>(z: &[Complex<T>], block: &mut [Complex<T>], first: usi
     let n = z.len();
     for (k, samples) in block.chunks_exact_mut(BLOCK).enumerate() {
         let (p, q) = (z[k], z[if k == 0 { 0 } else { n - k }].conj());
-        samples[first] = (p + q) * T::HALF;
+        samples[first] = (p + q) * T::from(0.5);
         if let Some(second) = second {
-            let difference = (p - q) * T::HALF;
+            let difference = (p - q) * T::from(0.5);
             samples[second] = Complex::new(difference.im, -difference.re);
         }
     }

@@ -1,0 +1,198 @@
+use super::*;
+use ndarray::Array2;
+
+const TIMES: [f64; 3] = [1.0, 1.0 / 32.0, 1.0 / 768.0];
+
+fn scene() -> Array3<f32> {
+    Array3::from_shape_fn((3, 20, 24), |(c, y, x)| 0.01 * 1.6f32.powi((x + c) as i32 - (y / 4) as i32))
+}
+
+fn expose(scene: &Array3<f32>, time: f64) -> Array3<f32> {
+    scene.mapv(|v| (v * time as f32).min(1.0))
+}
+
+fn bracket(scene: &Array3<f32>) -> Bracket {
+    Bracket::new(TIMES.iter().map(|t| expose(scene, *t)).collect(), &TIMES).unwrap()
+}
+
+#[test]
+fn takes_the_longest_exposure_that_is_not_saturated() {
+    let scene = scene();
+    let fused = fuse(bracket(&scene), &FuseConfig::default()).unwrap();
+    for (place, &value) in scene.indexed_iter() {
+        let source = TIMES.iter().position(|t| f64::from(value * *t as f32) < 0.99).unwrap_or(2);
+        assert_eq!(usize::from(fused.source[place]), source);
+        assert!((fused.image.planes()[place] / value.min(768.0) - 1.0).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn counts_what_is_saturated_everywhere() {
+    let mut scene = scene();
+    scene.fill(0.1);
+    scene[[1, 3, 3]] = 5000.0;
+    let fused = fuse(bracket(&scene), &FuseConfig::default()).unwrap();
+    assert_eq!(fused.saturated, [0, 1, 0]);
+    assert!((fused.image.planes()[[1, 3, 3]] - 768.0).abs() < 1e-3);
+}
+
+#[test]
+fn the_order_of_the_pictures_does_not_matter_as_long_as_the_times_agree() {
+    let scene = scene();
+    let times = [TIMES[2], TIMES[0], TIMES[1]];
+    let shuffled = Bracket::new(times.iter().map(|t| expose(&scene, *t)).collect(), &times).unwrap();
+    let config = FuseConfig::default();
+    assert_eq!(fuse(shuffled, &config).unwrap().image, fuse(bracket(&scene), &config).unwrap().image);
+}
+
+#[test]
+fn refuses_times_in_a_wrong_order() {
+    let scene = scene();
+    let wrong = [TIMES[1], TIMES[0], TIMES[2]];
+    let bracket = Bracket::new(TIMES.iter().map(|t| expose(&scene, *t)).collect(), &wrong).unwrap();
+    let message = fuse(bracket, &FuseConfig::default()).unwrap_err().to_string();
+    assert!(message.contains("picture 1 (exposure 1/32) is brighter than picture 2"), "{message}");
+}
+
+#[test]
+fn refuses_brackets_that_do_not_fit() {
+    let picture = || Array3::zeros((3, 4, 4));
+    let two = Bracket::new(vec![picture(), picture()], &[1.0, 0.5]).unwrap_err().to_string();
+    assert!(two.contains("at least 3"), "{two}");
+    let sizes = vec![picture(), Array3::zeros((3, 4, 5)), picture()];
+    let sizes = Bracket::new(sizes, &TIMES).unwrap_err().to_string();
+    assert!(sizes.contains("picture 2") && sizes.contains("4 × 5"), "{sizes}");
+    assert!(Bracket::new(vec![picture(); 3], &[1.0, 0.5, 0.5]).is_err());
+    assert!(Bracket::new(vec![picture(); 3], &[1.0, 0.5, 0.0]).is_err());
+    assert!(Bracket::new(vec![picture(); 3], &[1.0, 0.5]).is_err());
+    let grey = Bracket::new(vec![Array3::zeros((1, 4, 4)); 3], &TIMES).unwrap();
+    assert!(fuse(grey, &FuseConfig::default()).unwrap_err().to_string().starts_with("bayer"));
+}
+
+#[test]
+fn removes_black_and_scales_to_white() {
+    let scene = scene();
+    let raw = |t: &f64| expose(&scene, *t).mapv(|v| 64.0 + v * (1023.0 - 64.0));
+    let bracket = Bracket::new(TIMES.iter().map(raw).collect(), &TIMES).unwrap();
+    let config = FuseConfig { white: 1023.0, black: 64.0, ..FuseConfig::default() };
+    let fused = fuse(bracket, &config).unwrap();
+    // The level of 64 leaves 1023·2⁻²⁴ of rounding on values of some 10⁻³ · 959.
+    for (found, value) in fused.image.planes().iter().zip(&scene) {
+        let expected = value.min(768.0);
+        assert!((found / expected - 1.0).abs() < 1e-3, "{found} instead of {expected}");
+    }
+}
+
+#[test]
+fn refuses_a_black_level_above_the_signal() {
+    let config = FuseConfig { black: 0.3, ..FuseConfig::default() };
+    let dim = Array3::from_elem((3, 9, 9), 0.2);
+    assert!(fuse(bracket(&dim), &config).unwrap_err().to_string().starts_with("black: lies above 100 %"));
+}
+
+/// Noise about the right level is let through, though half of a night's values lie below it.
+#[test]
+fn refuses_a_black_level_above_the_shorter_exposures() {
+    let scene = Array3::from_shape_fn((3, 20, 24), |(c, y, x)| if (c + y + x) % 2 == 0 { 0.9 } else { 0.2 });
+    let config = FuseConfig { black: 0.1, ..FuseConfig::default() };
+    assert!(fuse(bracket(&scene), &config).unwrap_err().to_string().starts_with("black: lies above"));
+    let noise = Array3::from_shape_fn((3, 20, 24), |(c, y, x)| 0.002 * ((c * 480 + y * 24 + x) as f32).sin());
+    assert!(check_black(&[noise.clone(), noise]).is_ok());
+}
+
+#[test]
+fn weighting_by_time_averages_all_usable_exposures() {
+    let times = [1.0, 0.5, 0.25];
+    let pictures = [0.5, 0.3, 0.1].map(|v| Array3::from_elem((3, 4, 4), v));
+    let bracket = Bracket::new(pictures.to_vec(), &times).unwrap();
+    let config = FuseConfig { merge: MergeRule::Weighted, ..FuseConfig::default() };
+    let fused = fuse(bracket, &config).unwrap();
+    assert!((fused.image.planes()[[0, 0, 0]] - 0.9 / 1.75).abs() < 1e-6);
+}
+
+#[test]
+fn masked_pixels_are_filled_and_not_counted_as_saturated() {
+    let mut scene = Array3::from_elem((3, 9, 9), 0.2);
+    scene[[0, 4, 4]] = 1e6;
+    let valid = Array2::from_shape_fn((9, 9), |place| place != (4, 4));
+    let fused = fuse(bracket(&scene).with_mask(valid).unwrap(), &FuseConfig::default()).unwrap();
+    assert!((fused.image.planes()[[0, 4, 4]] - 0.2).abs() < 1e-6);
+    assert_eq!((fused.saturated, fused.discarded), (vec![0, 0, 0], 1));
+    assert!(bracket(&scene).with_mask(Array2::from_elem((9, 8), true)).is_err());
+}
+
+/// Times off by a quarter show in the pictures.
+#[test]
+fn compares_the_times_with_the_pictures() {
+    let scene = Array3::from_shape_fn((3, 40, 40), |(_, y, _)| 0.1 + y as f32 / 4.0);
+    let times = [1.0, 0.25, 0.05];
+    let wrong = [1.0, 0.2, 0.05];
+    let bracket = Bracket::new(times.iter().map(|t| expose(&scene, *t)).collect(), &wrong).unwrap();
+    let found = fuse(bracket, &FuseConfig::default()).unwrap().ratio_found;
+    assert!((found[0].unwrap() - 1.25).abs() < 1e-4 && (found[1].unwrap() - 0.8).abs() < 1e-4);
+}
+
+/// The second ratio is that of the pictures, too: 0.25 / 0.05, whatever the times say.
+#[test]
+fn takes_the_times_from_the_pictures_when_asked() {
+    let scene = Array3::from_shape_fn((3, 40, 40), |(_, y, _)| 0.1 + y as f32 / 4.0);
+    let times = [1.0, 0.25, 0.05];
+    let bracket =
+        Bracket::new(times.iter().map(|t| expose(&scene, *t)).collect(), &[1.0, 0.2, 0.06]).unwrap();
+    let config = FuseConfig { estimate_exposures: true, ..FuseConfig::default() };
+    let fused = fuse(bracket, &config).unwrap();
+    for (found, expected) in fused.times.iter().zip(times) {
+        assert!((found / expected - 1.0).abs() < 1e-4, "{found} instead of {expected}");
+    }
+    assert!(fused.ratio_found.iter().flatten().all(|ratio| (ratio - 1.0).abs() < 1e-4));
+    for (found, expected) in fused.image.planes().iter().zip(&scene) {
+        assert!((found / expected - 1.0).abs() < 1e-4);
+    }
+    let dark = bracket_of_darkness();
+    let message = fuse(dark, &config).unwrap_err().to_string();
+    assert!(message.contains("estimate-exposures") && message.contains("1/32"), "{message}");
+}
+
+fn bracket_of_darkness() -> Bracket {
+    bracket(&Array3::from_elem((3, 40, 40), 0.01))
+}
+
+#[test]
+fn balances_planes_and_mosaics_alike() {
+    let gains = [2.0, 1.0, 1.5];
+    let flat = Array3::from_elem((3, 12, 12), 0.2);
+    let config = FuseConfig { white_balance: gains, ..FuseConfig::default() };
+    let planes = fuse(bracket(&flat), &config).unwrap();
+    let mosaic = Array3::from_elem((1, 12, 12), 0.2);
+    let config = FuseConfig { bayer: Some(BayerPattern::Gbrg), ..config };
+    let demosaiced = fuse(bracket(&mosaic), &config).unwrap();
+    for fused in [planes, demosaiced] {
+        for (channel, gain) in gains.iter().enumerate() {
+            let expected = (0.2 * gain) as f32;
+            assert!(fused.image.channel(channel).iter().all(|v| (v - expected).abs() < 1e-5));
+            assert!((fused.saturation[channel] / (0.99 * 768.0 * gain) - 1.0).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn a_single_picture_is_levelled_like_a_bracket() {
+    let raw = Array3::from_elem((3, 8, 8), 0.3);
+    let config = FuseConfig { white: 0.5, black: 0.1, ..FuseConfig::default() };
+    let fused = fuse(Bracket::single(raw).unwrap(), &config).unwrap();
+    assert!(fused.image.planes().iter().all(|v| (v - 0.5).abs() < 1e-6));
+}
+
+#[test]
+fn a_mosaic_is_merged_before_it_is_demosaiced() {
+    let pattern = BayerPattern::Grbg;
+    let colour = [0.3, 20.0, 0.6];
+    let mosaic = Array3::from_shape_fn((1, 12, 12), |(_, y, x)| colour[pattern.channel(y, x)]);
+    let config = FuseConfig { bayer: Some(pattern), ..FuseConfig::default() };
+    let fused = fuse(bracket(&mosaic), &config).unwrap();
+    let planes = fused.image.planes();
+    let flat =
+        (0..3).all(|c| planes.index_axis(Axis(0), c).iter().all(|v| (v / colour[c] - 1.0).abs() < 1e-4));
+    assert!(flat);
+    assert_eq!(fused.source.dim(), (1, 12, 12));
+}
