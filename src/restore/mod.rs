@@ -7,7 +7,7 @@ mod highlights;
 mod network;
 mod tiles;
 
-pub use angle::{AngleSearch, SEARCH_WINDOW_PX, search_angle};
+pub use angle::{AngleSearch, WEAK_LEAD, search_angle};
 pub use field::code_map;
 pub use highlights::{Highlights, SATURATED_PART, blend_highlights};
 pub use network::{Conditioning, NetworkRestorer};

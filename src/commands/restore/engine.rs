@@ -10,14 +10,14 @@ use udc::codes::interpolate_code;
 use udc::core::error::Error;
 use udc::core::image::{CHANNELS, ToneMappedImage};
 use udc::core::io::read_psf;
-use udc::core::kernel_code::KernelBank;
+use udc::core::kernel_code::{KernelBank, KernelCode};
 use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
 use udc::network::Model;
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, deconvolution_bytes, deconvolve};
 use udc::restore::{
-    Conditioning, Highlights, NetworkRestorer, Restorer, SATURATED_PART, Tiling, blend_highlights, code_map,
-    format_bytes, restore_tiled, search_angle,
+    Conditioning, Highlights, NetworkRestorer, Restorer, SATURATED_PART, Tiling, WEAK_LEAD, blend_highlights,
+    code_map, format_bytes, restore_tiled, search_angle,
 };
 
 use super::code::KnownCode;
@@ -119,9 +119,7 @@ impl Engine {
                 let conditioning = match code {
                     KnownCode::Fixed(conditioning) => conditioning.clone(),
                     KnownCode::Search(bank) => {
-                        let (conditioning, found) = self.search(&image, (model, bank), seen, session)?;
-                        session.say(format_args!("{name}: {found}"))?;
-                        conditioning
+                        Conditioning::Code(find_code(name, &image, bank, seen, session)?)
                     }
                     KnownCode::Field(Field { codes, grid }) => {
                         Conditioning::Map(code_map(codes, grid, [image.height(), image.width()])?)
@@ -183,32 +181,6 @@ impl Engine {
         }
     }
 
-    /// The code of the angle that explains a capture best, and what to tell about it.
-    fn search(
-        &self,
-        image: &ToneMappedImage,
-        (model, bank): (&Model, &KernelBank),
-        curve: ToneCurve,
-        session: &Session,
-    ) -> Result<(Conditioning, String)> {
-        let started = Instant::now();
-        let silent = session.progress.without_bars();
-        let restore = |kernel: usize, window: &ToneMappedImage| {
-            let restorer = NetworkRestorer::new(model, Conditioning::Code(bank.code(kernel).to_owned()))?;
-            let tiling = Tiling::within(window.height(), window.width(), self.max_memory, &restorer)?;
-            restore_tiled(window, &tiling, &restorer, &silent)
-        };
-        let found = search_angle(image, bank, curve, &restore, &session.progress)?;
-        let smallest = found.residuals[found.best];
-        let found_text = format!(
-            "the panel is turned by {:+.1}° (nearest kernel {}, residual {smallest:.5}; found in {:.1} s)",
-            found.angle_deg,
-            bank.kernel_name(found.best),
-            started.elapsed().as_secs_f64()
-        );
-        Ok((Conditioning::Code(interpolate_code(&bank.to_codes(), found.angle_deg)?), found_text))
-    }
-
     fn tiling(
         &self,
         height: usize,
@@ -241,6 +213,33 @@ impl Engine {
         }
         Ok(())
     }
+}
+
+/// The code of the angle that explains a capture best; says what was found.
+fn find_code(
+    name: &str,
+    image: &ToneMappedImage,
+    bank: &KernelBank,
+    curve: ToneCurve,
+    session: &Session,
+) -> Result<KernelCode> {
+    let started = Instant::now();
+    let found = search_angle(image, bank, curve, &session.progress)?;
+    session.say(format_args!(
+        "{name}: the panel is turned by {:+.1}° (nearest kernel {}, {:.0} nats ahead of all but its neighbours; found in \
+         {:.1} s)",
+        found.angle_deg,
+        bank.kernel_name(found.best),
+        found.lead,
+        started.elapsed().as_secs_f64()
+    ))?;
+    if found.lead < WEAK_LEAD {
+        session.warn(format_args!(
+            "{name}: the capture hardly tells the angle of the panel; lamps or texture in view would, or give --angle a \
+             number found in another capture of the same device"
+        ));
+    }
+    Ok(interpolate_code(&bank.to_codes(), found.angle_deg)?)
 }
 
 /// A restorer that shares the memory with something else.
