@@ -150,7 +150,7 @@ impl Convolution {
             Method::Winograd(weights) => {
                 let mut rows: Vec<TileRow<'_>> = blocks.into_iter().map(RowBlock::into_tile_row).collect();
                 let share = rows.len().div_ceil(rayon::current_num_threads()).max(1);
-                let together = winograd::rows_per_task(weights, width).min(share);
+                let together = winograd::rows_per_task(width).min(share);
                 rows.par_chunks_mut(together).for_each(|rows| {
                     weights.isa.run(TileRows { weights, width, order: self.order, rows });
                 });

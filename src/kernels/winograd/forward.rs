@@ -1,17 +1,22 @@
 //! Inputs and transformed weights to outputs, one batch of tiles at a time.
 //!
+//! # Method
+//! The rows of tiles are transformed down the columns first, all columns of a batch, then one row of points after
+//! the other: across the tiles, times the weights, back across. What a row of points left is transformed down the
+//! columns last. Tiles side by side share the first transform of the two columns that they share, and of the 36
+//! parts of inputs and products only six exist at a time.
+//!
 //! # Layout
 //! Transformed weights are `[panel][point 6×6][input][output of the panel]`, a panel being as many outputs as
 //! a register tile has columns, so that a product reads them in one run. Transformed inputs and products lie
-//! as `[point][tile][channel]`; the 36 parts are a cache line longer than needed, because strides of a power
+//! as `[point][tile][channel]`; their parts are a cache line longer than needed, because strides of a power
 //! of two make the streams of a transform fall on the same cache sets.
 //!
 //! # Sizes
-//! Both transforms of a tile stay in registers and the top of the stack, one vector of channels at a time.
-//! What lies between them takes `36 · tiles · channels` floats: 24 tiles at 32 channels 110 KB, twice, which
-//! the second-level cache holds beside the weights. At 128 channels the weights (2.4 MB) exceed that cache,
-//! and 48 tiles reuse each of them often enough. Batches count tiles along all rows of a task, so that narrow
-//! images fill them too.
+//! For 36 tiles of 32 channels a row of points takes 28 KB of inputs and as much of products, which the first-level
+//! cache mostly holds, and the whole columns 113 KB each way. More tiles would reuse the weights of 128 channels
+//! (2.4 MB, more than the second-level cache) more often, but gain nothing: the products hide the reading. Batches
+//! count tiles along all rows of a task, so that narrow images fill them too.
 
 use rayon::prelude::*;
 
@@ -41,22 +46,16 @@ pub(crate) fn applies(isa: Isa, inputs: usize, outputs: usize) -> bool {
 }
 
 /// How many tiles a batch has at most.
-fn most_tiles(channels: usize) -> usize {
-    match channels {
-        0..=96 => 24,
-        _ => 48,
-    }
-}
+const MOST_TILES: usize = 36;
 
 /// How many tiles make a batch of a task of `tiles`: equal shares, but whole register tiles.
-fn tiles_per_batch(weights: &Weights, tiles: usize) -> usize {
-    let most = most_tiles(weights.inputs.max(weights.outputs));
-    tiles.div_ceil(tiles.div_ceil(most)).next_multiple_of(MOST_ROWS)
+fn tiles_per_batch(tiles: usize) -> usize {
+    tiles.div_ceil(tiles.div_ceil(MOST_TILES)).next_multiple_of(MOST_ROWS)
 }
 
 /// How many rows of tiles of an image `width` wide one task should be given.
-pub(crate) fn rows_per_task(weights: &Weights, width: usize) -> usize {
-    (most_tiles(weights.inputs.max(weights.outputs)) / width.div_ceil(TILE)).max(1)
+pub(crate) fn rows_per_task(width: usize) -> usize {
+    (MOST_TILES / width.div_ceil(TILE)).max(1)
 }
 
 impl Weights {
@@ -177,14 +176,15 @@ impl Kernel for TileRows<'_, '_> {
         let Self { weights, width, order, rows } = self;
         let across = width.div_ceil(TILE);
         let tiles = across * rows.len();
-        let batch = tiles_per_batch(weights, tiles);
-        let sizes = Sizes::new(weights, batch, width);
+        let batch = tiles_per_batch(tiles);
+        let sizes = Sizes::new(weights, batch, rows.len(), width);
         let mut lent = lend(sizes.total());
         let mut scratch = lent.scratch();
         let mut buffers = Buffers {
-            inputs: scratch.take(POINTS * POINTS * sizes.inputs),
-            products: scratch.take(POINTS * POINTS * sizes.products),
-            patch: scratch.take(sizes.patch),
+            columns: scratch.take(POINTS * sizes.columns),
+            inputs: scratch.take(POINTS * sizes.inputs),
+            products: scratch.take(POINTS * sizes.products),
+            sums: scratch.take(POINTS * sizes.sums),
             zeros: scratch.take(sizes.zeros),
         };
         buffers.zeros.fill(0.0);
@@ -198,40 +198,44 @@ impl Kernel for TileRows<'_, '_> {
     }
 }
 
-/// Distances between the 36 parts of the first two buffers, and the lengths of the others, in floats.
+/// Distances between the six parts of the buffers, and the length of the last, in floats.
 #[derive(Clone, Copy)]
 struct Sizes {
+    columns: usize,
     inputs: usize,
     products: usize,
-    patch: usize,
+    sums: usize,
     zeros: usize,
 }
 
 impl Sizes {
-    fn new(weights: &Weights, tiles: usize, width: usize) -> Self {
+    fn new(weights: &Weights, tiles: usize, rows: usize, width: usize) -> Self {
         const SKEW: usize = 16;
         let padded_tiles = tiles + MOST_ROWS;
         Self {
+            columns: whole_lines((TILE * tiles + 2 * rows) * weights.inputs) + SKEW,
             inputs: whole_lines(padded_tiles * weights.inputs) + SKEW,
             products: whole_lines(padded_tiles * weights.outputs) + SKEW,
-            patch: whole_lines(POINTS * POINTS * weights.inputs),
+            sums: whole_lines(TILE * tiles * weights.outputs) + SKEW,
             zeros: whole_lines(width * weights.inputs),
         }
     }
 
     fn total(&self) -> usize {
-        POINTS * POINTS * (self.inputs + self.products) + self.patch + self.zeros
+        POINTS * (self.columns + self.inputs + self.products + self.sums) + self.zeros
     }
 }
 
 /// What lies between the steps.
 struct Buffers<'a> {
-    /// Transformed inputs, `[point][tile][input]`.
+    /// Bᵀ·d of whole rows, `[point row][column][input]`.
+    columns: &'a mut [f32],
+    /// One row of points of Bᵀ·d·B, `[point column][tile][input]`.
     inputs: &'a mut [f32],
-    /// Their products with the weights, `[point][tile][output]`.
+    /// Its products m with the weights, `[point column][tile][output]`.
     products: &'a mut [f32],
-    /// The inputs of a tile at the image's border, `[row][column][input]`.
-    patch: &'a mut [f32],
+    /// m·A, `[point row][tile][column][output]`.
+    sums: &'a mut [f32],
     /// A row of zeros.
     zeros: &'a mut [f32],
 }
@@ -249,154 +253,164 @@ struct Batch<'a> {
     place: Placement,
 }
 
-/// Where a tile of a batch lies.
+/// The tiles of a batch that lie in one row.
 #[derive(Clone, Copy)]
-struct Position {
-    /// Its number within the batch.
-    tile: usize,
+struct Run {
     /// The row of tiles.
     row: usize,
-    /// Its number within the row.
+    /// The first tile's number within the row.
     across: usize,
+    /// The first tile's number within the batch.
+    tile: usize,
+    /// How many tiles there are.
+    count: usize,
+    /// Where its first column lies in [`Buffers::columns`]: each run has two columns beside those of its tiles.
+    column: usize,
 }
 
 impl Batch<'_> {
     /// Computes the outputs of the batch.
     ///
     /// # Safety
-    /// The buffers have the sizes of `self.sizes`, made for at least as many tiles.
+    /// The buffers have the sizes of `self.sizes`, made for at least as many tiles and rows.
     #[inline(always)]
     unsafe fn compute<S: Simd>(self, simd: S, rows: &mut [TileRow<'_>], buffers: &mut Buffers<'_>) {
         // SAFETY: the caller's promise covers each step.
         unsafe {
-            for tile in 0..self.count {
-                let place = self.position(tile);
-                self.transform_inputs(simd, &rows[place.row], place, buffers);
+            for run in self.runs() {
+                self.transform_columns(simd, &rows[run.row], run, buffers);
             }
-            with_register_tile!(S, self.weights.vectors, multiply(simd, &self, buffers));
-            for tile in 0..self.count {
-                let place = self.position(tile);
-                let TileRow { output, finish, .. } = &mut rows[place.row];
-                let products = &*buffers.products;
-                with_finisher!(*finish, f => self.invert(simd, f, place, products, output));
+            for point_row in 0..POINTS {
+                for run in self.runs() {
+                    self.transform_rows(simd, point_row, run, buffers);
+                }
+                with_register_tile!(S, self.weights.vectors, multiply(simd, &self, point_row, buffers));
+                self.invert_rows(simd, point_row, buffers);
+            }
+            for run in self.runs() {
+                let TileRow { output, finish, .. } = &mut rows[run.row];
+                let sums = &*buffers.sums;
+                with_finisher!(*finish, f => self.invert_columns(simd, f, run, sums, output));
             }
         }
     }
 
-    #[inline(always)]
-    fn position(self, tile: usize) -> Position {
-        Position { tile, row: (self.first + tile) / self.across, across: (self.first + tile) % self.across }
+    /// The runs of the batch, in order.
+    fn runs(self) -> impl Iterator<Item = Run> {
+        let last = self.first + self.count - 1;
+        (self.first / self.across..=last / self.across).enumerate().map(move |(index, row)| {
+            let first = self.first.max(row * self.across);
+            let end = (last + 1).min((row + 1) * self.across);
+            let tile = first - self.first;
+            let column = TILE * tile + 2 * index;
+            Run { row, across: first - row * self.across, tile, count: end - first, column }
+        })
     }
 
-    /// Bᵀ·d·B of one tile, all channels.
+    /// Bᵀ·d of the columns of a run, from one before its tiles to one behind them.
     #[inline(always)]
-    #[expect(
-        clippy::needless_range_loop,
-        reason = "the loop transposes: a column becomes an entry of each row"
-    )]
-    unsafe fn transform_inputs<S: Simd>(
+    unsafe fn transform_columns<S: Simd>(
         self,
         simd: S,
         row: &TileRow<'_>,
-        Position { tile, across, .. }: Position,
+        run: Run,
         buffers: &mut Buffers<'_>,
     ) {
         let channels = self.weights.inputs;
-        let Buffers { inputs, patch, zeros, .. } = buffers;
+        let Buffers { columns, zeros, .. } = buffers;
         let rows = row.inputs.map(|row| row.unwrap_or(zeros));
-        // The tile's six columns begin one before its outputs.
-        let inside = across > 0 && across * TILE + POINTS - 1 <= self.width;
-        let (rows, start) = if inside {
-            (rows, (across * TILE - 1) * channels)
-        } else {
-            self.fill_patch(&rows, across, patch);
-            let row_len = POINTS * channels;
-            (std::array::from_fn(|y| &patch[y * row_len..][..row_len]), 0)
-        };
-        for c in (0..channels).step_by(S::LANES) {
-            // SAFETY: six columns from `start` lie within each row, channels filling whole vectors; the
-            // buffer holds 36 parts with room for `count` tiles.
+        let missing = usize::from(run.across == 0);
+        let start = run.across * TILE + missing - 1;
+        let end = (run.across * TILE + run.count * TILE + 1).min(self.width);
+        let filled = (missing + end - start) * channels;
+        let whole = (run.count * TILE + 2) * channels;
+        for part in columns.chunks_exact_mut(self.sizes.columns) {
+            let part = &mut part[run.column * channels..][..whole];
+            part[..missing * channels].fill(0.0);
+            part[filled..].fill(0.0);
+        }
+        let to = (run.column + missing) * channels;
+        for at in (0..(end - start) * channels).step_by(S::LANES) {
+            // SAFETY: columns `start` to `end` lie within each row, channels filling whole vectors; the buffer has six
+            // parts with room for the columns of the batch's runs.
             unsafe {
-                let mut d = [[simd.splat(0.0); POINTS]; POINTS];
-                for x in 0..POINTS {
-                    let mut column = [simd.splat(0.0); POINTS];
-                    for (vector, row) in column.iter_mut().zip(&rows) {
-                        *vector = simd.load(row, start + x * channels + c);
-                    }
-                    let column = transform::input(simd, column);
-                    for y in 0..POINTS {
-                        d[y][x] = column[y];
-                    }
+                let mut d = [simd.splat(0.0); POINTS];
+                for (vector, row) in d.iter_mut().zip(&rows) {
+                    *vector = simd.load(row, start * channels + at);
                 }
-                for (y, row) in d.into_iter().enumerate() {
-                    let v = transform::input(simd, row);
-                    let to = y * POINTS * self.sizes.inputs + tile * channels + c;
-                    store_strided(simd, inputs, to, self.sizes.inputs, &v);
+                let v = transform::input(simd, d);
+                store_strided(simd, columns, to + at, self.sizes.columns, &v);
+            }
+        }
+    }
+
+    /// One row of points of Bᵀ·d·B for the tiles of a run.
+    #[inline(always)]
+    unsafe fn transform_rows<S: Simd>(self, simd: S, point_row: usize, run: Run, buffers: &mut Buffers<'_>) {
+        let channels = self.weights.inputs;
+        for tile in 0..run.count {
+            let from = point_row * self.sizes.columns + (run.column + tile * TILE) * channels;
+            let to = (run.tile + tile) * channels;
+            for c in (0..channels).step_by(S::LANES) {
+                // SAFETY: a run has two columns more than its tiles have, and each of the six parts of the buffer
+                // room for the batch's tiles.
+                unsafe {
+                    let d = load_strided(simd, buffers.columns, from + c, channels);
+                    let v = transform::input(simd, d);
+                    store_strided(simd, buffers.inputs, to + c, self.sizes.inputs, &v);
                 }
             }
         }
     }
 
-    /// Copies the inputs of a tile at the border, with zeros where the image has none.
-    fn fill_patch(self, rows: &[&[f32]; POINTS], across: usize, patch: &mut [f32]) {
-        let channels = self.weights.inputs;
-        let before = usize::from(across == 0);
-        let start = across * TILE + before - 1;
-        let columns = (POINTS - before).min(self.width - start);
-        patch.fill(0.0);
-        for (row, patch) in rows.iter().zip(patch.chunks_exact_mut(POINTS * channels)) {
-            let from = &row[start * channels..][..columns * channels];
-            patch[before * channels..][..from.len()].copy_from_slice(from);
+    /// One row of points of m·A for all tiles.
+    #[inline(always)]
+    unsafe fn invert_rows<S: Simd>(self, simd: S, point_row: usize, buffers: &mut Buffers<'_>) {
+        let channels = self.weights.outputs;
+        for tile in 0..self.count {
+            let to = point_row * self.sizes.sums + tile * TILE * channels;
+            for c in (0..channels).step_by(S::LANES) {
+                // SAFETY: both buffers have six parts with room for the batch's tiles.
+                unsafe {
+                    let m = load_strided(simd, buffers.products, tile * channels + c, self.sizes.products);
+                    let y = transform::output(simd, m);
+                    store_strided(simd, buffers.sums, to + c, channels, &y);
+                }
+            }
         }
     }
 
-    /// Aᵀ·m·A of one tile, then bias and [`Finish`], to where the output lies.
+    /// Aᵀ·(m·A) of the tiles of a run, then bias and [`Finish`], to where the output lies.
     #[inline(always)]
-    #[expect(
-        clippy::needless_range_loop,
-        reason = "the loop transposes: a column becomes an entry of each row"
-    )]
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "one inner loop's state; a struct would be taken apart at once"
-    )]
-    unsafe fn invert<S: Simd>(
+    unsafe fn invert_columns<S: Simd>(
         self,
         simd: S,
         finisher: impl Finisher<S>,
-        Position { tile, across, .. }: Position,
-        products: &[f32],
+        run: Run,
+        sums: &[f32],
         output: &mut [f32],
     ) {
         let Self { place, weights, .. } = self;
         let rows = output.len() / (self.width * weights.outputs);
-        let columns = self.width - across * TILE;
+        let first = run.across * TILE;
+        let columns = (run.count * TILE).min(self.width - first);
         let bias = weights.bias.as_slice();
-        for channel in (0..weights.outputs).step_by(S::LANES) {
-            let at = place.group(channel / place.channels)
-                + across * TILE * place.column
-                + channel % place.channels;
-            // SAFETY: `products` holds 36 parts of at least `count` tiles; row `k < rows` and column
-            // `x < columns` of the tile are in the output, channels filling whole vectors, and the finisher's
-            // tensor is laid out like the output.
-            unsafe {
-                let b = simd.load(bias, channel);
-                let mut m = [[simd.splat(0.0); POINTS]; TILE];
-                for x in 0..POINTS {
-                    let from = x * self.sizes.products + tile * weights.outputs + channel;
-                    let column = load_strided(simd, products, from, POINTS * self.sizes.products);
-                    let column = transform::output(simd, column);
-                    for k in 0..TILE {
-                        m[k][x] = column[k];
-                    }
-                }
-                for (k, row) in m.into_iter().enumerate() {
-                    if k < rows {
-                        for (x, value) in transform::output(simd, row).into_iter().enumerate() {
-                            if x < columns {
-                                let at = at + k * place.row + x * place.column;
-                                let sum = simd.add(value, b);
-                                simd.store(output, at, finisher.vector(simd, sum, at));
+        for x in 0..columns {
+            let from = (run.tile * TILE + x) * weights.outputs;
+            for group in 0..weights.outputs / place.channels {
+                let to = place.group(group) + (first + x) * place.column;
+                let channel = group * place.channels;
+                for c in (0..place.channels).step_by(S::LANES) {
+                    // SAFETY: `sums` has six parts with room for the batch's tiles; row `k < rows` and column `x` are
+                    // in the output, channels filling whole vectors, and the finisher's tensor is laid out like the
+                    // output.
+                    unsafe {
+                        let b = simd.load(bias, channel + c);
+                        let m = load_strided(simd, sums, from + channel + c, self.sizes.sums);
+                        for (k, value) in transform::output(simd, m).into_iter().enumerate() {
+                            if k < rows {
+                                let at = to + c + k * place.row;
+                                simd.store(output, at, finisher.vector(simd, simd.add(value, b), at));
                             }
                         }
                     }
@@ -406,23 +420,24 @@ impl Batch<'_> {
     }
 }
 
-/// The 36 products `[tile, input] · [input, output]`.
+/// The six products `[tile, input] · [input, output]` of one row of points.
 #[inline(always)]
 unsafe fn multiply<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,
     batch: &Batch<'_>,
+    point_row: usize,
     buffers: &mut Buffers<'_>,
 ) {
     let (inputs, outputs) = (batch.weights.inputs, batch.weights.outputs);
     let panel = COLUMNS * S::LANES;
-    for point in 0..POINTS * POINTS {
+    for point in 0..POINTS {
+        let filled = point * batch.sizes.inputs + batch.count * inputs;
+        let missing = batch.count.next_multiple_of(ROWS) - batch.count;
+        // Stale rows would give right results too, but stale numbers end as subnormals, which are slow.
+        buffers.inputs[filled..filled + missing * inputs].fill(0.0);
         for p in 0..outputs / panel {
-            let right_at = (p * POINTS * POINTS + point) * inputs * panel;
+            let right_at = ((p * POINTS + point_row) * POINTS + point) * inputs * panel;
             let b = Operand { data: batch.weights.packed.as_slice(), at: right_at, row: 0, step: panel };
-            let filled = point * batch.sizes.inputs + batch.count * inputs;
-            let missing = batch.count.next_multiple_of(ROWS) - batch.count;
-            // Stale rows would give right results too, but stale numbers end as subnormals, which are slow.
-            buffers.inputs[filled..filled + missing * inputs].fill(0.0);
             for tile in (0..batch.count).step_by(ROWS) {
                 let at = point * batch.sizes.inputs + tile * inputs;
                 let a = Operand { data: buffers.inputs, at, row: inputs, step: 1 };
