@@ -12,8 +12,8 @@ pub(crate) struct Rows<'a> {
 enum Memory<'a> {
     /// All rows, one after another.
     Whole(&'a [f32]),
-    /// Some rows, `unit` of them in each slot: row `y` lies in slot `places[y / unit]`.
-    Scattered { slots: &'a [&'a mut [f32]], places: &'a [usize], unit: usize },
+    /// Some rows, `unit` of them in each slot: row `y` lies in slot `places[(y + shift) / unit]`.
+    Scattered { slots: &'a [&'a mut [f32]], places: &'a [usize], unit: usize, shift: usize },
 }
 
 impl<'a> Rows<'a> {
@@ -23,14 +23,15 @@ impl<'a> Rows<'a> {
         Self { memory: Memory::Whole(data), height, row_len: data.len() / height }
     }
 
-    /// Views those rows of an image of `height` rows that the slots hold at the moment, `unit` in each.
+    /// Views those rows of an image of `height` rows that the slots hold at the moment, `unit` in each but the
+    /// first, which lacks `shift`.
     pub(crate) fn scattered(
         slots: &'a [&'a mut [f32]],
         places: &'a [usize],
-        unit: usize,
+        (unit, shift): (usize, usize),
         (height, row_len): (usize, usize),
     ) -> Self {
-        Self { memory: Memory::Scattered { slots, places, unit }, height, row_len }
+        Self { memory: Memory::Scattered { slots, places, unit, shift }, height, row_len }
     }
 
     /// Floats per row.
@@ -44,7 +45,8 @@ impl<'a> Rows<'a> {
         let y = usize::try_from(y).ok().filter(|y| *y < self.height)?;
         Some(match self.memory {
             Memory::Whole(data) => &data[y * self.row_len..][..self.row_len],
-            Memory::Scattered { slots, places, unit } => {
+            Memory::Scattered { slots, places, unit, shift } => {
+                let y = y + shift;
                 &slots[places[y / unit]][y % unit * self.row_len..][..self.row_len]
             }
         })

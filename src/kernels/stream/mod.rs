@@ -3,13 +3,13 @@
 //! # Method
 //! A network without loops can be computed top to bottom: once its input has a few more rows, each step in
 //! turn computes the output rows that its inputs allow. So no tensor is ever whole; each keeps just the rows
-//! that a later step still needs: a handful where the next step is the only reader, and some 250 for the
+//! that a later step still needs: a handful where the next step is the only reader, and some 120 for the
 //! skip connection of the finest resolution, which waits for the path through the coarsest. Nothing is
 //! computed twice and nothing depends on where one portion of rows ends: the result is that of the whole
 //! image, bit for bit.
 //!
 //! # Memory
-//! [`Plan`] plays the schedule through with row numbers only and gives each 8 rows of a tensor a slot from
+//! [`Plan`] plays the schedule through with row numbers only and gives each few rows of a tensor a slot from
 //! when they are computed to when they were last read. The next tensor gets the slot that was given back
 //! last, so that most of what a step writes and reads still lies in a cache. What all slots take is known
 //! before the run and grows with the image's width, not with its height.

@@ -7,8 +7,11 @@ use super::{Network, Operation, Step, Tensor};
 use crate::kernels::convolution::BLOCK_ROWS;
 use crate::kernels::scratch::whole_lines;
 
-/// Rows that a slot holds: those of a shuffled block, so that every block lies in one piece.
-pub(super) const UNIT: usize = 2 * BLOCK_ROWS;
+/// Rows that a slot of most tensors holds: those of a block, so that every block lies in one piece.
+const UNIT: usize = BLOCK_ROWS;
+
+/// Rows that a slot holds of tensors that are shuffled, or added to shuffled ones.
+const SHUFFLED_UNIT: usize = 2 * BLOCK_ROWS;
 
 /// Input rows per portion for up to two threads: two rows of tiles at a quarter of the resolution.
 const PORTION: usize = 32;
@@ -30,10 +33,17 @@ pub struct Plan<'a> {
     pub(super) width: usize,
     /// Input rows taken at a time.
     pub(super) portion: usize,
+    /// By how many rows each tensor lags behind the input's.
+    pub(super) lags: Vec<usize>,
+    /// Rows of each tensor's units.
+    pub(super) unit_rows: Vec<usize>,
     pub(super) memory: Memory,
 }
 
-/// Where rows lie: slots of [`UNIT`] rows, each given to one tensor after another.
+/// Where rows lie: slots of a few rows (a unit), each given to one tensor after another.
+///
+/// Row `y` of a tensor lies in its unit `(y + lag) / rows` at `(y + lag) % rows`, `rows` being those of a unit, so that
+/// what a portion adds fills whole blocks.
 #[derive(Default)]
 pub(super) struct Memory {
     /// Floats of each slot.
@@ -83,7 +93,8 @@ impl<'a> Plan<'a> {
             "{height} × {width} for a network that reduces sides by {reduction}"
         );
         let portion = rows.min(height).next_multiple_of(BLOCK_ROWS * reduction);
-        let mut plan = Self { network, height, width, portion, memory: Memory::default() };
+        let (lags, unit_rows) = (lags(network), unit_rows(network));
+        let mut plan = Self { network, height, width, portion, lags, unit_rows, memory: Memory::default() };
         plan.memory = plan.give_out();
         plan
     }
@@ -100,7 +111,7 @@ impl<'a> Plan<'a> {
 
     /// Floats of a slot of a tensor's rows.
     pub(super) fn slot_len(&self, tensor: Tensor) -> usize {
-        UNIT * self.row_len(tensor)
+        self.unit_rows[tensor.0] * self.row_len(tensor)
     }
 
     /// Rows of a tensor.
@@ -118,6 +129,19 @@ impl<'a> Plan<'a> {
         self.width_of(tensor) * self.network.tensors[tensor.0].channels
     }
 
+    /// The unit in which a tensor's row lies, and its number there.
+    pub(super) fn place(&self, tensor: Tensor, row: usize) -> (usize, usize) {
+        let rows = self.unit_rows[tensor.0];
+        let shifted = row + self.lags[tensor.0] % rows;
+        (shifted / rows, shifted % rows)
+    }
+
+    /// Units that hold a tensor's first rows.
+    pub(super) fn units(&self, tensor: Tensor, rows: usize) -> usize {
+        let of_unit = self.unit_rows[tensor.0];
+        (rows + self.lags[tensor.0] % of_unit).div_ceil(of_unit)
+    }
+
     /// Plays the schedule with row numbers only: rows get memory when they are computed and lose it after the
     /// last step that reads them.
     fn give_out(&self) -> Memory {
@@ -128,21 +152,78 @@ impl<'a> Plan<'a> {
         while let Some(portion) = rows.next_portion() {
             for input in &self.network.inputs {
                 rows.computed[input.0] = portion.end;
-                memory.extend(*input, portion.end.div_ceil(UNIT), self.slot_len(*input));
+                memory.extend(*input, self.units(*input, portion.end), self.slot_len(*input));
             }
             for (s, step) in self.network.steps.iter().enumerate() {
                 rows.advance(s);
-                let units = rows.computed[step.output.0].div_ceil(UNIT);
+                let units = self.units(step.output, rows.computed[step.output.0]);
                 memory.extend(step.output, units, self.slot_len(step.output));
                 // What nobody reads is the result, handed out at once.
                 for tensor in step.operation.inputs().chain([step.output]) {
                     let oldest = rows.oldest_read(tensor).unwrap_or(rows.computed[tensor.0]);
-                    memory.give_back(tensor, oldest / UNIT, self.slot_len(tensor));
+                    memory.give_back(tensor, self.place(tensor, oldest).0, self.slot_len(tensor));
                 }
             }
         }
         memory
     }
+}
+
+/// Rows of each tensor's units.
+fn unit_rows(network: &Network) -> Vec<usize> {
+    let mut rows = vec![UNIT; network.tensors.len()];
+    for Step { operation, output } in &network.steps {
+        if let Operation::Convolution { convolution, add, .. } = operation
+            && convolution.factor() > 1
+        {
+            rows[output.0] = SHUFFLED_UNIT;
+            if let Some(add) = add {
+                rows[add.0] = SHUFFLED_UNIT;
+            }
+        }
+    }
+    rows
+}
+
+/// By how many rows each tensor lags behind the input's rows at its resolution while the input lasts.
+///
+/// A step computes whole blocks of [`BLOCK_ROWS`] rows, but they need not begin at multiples of it: where a portion
+/// leaves a tensor, its next block begins. So a 3 × 3 convolution lags one row behind its input, not a block. What is
+/// added to a convolution's result has to be cut into the same blocks, so tensors that are added lag by multiples of
+/// a block.
+fn lags(network: &Network) -> Vec<usize> {
+    let mut lags = vec![0; network.tensors.len()];
+    let is_added = |tensor: Tensor| {
+        network.steps.iter().any(
+            |step| matches!(&step.operation, Operation::Convolution { add: Some(add), .. } if *add == tensor),
+        )
+    };
+    for Step { operation, output } in &network.steps {
+        lags[output.0] = match operation {
+            Operation::Convolution { convolution, input, add, .. } => {
+                let (geometry, factor) = (convolution.geometry(), convolution.factor());
+                let below = geometry.padding() * usize::from(geometry.stride == 1);
+                let least = (lags[input.0] + below).div_ceil(geometry.stride);
+                let Some(add) = add else {
+                    let block = if is_added(*output) { BLOCK_ROWS } else { 1 };
+                    lags[output.0] = least.next_multiple_of(block) * factor;
+                    continue;
+                };
+                let added = lags[add.0];
+                let block = BLOCK_ROWS * factor;
+                let least = (least * factor).max(added);
+                added + (least - added).next_multiple_of(block)
+            }
+            Operation::DynamicFilter { filter, condition, features } => {
+                lags[condition.0].max(lags[features.0] + filter.size() / 2)
+            }
+            Operation::Pixelwise { inputs, .. } => inputs.iter().map(|x| lags[x.0]).max().unwrap_or(0),
+        };
+        if is_added(*output) {
+            lags[output.0] = lags[output.0].next_multiple_of(BLOCK_ROWS);
+        }
+    }
+    lags
 }
 
 /// Floats from one slot to the next: the next begins on a cache line, and never at the same place of a page,
@@ -221,7 +302,9 @@ impl<'a> Rows<'a> {
         let is_due = self.portions.is_multiple_of(period) || self.fed == self.plan.height;
         let most = if is_due { period * self.plan.portion * height / self.plan.height } else { 0 };
         let rows = rows.min(self.done[step] + most);
-        let rows = if rows >= height { height } else { rows / BLOCK_ROWS * BLOCK_ROWS };
+        let lag = self.plan.lags[output.0] / factor;
+        let whole_blocks = ((rows + lag) / BLOCK_ROWS * BLOCK_ROWS).saturating_sub(lag);
+        let rows = if rows >= height { height } else { whole_blocks };
         let start = std::mem::replace(&mut self.done[step], rows);
         self.computed[output.0] = rows * factor;
         start..rows

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::plan::{Rows as Schedule, UNIT, slot_space};
+use super::plan::{Rows as Schedule, slot_space};
 use super::{Operation, Plan, Tensor};
 use crate::kernels::convolution::{BLOCK_ROWS, RowBlock};
 use crate::kernels::dynamic_filter::FilterBlock;
@@ -50,8 +50,9 @@ impl Plan<'_> {
             for (input, source) in network.inputs.iter().zip(sources) {
                 let row_len = self.row_len(*input);
                 for y in portion.clone() {
-                    let slot = &mut slots[self.memory.places[input.0][y / UNIT]];
-                    source(y, &mut slot[y % UNIT * row_len..][..row_len]);
+                    let (unit, row) = self.place(*input, y);
+                    let slot = &mut slots[self.memory.places[input.0][unit]];
+                    source(y, &mut slot[row * row_len..][..row_len]);
                 }
                 schedule.computed[input.0] = portion.end;
             }
@@ -60,7 +61,8 @@ impl Plan<'_> {
                 let rows = schedule.advance(s);
                 let computed = done..schedule.computed[step.output.0];
                 // Out of the list while they are written, so that the others can be read.
-                let places = &self.memory.places[step.output.0][done / UNIT..computed.end.div_ceil(UNIT)];
+                let units = self.place(step.output, done).0..self.units(step.output, computed.end);
+                let places = &self.memory.places[step.output.0][units];
                 let mut outputs: Vec<_> =
                     places.iter().map(|&place| std::mem::take(&mut slots[place])).collect();
                 self.compute(s, rows, &mut outputs, &slots);
@@ -86,52 +88,44 @@ impl Plan<'_> {
     /// The rows of a tensor that are held at the moment.
     fn view<'a>(&'a self, tensor: Tensor, slots: &'a [&'a mut [f32]]) -> Rows<'a> {
         let size = (self.height_of(tensor), self.row_len(tensor));
-        Rows::scattered(slots, &self.memory.places[tensor.0], UNIT, size)
+        let shift = self.place(tensor, 0).1;
+        Rows::scattered(slots, &self.memory.places[tensor.0], (self.unit_rows[tensor.0], shift), size)
     }
 
     /// Computes some rows of a step, in blocks, to the slots that hold them.
     fn compute(&self, step: usize, rows: Range<usize>, outputs: &mut [&mut [f32]], slots: &[&mut [f32]]) {
         let step = &self.network.steps[step];
         let row_len = self.row_len(step.output);
+        let shift = self.place(step.output, 0).1;
         let view = |tensor: Tensor| self.view(tensor, slots);
         match &step.operation {
             Operation::Convolution { convolution, input, slope, add } => {
                 let factor = convolution.factor();
                 let finish = |first: usize, len: usize| {
                     let Some(add) = add else { return Finish::Leak(*slope) };
-                    let y = first * factor;
-                    let slot = &*slots[self.memory.places[add.0][y / UNIT]];
-                    Finish::LeakThenAdd(*slope, &slot[y % UNIT * row_len..][..len])
+                    let (unit, row) = self.place(*add, first * factor);
+                    let slot = &*slots[self.memory.places[add.0][unit]];
+                    Finish::LeakThenAdd(*slope, &slot[row * row_len..][..len])
                 };
                 let block = |Block { first, rows, output }| {
                     let len = rows * factor * row_len;
-                    RowBlock {
-                        input: view(*input),
-                        first,
-                        output: &mut { output }[..len],
-                        finish: finish(first, len),
-                    }
+                    RowBlock { input: view(*input), first, output, finish: finish(first, len) }
                 };
-                let blocks = blocks(rows, outputs, BLOCK_ROWS * factor * row_len);
+                let blocks = blocks(rows, outputs, (factor, row_len), shift);
                 convolution.compute(blocks.into_iter().map(block).collect(), self.width_of(*input));
             }
             Operation::DynamicFilter { filter, condition, features } => {
                 let (condition, features) = (view(*condition), view(*features));
-                let block = |Block { first, rows, output }| FilterBlock {
-                    condition,
-                    features,
-                    first,
-                    output: &mut { output }[..rows * row_len],
-                };
-                let blocks = blocks(rows, outputs, BLOCK_ROWS * row_len);
+                let block = |Block { first, output, .. }| FilterBlock { condition, features, first, output };
+                let blocks = blocks(rows, outputs, (1, row_len), shift);
                 filter.compute(blocks.into_iter().map(block).collect());
             }
             Operation::Pixelwise { function, inputs } => {
                 let views: Vec<Rows<'_>> = inputs.iter().map(|&input| view(input)).collect();
                 let channels = |t: &Tensor| self.network.tensors[t.0].channels;
                 let channels: Vec<usize> = inputs.iter().map(channels).collect();
-                blocks(rows, outputs, BLOCK_ROWS * row_len).into_par_iter().for_each(|block| {
-                    for (y, row) in block.output.chunks_exact_mut(row_len).take(block.rows).enumerate() {
+                blocks(rows, outputs, (1, row_len), shift).into_par_iter().for_each(|block| {
+                    for (y, row) in block.output.chunks_exact_mut(row_len).enumerate() {
                         let y = (block.first + y).cast_signed();
                         let rows: Vec<&[f32]> = views.iter().map(|view| view.nearest_row(y)).collect();
                         function.apply(&rows, &channels, row);
@@ -149,14 +143,30 @@ struct Block<'a> {
     output: &'a mut [f32],
 }
 
-/// Cuts rows into blocks, each with its part of the slots that hold them.
-fn blocks<'a>(rows: Range<usize>, slots: &'a mut [&mut [f32]], block_len: usize) -> Vec<Block<'a>> {
-    // Blocks and slots begin at multiples of their rows; a slot may hold blocks of an earlier portion.
-    let per_slot = slots.first().map_or(1, |slot| slot.len() / block_len);
-    let earlier = rows.start / BLOCK_ROWS % per_slot;
-    let parts = slots.iter_mut().flat_map(|slot| slot.chunks_mut(block_len)).skip(earlier);
-    let block = |(first, output)| Block { first, rows: BLOCK_ROWS.min(rows.end - first), output };
-    rows.clone().step_by(BLOCK_ROWS).zip(parts).map(block).collect()
+/// Cuts rows into blocks, each with its part of the slots that hold them. There the tensor's first row stands at
+/// `shift`; each row that is computed becomes `factor` rows of `row_len` floats.
+fn blocks<'a>(
+    rows: Range<usize>,
+    slots: &'a mut [&mut [f32]],
+    (factor, row_len): (usize, usize),
+    shift: usize,
+) -> Vec<Block<'a>> {
+    let mut blocks = Vec::new();
+    let mut first = rows.start;
+    // Blocks begin at multiples of their rows in a slot, which may hold blocks of an earlier portion.
+    let per_slot = slots.first().map_or(1, |slot| slot.len() / (factor * row_len));
+    let mut at = (first + shift / factor) % per_slot;
+    for slot in slots {
+        let mut rest = &mut slot[at * factor * row_len..];
+        while !rest.is_empty() && first < rows.end {
+            let count = (BLOCK_ROWS - at % BLOCK_ROWS).min(rows.end - first);
+            let (output, others) = rest.split_at_mut(count * factor * row_len);
+            blocks.push(Block { first, rows: count, output });
+            (first, at, rest) = (first + count, at + count, others);
+        }
+        at = 0;
+    }
+    blocks
 }
 
 #[cfg(test)]
