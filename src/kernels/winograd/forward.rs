@@ -12,6 +12,11 @@
 //! the second-level cache holds beside the weights. At 128 channels the weights (2.4 MB) exceed that cache,
 //! and 48 tiles reuse each of them often enough. Batches count tiles along all rows of a task, so that narrow
 //! images fill them too.
+//!
+//! # Channels that do not fill vectors
+//! Transformed inputs and products hold whole vectors of channels for each tile, filled up with zeros: only
+//! what is read from the inputs and written to the outputs is cut off. The products' depth is the number of
+//! inputs that there are.
 
 use rayon::prelude::*;
 
@@ -22,7 +27,7 @@ use crate::kernels::gemm::{
     MOST_ROWS, Operand, multiply_add, panel_vectors, store_tile, with_register_tile, zero_tile,
 };
 use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines};
-use crate::kernels::simd::{Isa, Kernel, Simd, load_strided, store_strided};
+use crate::kernels::simd::{Extent as _, Isa, Kernel, Simd, for_each_vector, load_strided, store_strided};
 
 /// Weights of a 3 × 3 convolution after G·G ᵀ, in the order in which the products read them.
 pub(crate) struct Weights {
@@ -35,9 +40,22 @@ pub(crate) struct Weights {
     bias: AlignedBuffer,
 }
 
-/// Tells whether this method applies: channels fill whole vectors on both sides.
+impl Weights {
+    /// Inputs of a tile in the working memory: whole vectors.
+    fn padded_inputs(&self) -> usize {
+        self.inputs.next_multiple_of(self.isa.lanes())
+    }
+
+    /// Outputs of a tile in the working memory: whole panels.
+    fn padded_outputs(&self) -> usize {
+        self.outputs.next_multiple_of(self.vectors * self.isa.lanes())
+    }
+}
+
+/// Tells whether this method is the fastest: a transform costs as much for a vector with few channels as for a
+/// full one, so that fewer than half a vector on either side are left to the direct sums.
 pub(crate) fn applies(isa: Isa, inputs: usize, outputs: usize) -> bool {
-    inputs.is_multiple_of(isa.lanes()) && outputs.is_multiple_of(isa.lanes())
+    inputs.min(outputs) * 2 >= isa.lanes()
 }
 
 /// How many tiles a batch has at most.
@@ -69,15 +87,17 @@ impl Weights {
     ) -> Self {
         let vectors = panel_vectors(isa.lanes(), outputs);
         let panel = vectors * isa.lanes();
-        let mut packed = AlignedBuffer::zeros(POINTS * POINTS * inputs * outputs);
+        let padded = outputs.next_multiple_of(panel);
+        let mut packed = AlignedBuffer::zeros(POINTS * POINTS * inputs * padded);
         let shares = packed.as_mut_slice().par_chunks_mut(PACKED_ROWS * POINTS * inputs * panel);
         shares.enumerate().for_each(|(share, to)| {
             let (p, first) = (share * PACKED_ROWS / POINTS, share * PACKED_ROWS % POINTS);
-            let weight = |lane: usize, input: usize| weight(p * panel + lane, input);
+            // Lanes past the last output repeat it: what they compute is not stored.
+            let weight = |lane: usize, input: usize| weight((p * panel + lane).min(outputs - 1), input);
             isa.run(PackPanel { to, inputs, panel, first, weight });
         });
-        let mut bias_buffer = AlignedBuffer::zeros(outputs);
-        bias_buffer.as_mut_slice().iter_mut().enumerate().for_each(|(o, b)| *b = bias(o));
+        let mut bias_buffer = AlignedBuffer::zeros(padded);
+        bias_buffer.as_mut_slice()[..outputs].iter_mut().enumerate().for_each(|(o, b)| *b = bias(o));
         Self { isa, inputs, outputs, vectors, packed, bias: bias_buffer }
     }
 }
@@ -123,9 +143,17 @@ impl<W: Fn(usize, usize) -> [f32; 9]> PackPanel<'_, W> {
                         g[tap % 3][tap / 3][together] = f64::from(weight);
                     }
                 }
-                let columns = g.map(transform::weight);
+                // Loops and not `map`, whose closure would be compiled without the instruction set.
+                let mut columns = [[[0.0f64; TOGETHER]; POINTS]; 3];
+                for (column, g) in columns.iter_mut().zip(g) {
+                    *column = transform::weight(g);
+                }
                 for row in 0..PACKED_ROWS {
-                    let points = transform::weight(columns.map(|column| column[self.first + row]));
+                    let mut taps = [[0.0f64; TOGETHER]; 3];
+                    for (taps, column) in taps.iter_mut().zip(&columns) {
+                        *taps = column[self.first + row];
+                    }
+                    let points = transform::weight(taps);
                     for (point, values) in points.iter().enumerate() {
                         let at = ((row * POINTS + point) * self.inputs + input) * self.panel + lane;
                         let to = &mut self.to[at..at + TOGETHER];
@@ -212,8 +240,8 @@ impl Sizes {
         const SKEW: usize = 16;
         let padded_tiles = tiles + MOST_ROWS;
         Self {
-            inputs: whole_lines(padded_tiles * weights.inputs) + SKEW,
-            products: whole_lines(padded_tiles * weights.outputs) + SKEW,
+            inputs: whole_lines(padded_tiles * weights.padded_inputs()) + SKEW,
+            products: whole_lines(padded_tiles * weights.padded_outputs()) + SKEW,
             patch: whole_lines(POINTS * POINTS * weights.inputs),
             zeros: whole_lines(width * weights.inputs),
         }
@@ -301,7 +329,7 @@ impl Batch<'_> {
         Position { tile, across, .. }: Position,
         buffers: &mut Buffers<'_>,
     ) {
-        let channels = self.weights.inputs;
+        let (channels, padded) = (self.weights.inputs, self.weights.padded_inputs());
         let Buffers { inputs, patch, zeros, .. } = buffers;
         let rows = row.inputs.map(|row| row.unwrap_or(zeros));
         // The tile's six columns begin one before its outputs.
@@ -313,15 +341,15 @@ impl Batch<'_> {
             let row_len = POINTS * channels;
             (std::array::from_fn(|y| &patch[y * row_len..][..row_len]), 0)
         };
-        for c in (0..channels).step_by(S::LANES) {
-            // SAFETY: six columns from `start` lie within each row, channels filling whole vectors; the
-            // buffer holds 36 parts with room for `count` tiles.
+        for_each_vector!(S, channels, (c, extent) => {
+            // SAFETY: six columns from `start` lie within each row; the buffer holds 36 parts with room for
+            // the whole vectors of all tiles of the batch.
             unsafe {
                 let mut d = [[simd.splat(0.0); POINTS]; POINTS];
                 for x in 0..POINTS {
                     let mut column = [simd.splat(0.0); POINTS];
                     for (vector, row) in column.iter_mut().zip(&rows) {
-                        *vector = simd.load(row, start + x * channels + c);
+                        *vector = extent.load(simd, row, start + x * channels + c);
                     }
                     let column = transform::input(simd, column);
                     for y in 0..POINTS {
@@ -330,11 +358,11 @@ impl Batch<'_> {
                 }
                 for (y, row) in d.into_iter().enumerate() {
                     let v = transform::input(simd, row);
-                    let to = y * POINTS * self.sizes.inputs + tile * channels + c;
+                    let to = y * POINTS * self.sizes.inputs + tile * padded + c;
                     store_strided(simd, inputs, to, self.sizes.inputs, &v);
                 }
             }
-        }
+        });
     }
 
     /// Copies the inputs of a tile at the border, with zeros where the image has none.
@@ -372,18 +400,18 @@ impl Batch<'_> {
         let rows = output.len() / (self.width * weights.outputs);
         let columns = self.width - across * TILE;
         let bias = weights.bias.as_slice();
-        for channel in (0..weights.outputs).step_by(S::LANES) {
+        for_each_vector!(S, weights.outputs, (channel, extent) => {
             let at = place.group(channel / place.channels)
                 + across * TILE * place.column
                 + channel % place.channels;
-            // SAFETY: `products` holds 36 parts of at least `count` tiles; row `k < rows` and column
-            // `x < columns` of the tile are in the output, channels filling whole vectors, and the finisher's
-            // tensor is laid out like the output.
+            // SAFETY: `products` holds 36 parts of at least as many tiles as the batch has; row `k < rows` and
+            // column `x < columns` of the tile are in the output, with the extent's channels from this one on,
+            // and the finisher's tensor is laid out like the output.
             unsafe {
                 let b = simd.load(bias, channel);
                 let mut m = [[simd.splat(0.0); POINTS]; TILE];
                 for x in 0..POINTS {
-                    let from = x * self.sizes.products + tile * weights.outputs + channel;
+                    let from = x * self.sizes.products + tile * weights.padded_outputs() + channel;
                     let column = load_strided(simd, products, from, POINTS * self.sizes.products);
                     let column = transform::output(simd, column);
                     for k in 0..TILE {
@@ -396,13 +424,13 @@ impl Batch<'_> {
                             if x < columns {
                                 let at = at + k * place.row + x * place.column;
                                 let sum = simd.add(value, b);
-                                simd.store(output, at, finisher.vector(simd, sum, at));
+                                extent.store(simd, output, at, finisher.vector(simd, extent, sum, at));
                             }
                         }
                     }
                 }
             }
-        }
+        });
     }
 }
 
@@ -413,19 +441,20 @@ unsafe fn multiply<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     batch: &Batch<'_>,
     buffers: &mut Buffers<'_>,
 ) {
-    let (inputs, outputs) = (batch.weights.inputs, batch.weights.outputs);
+    let inputs = batch.weights.inputs;
+    let (padded, outputs) = (batch.weights.padded_inputs(), batch.weights.padded_outputs());
     let panel = COLUMNS * S::LANES;
     for point in 0..POINTS * POINTS {
         for p in 0..outputs / panel {
             let right_at = (p * POINTS * POINTS + point) * inputs * panel;
             let b = Operand { data: batch.weights.packed.as_slice(), at: right_at, row: 0, step: panel };
-            let filled = point * batch.sizes.inputs + batch.count * inputs;
+            let filled = point * batch.sizes.inputs + batch.count * padded;
             let missing = batch.count.next_multiple_of(ROWS) - batch.count;
             // Stale rows would give right results too, but stale numbers end as subnormals, which are slow.
-            buffers.inputs[filled..filled + missing * inputs].fill(0.0);
+            buffers.inputs[filled..filled + missing * padded].fill(0.0);
             for tile in (0..batch.count).step_by(ROWS) {
-                let at = point * batch.sizes.inputs + tile * inputs;
-                let a = Operand { data: buffers.inputs, at, row: inputs, step: 1 };
+                let at = point * batch.sizes.inputs + tile * padded;
+                let a = Operand { data: buffers.inputs, at, row: padded, step: 1 };
                 // SAFETY: both buffers have room for `MOST_ROWS` tiles more than the batch has (what is read
                 // and written there is never used); the weights hold 36 points for each of the panels.
                 unsafe {
