@@ -19,9 +19,9 @@ pub struct Timing {
 
 /// Times every operation whose name contains `wanted` for about `patience` each, handing each result out.
 pub fn run(wanted: &str, patience: Duration, mut report: impl FnMut(Timing)) {
-    let mut time = |name: String, operations: f64, call: &mut dyn FnMut()| {
+    let mut time = |name: String, operations: f64, prepare: Prepare<'_>| {
         if name.contains(wanted) {
-            report(Timing { name, operations, seconds: best_time(patience, call) });
+            report(Timing { name, operations, seconds: best_time(patience, prepare()) });
         }
     };
     for (channels, side) in [(32, 800), (64, 400), (128, 200)] {
@@ -62,8 +62,11 @@ pub fn best_time(patience: Duration, mut call: impl FnMut()) -> f64 {
     best
 }
 
-/// Takes a name, operations and a call to time.
-type Time<'a> = &'a mut dyn FnMut(String, f64, &mut dyn FnMut());
+/// Makes the tensors of an operation and gives the call to time.
+type Prepare<'a> = &'a dyn Fn() -> Box<dyn FnMut()>;
+
+/// Takes a name, operations and what prepares them, which is not run when nobody asked for the name.
+type Time<'a> = &'a mut dyn FnMut(String, f64, Prepare<'_>);
 
 /// Numbers between −1/2 and 1/2, scattered.
 fn values(len: usize) -> Vec<f32> {
@@ -72,12 +75,13 @@ fn values(len: usize) -> Vec<f32> {
 
 fn forward(time: Time<'_>, name: &str, geometry: Geometry, side: usize) {
     let shape = Shape::new(1, side, side, geometry.inputs);
-    let convolution = Convolution::new(geometry, &values(geometry.weight_len()), &values(geometry.outputs));
-    let (input, out) = (values(shape.len()), convolution.output_shape(shape));
-    let mut output = vec![0.0; out.len()];
     let name = format!("{name} {}→{} @{side}²", geometry.inputs, geometry.outputs);
-    time(name, (2 * geometry.weight_len() * out.pixels()) as f64, &mut || {
-        convolution.forward(&input, shape, Finish::Leak(0.2), &mut output);
+    let pixels = geometry.output_extent(side).pow(2);
+    time(name, (2 * geometry.weight_len() * pixels) as f64, &|| {
+        let convolution =
+            Convolution::new(geometry, &values(geometry.weight_len()), &values(geometry.outputs));
+        let (input, mut output) = (values(shape.len()), vec![0.0; pixels * geometry.outputs]);
+        Box::new(move || convolution.forward(&input, shape, Finish::Leak(0.2), &mut output))
     });
 }
 
@@ -85,31 +89,33 @@ fn up(time: Time<'_>, channels: usize, side: usize) {
     let inputs = 2 * channels;
     let shape = Shape::new(1, side, side, inputs);
     let weights = 4 * channels * inputs * 9;
-    let up = Convolution::up(Isa::current(), inputs, &values(weights), &values(4 * channels));
-    let input = values(shape.len());
-    let mut output = vec![0.0; up.output_shape(shape).len()];
-    let skip = values(output.len());
-    time(format!("up {inputs}→{channels} @{side}²"), (2 * weights * shape.pixels()) as f64, &mut || {
-        up.forward(&input, shape, Finish::LeakThenAdd(0.2, &skip), &mut output);
+    time(format!("up {inputs}→{channels} @{side}²"), (2 * weights * shape.pixels()) as f64, &|| {
+        let up = Convolution::up(Isa::current(), inputs, &values(weights), &values(4 * channels));
+        let (input, mut output) = (values(shape.len()), vec![0.0; up.output_shape(shape).len()]);
+        let skip = values(output.len());
+        Box::new(move || up.forward(&input, shape, Finish::LeakThenAdd(0.2, &skip), &mut output))
     });
 }
 
 fn filter(time: Time<'_>, channels: usize, shape: Shape, with_gradient: bool) {
     const SIZE: usize = 5;
     let taps = SIZE * SIZE;
-    let (weight, bias) = (values(taps * channels * channels), values(taps * channels));
-    let filter = DynamicFilter::new(Isa::current(), SIZE, &weight, &bias, 0.2);
-    let (condition, features) = (values(shape.len()), values(shape.len()));
     let products = (2 * taps * channels * shape.len()) as f64;
+    let tensors = move || {
+        let (weight, bias) = (values(taps * channels * channels), values(taps * channels));
+        let filter = DynamicFilter::new(Isa::current(), SIZE, &weight, &bias, 0.2);
+        (filter, values(shape.len()), values(shape.len()))
+    };
     if with_gradient {
         let name = format!("dynamic filter {channels} backward {}×{}²", shape.images, shape.width);
-        time(name, 3.0 * products, &mut || {
-            filter.backward(&condition, &features, shape, &features);
+        time(name, 3.0 * products, &|| {
+            let (filter, condition, features) = tensors();
+            Box::new(move || drop(filter.backward(&condition, &features, shape, &features)))
         });
     } else {
-        let mut output = vec![0.0; shape.len()];
-        time(format!("dynamic filter {channels} @{}²", shape.width), products, &mut || {
-            filter.forward(&condition, &features, shape, &mut output);
+        time(format!("dynamic filter {channels} @{}²", shape.width), products, &|| {
+            let ((filter, condition, features), mut output) = (tensors(), vec![0.0; shape.len()]);
+            Box::new(move || filter.forward(&condition, &features, shape, &mut output))
         });
     }
 }
@@ -119,15 +125,16 @@ fn backward(time: Time<'_>, geometry: Geometry, side: usize) {
     let shape = Shape::new(IMAGES, side, side, geometry.inputs);
     let extent = geometry.output_extent(side);
     let pixels = IMAGES * extent * extent;
-    let (input, weight) = (values(shape.len()), values(geometry.weight_len()));
-    let gradient = values(pixels * geometry.outputs);
+    let gradient = move || values(pixels * geometry.outputs);
     let operations = (2 * geometry.weight_len() * pixels) as f64;
     let stride = if geometry.stride == 2 { " stride 2" } else { "" };
     let what = format!("{}→{}{stride} {IMAGES}×{side}²", geometry.inputs, geometry.outputs);
-    time(format!("3×3 to input {what}"), operations, &mut || {
-        input_gradient(geometry, &weight, &gradient, shape, Finish::Leak(1.0));
+    time(format!("3×3 to input {what}"), operations, &|| {
+        let (weight, gradient) = (values(geometry.weight_len()), gradient());
+        Box::new(move || drop(input_gradient(geometry, &weight, &gradient, shape, Finish::Leak(1.0))))
     });
-    time(format!("3×3 to weights {what}"), operations, &mut || {
-        weight_gradient(geometry, &input, shape, &gradient);
+    time(format!("3×3 to weights {what}"), operations, &|| {
+        let (input, gradient) = (values(shape.len()), gradient());
+        Box::new(move || drop(weight_gradient(geometry, &input, shape, &gradient)))
     });
 }

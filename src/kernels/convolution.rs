@@ -87,11 +87,11 @@ impl Convolution {
     ) -> Self {
         let Geometry { inputs, outputs, side, stride } = geometry;
         let whole_groups = order == Order::Plain || (outputs / 4).is_multiple_of(isa.lanes());
-        let method = if (side, stride) == (3, 1) && whole_groups && winograd::applies(isa, inputs, outputs) {
+        let method = if order == Order::Plain && few_outputs::applies(isa, geometry) {
+            Method::FewOutputs(few_outputs::Weights::pack(isa, geometry, weight, bias))
+        } else if (side, stride) == (3, 1) && whole_groups && winograd::applies(isa, inputs, outputs) {
             let weight = |o: usize, i: usize| std::array::from_fn(|tap| weight(o, i, tap));
             Method::Winograd(winograd::Weights::pack(isa, (inputs, outputs), weight, bias))
-        } else if order == Order::Plain && few_outputs::applies(isa, geometry) {
-            Method::FewOutputs(few_outputs::Weights::pack(isa, geometry, weight, bias))
         } else {
             Method::Direct(direct::Weights::pack(isa, geometry, weight, bias))
         };
@@ -266,6 +266,10 @@ mod tests {
             (8, 8),
             (16, 16),
             (16, 48),
+            (21, 8),
+            (8, 16),
+            (19, 70),
+            (37, 32),
             (32, 32),
         ];
         for isa in Isa::available() {

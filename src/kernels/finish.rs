@@ -1,6 +1,6 @@
 //! What is done to a convolution's sums before they are stored.
 
-use super::simd::Simd;
+use super::simd::{Extent, Simd};
 
 /// The last step of an output: bias, then one of the [`Finish`] variants' arithmetic.
 ///
@@ -46,14 +46,11 @@ impl Finish<'_> {
 
 /// [`Finish`] resolved before the inner loop, so that it is compiled once for each kind.
 pub(crate) trait Finisher<S: Simd>: Copy {
-    /// Finishes the vector of outputs that begins at `at`.
+    /// Finishes the outputs that begin at `at`, as many as `extent` says.
     ///
     /// # Safety
-    /// A vector begins at `at` in the tensor of the variant.
-    unsafe fn vector(self, simd: S, sum: S::Vector, at: usize) -> S::Vector;
-
-    /// Finishes the one output at `at`.
-    fn scalar(self, sum: f32, at: usize) -> f32;
+    /// So many floats begin at `at` in the tensor of the variant.
+    unsafe fn vector(self, simd: S, extent: impl Extent, sum: S::Vector, at: usize) -> S::Vector;
 }
 
 /// See [`Finish::Leak`].
@@ -76,41 +73,26 @@ fn leak(sign: f32, value: f32, slope: f32) -> f32 {
 
 impl<S: Simd> Finisher<S> for Leak {
     #[inline(always)]
-    unsafe fn vector(self, simd: S, sum: S::Vector, _at: usize) -> S::Vector {
+    unsafe fn vector(self, simd: S, _extent: impl Extent, sum: S::Vector, _at: usize) -> S::Vector {
         simd.leak(sum, sum, simd.splat(self.0))
-    }
-
-    #[inline(always)]
-    fn scalar(self, sum: f32, _at: usize) -> f32 {
-        leak(sum, sum, self.0)
     }
 }
 
 impl<S: Simd> Finisher<S> for LeakThenAdd<'_> {
     #[inline(always)]
-    unsafe fn vector(self, simd: S, sum: S::Vector, at: usize) -> S::Vector {
+    unsafe fn vector(self, simd: S, extent: impl Extent, sum: S::Vector, at: usize) -> S::Vector {
         // SAFETY: passed on to the caller.
-        let other = unsafe { simd.load(self.1, at) };
+        let other = unsafe { extent.load(simd, self.1, at) };
         simd.add(simd.leak(sum, sum, simd.splat(self.0)), other)
-    }
-
-    #[inline(always)]
-    fn scalar(self, sum: f32, at: usize) -> f32 {
-        leak(sum, sum, self.0) + self.1[at]
     }
 }
 
 impl<S: Simd> Finisher<S> for Gate<'_> {
     #[inline(always)]
-    unsafe fn vector(self, simd: S, sum: S::Vector, at: usize) -> S::Vector {
+    unsafe fn vector(self, simd: S, extent: impl Extent, sum: S::Vector, at: usize) -> S::Vector {
         // SAFETY: passed on to the caller.
-        let sign = unsafe { simd.load(self.1, at) };
+        let sign = unsafe { extent.load(simd, self.1, at) };
         simd.leak(sign, sum, simd.splat(self.0))
-    }
-
-    #[inline(always)]
-    fn scalar(self, sum: f32, at: usize) -> f32 {
-        leak(self.1[at], sum, self.0)
     }
 }
 

@@ -6,9 +6,9 @@
 //!
 //! # Map
 //! - [`Isa`]: which vector instructions run, chosen once; `UDC_SIMD=avx512|avx2|portable` forces a path.
-//! - [`Convolution`]: any odd side up to 11, by `winograd` where it is 3, channels fill whole vectors and the
-//!   stride is 1, by the `direct` kernel elsewhere; [`convolution`] also has its gradients.
-//! - [`res_block`], [`up_convolution`], [`dynamic_filter`]: the network's blocks, forward and backward.
+//! - [`Convolution`]: any odd side up to 11, by `winograd` where it is 3, the stride is 1 and channels are not
+//!   too few, by the `direct` kernel elsewhere; [`convolution`] also has its gradients.
+//! - [`res_block`], [`up_convolution`], [`dynamic_filter`], [`modulation`]: the network's blocks, forward and backward.
 //! - [`stream`]: whole networks, a few rows at a time, in memory planned beforehand.
 //!
 //! # Why unsafe, and where
@@ -31,6 +31,7 @@ pub mod dynamic_filter;
 mod finish;
 mod gemm;
 pub mod gradient;
+pub mod modulation;
 pub mod peak;
 pub mod res_block;
 mod rows;

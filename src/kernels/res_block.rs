@@ -63,7 +63,8 @@ impl ResBlock<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernels::testing::{Values, assert_close, check_gradients, dot, naive};
+    use crate::kernels::Isa;
+    use crate::kernels::testing::{Values, assert_close, check_gradients, dot, naive, on_every_isa};
 
     fn naive_block(parameters: &[Vec<f32>], shape: Shape) -> Vec<f64> {
         let geometry = Geometry::three_by_three(shape.channels, shape.channels);
@@ -75,7 +76,9 @@ mod tests {
 
     #[test]
     fn result_and_gradients_agree_with_the_equation() {
-        for (images, height, width, channels) in [(1, 1, 1, 3), (2, 6, 5, 4), (2, 9, 7, 16), (1, 5, 9, 32)] {
+        for (images, height, width, channels) in
+            [(1, 1, 1, 3), (2, 6, 5, 4), (2, 9, 7, 16), (1, 5, 9, 32), (1, 6, 7, 20)]
+        {
             let shape = Shape::new(images, height, width, channels);
             let mut values = Values::new(9);
             let x = values.take(shape.len());
@@ -90,11 +93,14 @@ mod tests {
             };
             let tensors =
                 vec![x.clone(), weights[0].clone(), biases[0].clone(), weights[1].clone(), biases[1].clone()];
-            let (inner, output) = block.forward(&x, shape);
-            assert_close(&output, &naive_block(&tensors, shape), 4e-6, "result");
-            let ResBlockGradients { input, parameters: [first, second] } =
-                block.backward(&x, &inner, &gradient, shape);
-            let found = [input, first.weight, first.bias, second.weight, second.bias];
+            let expected = naive_block(&tensors, shape);
+            let found = on_every_isa(|| {
+                let (inner, output) = block.forward(&x, shape);
+                assert_close(&output, &expected, 4e-6, Isa::current().name());
+                let ResBlockGradients { input, parameters: [first, second] } =
+                    block.backward(&x, &inner, &gradient, shape);
+                vec![input, first.weight, first.bias, second.weight, second.bias]
+            });
             let loss = |tensors: &[Vec<f32>]| dot(&naive_block(tensors, shape), &gradient);
             check_gradients(tensors, &found, loss);
         }

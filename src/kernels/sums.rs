@@ -51,8 +51,10 @@ pub fn per_channel(gradient: &[f32], channels: usize) -> Vec<f32> {
 
 /// Adds the chunks' sums in order, in f64.
 pub(crate) fn add_up(sums: &[&[f32]], len: usize) -> Vec<f32> {
+    /// Totals that are worth a task of their own.
+    const SHARE: usize = 1 << 12;
     let total = |i: usize| rounded(sums.iter().map(|sum| f64::from(sum[i])).sum());
-    (0..len).map(total).collect()
+    (0..len).into_par_iter().with_min_len(SHARE).map(total).collect()
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "rounds a sum to the gradients' precision")]

@@ -1,5 +1,27 @@
 //! What the kernels' tests share: reproducible values and the operations written down plainly, in f64.
 
+use std::cell::Cell;
+
+use super::Isa;
+
+thread_local! {
+    static ISA: Cell<Option<Isa>> = const { Cell::new(None) };
+}
+
+/// The instruction set that [`on_every_isa`] chose for this thread.
+pub(crate) fn isa_of_thread() -> Option<Isa> {
+    ISA.get()
+}
+
+/// Runs operations once with each instruction set of this CPU, in threads whose kernels use no other.
+pub(crate) fn on_every_isa<T: Send>(operations: impl Fn() -> T + Sync) -> Vec<(Isa, T)> {
+    let run = |isa: Isa| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(2).start_handler(move |_| ISA.set(Some(isa)));
+        (isa, pool.build().unwrap().install(&operations))
+    };
+    Isa::available().into_iter().map(run).collect()
+}
+
 /// A stream of pseudo-random numbers, roughly normal, the same on every machine.
 pub(crate) struct Values(u64);
 
@@ -44,21 +66,23 @@ pub(crate) fn dot(a: &[f64], b: &[f32]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * f64::from(*b)).sum()
 }
 
-/// Asserts that gradients are the differences of a loss, at some places of each tensor.
+/// Asserts that the gradients that each instruction set found are the differences of a loss, at some places of
+/// each tensor.
 ///
 /// The loss is evaluated in f64 at two points so close that rectifiers hardly ever switch in between;
 /// their distance is exact. What is left is the rounding of the gradients' own sums.
 pub(crate) fn check_gradients(
     mut tensors: Vec<Vec<f32>>,
-    gradients: &[Vec<f32>],
+    gradients: &[(Isa, Vec<Vec<f32>>)],
     loss: impl Fn(&[Vec<f32>]) -> f64,
 ) {
     const STEP: f32 = 1e-5;
     const PLACES: usize = 24;
-    assert_eq!(tensors.len(), gradients.len());
+    for (isa, gradients) in gradients {
+        let lengths = |tensors: &[Vec<f32>]| tensors.iter().map(Vec::len).collect::<Vec<_>>();
+        assert_eq!(lengths(&tensors), lengths(gradients), "{}", isa.name());
+    }
     for t in 0..tensors.len() {
-        assert_eq!(tensors[t].len(), gradients[t].len(), "length of tensor {t}");
-        let largest = gradients[t].iter().fold(1e-3f64, |m, v| m.max(f64::from(v.abs())));
         let apart = tensors[t].len().div_ceil(PLACES);
         for i in (0..tensors[t].len()).step_by(apart) {
             let original = tensors[t][i];
@@ -69,8 +93,12 @@ pub(crate) fn check_gradients(
             let (above, below) = (original + STEP, original - STEP);
             let quotient = (at(above) - at(below)) / f64::from(above - below);
             tensors[t][i] = original;
-            let error = (f64::from(gradients[t][i]) - quotient).abs() / largest;
-            assert!(error < 2e-5, "tensor {t}, place {i}: {} is not {quotient}", gradients[t][i]);
+            for (isa, gradients) in gradients {
+                let (name, found) = (isa.name(), gradients[t][i]);
+                let largest = gradients[t].iter().fold(1e-3f64, |m, v| m.max(f64::from(v.abs())));
+                let error = (f64::from(found) - quotient).abs() / largest;
+                assert!(error < 2e-5, "{name}: tensor {t}, place {i}: {found} is not {quotient}");
+            }
         }
     }
 }

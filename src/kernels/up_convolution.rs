@@ -48,10 +48,9 @@ impl UpConvolution<'_> {
         let geometry = Geometry::three_by_three(shape.channels, outputs);
         let gated = gather(&gate(gradient, output, self.slope, channels).gradient, shape, channels);
         let row_len = shape.channels * 9;
-        let weight: Vec<f32> = (0..outputs)
-            .flat_map(|o| &self.weight[shuffled_output(o, channels) * row_len..][..row_len])
-            .copied()
-            .collect();
+        let rows: Vec<&[f32]> =
+            (0..outputs).map(|o| &self.weight[shuffled_output(o, channels) * row_len..][..row_len]).collect();
+        let weight = rows.concat();
         let input = input_gradient(geometry, &weight, &gated, shape, Finish::Leak(1.0));
         let weight_sums = weight_gradient(geometry, x, shape, &gated);
         let bias_sums = super::sums::per_channel(&gated, outputs);
@@ -84,11 +83,12 @@ fn gather(fine: &[f32], shape: Shape, channels: usize) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernels::testing::{Values, check_gradients, dot, naive};
+    use crate::kernels::testing::{Values, check_gradients, dot, naive, on_every_isa};
 
     #[test]
     fn gradients_agree_with_the_equation() {
-        for (images, height, width, inputs, channels) in [(1, 1, 1, 2, 1), (2, 5, 6, 32, 16), (1, 3, 4, 8, 4)]
+        for (images, height, width, inputs, channels) in
+            [(1, 1, 1, 2, 1), (2, 5, 6, 32, 16), (1, 3, 4, 8, 4), (1, 4, 5, 20, 7)]
         {
             let shape = Shape::new(images, height, width, inputs);
             let mut values = Values::new(4);
@@ -97,15 +97,17 @@ mod tests {
             let bias = values.take(4 * channels);
             let gradient = values.take(4 * shape.pixels() * channels);
             let up = UpConvolution { weight: &weight, bias: &bias, slope: 0.2 };
-            let output = up.forward(&x, shape);
-            let (input, parameters) = up.backward(&x, shape, &output, &gradient);
+            let found = on_every_isa(|| {
+                let output = up.forward(&x, shape);
+                let (input, parameters) = up.backward(&x, shape, &output, &gradient);
+                vec![input, parameters.weight, parameters.bias]
+            });
             let geometry = Geometry::three_by_three(inputs, 4 * channels);
             let loss = |tensors: &[Vec<f32>]| {
                 let sums = naive::convolution(geometry, &tensors[1], &tensors[2], &tensors[0], shape);
                 let shuffled = naive::pixel_shuffle(&sums, shape.with_channels(4 * channels));
                 dot(&naive::finish(Finish::Leak(0.2), &shuffled), &gradient)
             };
-            let found = [input, parameters.weight, parameters.bias];
             check_gradients(vec![x.clone(), weight.clone(), bias.clone()], &found, loss);
         }
     }

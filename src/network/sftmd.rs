@@ -14,13 +14,14 @@
 
 use burn::module::Module;
 use burn::tensor::Tensor;
-use burn::tensor::activation::{relu, sigmoid};
 
 use super::architecture::Architecture;
 use super::builder::Builder;
 use super::inference::{Part, StreamBuilder};
 use super::layers::{Layer, LayerList};
-use super::operations::{Activation, Convolution, LEAKY_SLOPE, convolution, from_layout, to_layout};
+use super::operations::{
+    Activation, Convolution, LEAKY_SLOPE, convolution, from_layout, modulation, to_layout,
+};
 use crate::core::image::CHANNELS;
 use crate::kernels::stream;
 
@@ -100,10 +101,6 @@ impl Branch {
         let [conv1, conv2] = ["conv1", "conv2"].map(|part| build.convolution(&format!("{name}_{part}")));
         Self { conv1, conv2 }
     }
-
-    fn forward(&self, x: Tensor<4>) -> Tensor<4> {
-        convolution(convolution(x, &self.conv1, 1, Activation::LeakyRelu), &self.conv2, 1, Activation::None)
-    }
 }
 
 impl Modulation {
@@ -112,9 +109,9 @@ impl Modulation {
         Self { scale, offset }
     }
 
-    fn forward(&self, x: Tensor<4>, map: &Tensor<4>) -> Tensor<4> {
-        let joined = Tensor::cat(vec![x.clone(), map.clone()], 3);
-        x * sigmoid(self.scale.forward(joined.clone())) + self.offset.forward(joined)
+    fn forward(&self, x: Tensor<4>, map: &Tensor<4>, slope: f32) -> Tensor<4> {
+        let branches = [&self.scale, &self.offset].map(|branch| [&branch.conv1, &branch.conv2]);
+        modulation(x, map, branches, slope)
     }
 }
 
@@ -129,7 +126,7 @@ impl Block {
     fn forward(&self, x: Tensor<4>, map: &Tensor<4>) -> Tensor<4> {
         let steps = self.modulations.iter().zip(&self.convolutions);
         let inner = steps.fold(x.clone(), |x, (modulation, layer)| {
-            convolution(relu(modulation.forward(x, map)), layer, 1, Activation::None)
+            convolution(modulation.forward(x, map, 0.0), layer, 1, Activation::None)
         });
         x + inner
     }
@@ -155,7 +152,7 @@ impl Sftmd {
         let x = convolution(x, second, 1, Activation::LeakyRelu);
         let head = convolution(x, third, 1, Activation::None);
         let x = self.blocks.iter().fold(head.clone(), |x, block| block.forward(x, &map));
-        let x = self.modulation.forward(x + head, &map);
+        let x = self.modulation.forward(x + head, &map, 1.0);
         let x = convolution(x, &self.middle, 1, Activation::None);
         from_layout(convolution(x, &self.last, 1, Activation::None))
     }

@@ -86,9 +86,21 @@ impl Constants {
 
 /// The Euclidean norm of all gradients together.
 pub(super) fn global_norm(gradients: &Gradients) -> f64 {
-    let squares = |values: &Vec<f32>| values.iter().map(|&g| f64::from(g) * f64::from(g)).sum::<f64>();
-    let per_tensor: Vec<f64> = gradients.par_iter().map(squares).collect();
-    per_tensor.into_iter().sum::<f64>().sqrt()
+    /// Gradients whose sum is one task's, and sums side by side: one alone would wait for each addition.
+    const SHARE: usize = 1 << 14;
+    const TOGETHER: usize = 16;
+    let squares = |share: &[f32]| {
+        let mut sums = [0.0_f64; TOGETHER];
+        for values in share.chunks(TOGETHER) {
+            for (sum, &g) in sums.iter_mut().zip(values) {
+                *sum += f64::from(g) * f64::from(g);
+            }
+        }
+        sums.iter().sum::<f64>()
+    };
+    let shares: Vec<&[f32]> = gradients.iter().flat_map(|values| values.chunks(SHARE)).collect();
+    let sums: Vec<f64> = shares.into_par_iter().map(squares).collect();
+    sums.into_iter().sum::<f64>().sqrt()
 }
 
 /// Scales gradients of a larger norm down to `limit`.

@@ -237,7 +237,7 @@ impl ModuleVisitor for Collect {
         let index = usize::try_from(param.id.val()).expect("ids are small indices");
         self.found[index] = param
             .val()
-            .grad(&self.gradients)
+            .grad_remove(&mut self.gradients)
             .map(|gradient| gradient.try_into_vec_as::<f32>().expect("gradients are 32-bit floats"));
     }
 }

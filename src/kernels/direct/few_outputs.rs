@@ -32,7 +32,8 @@ pub(crate) struct Weights {
 /// Tells whether this method applies.
 pub(crate) fn applies(isa: Isa, geometry: Geometry) -> bool {
     let Geometry { inputs, outputs, side, stride } = geometry;
-    (side, stride) == (3, 1) && outputs <= MOST_OUTPUTS && inputs.is_multiple_of(isa.lanes())
+    let is_part_of_a_vector = outputs < isa.lanes() && outputs <= MOST_OUTPUTS;
+    (side, stride) == (3, 1) && is_part_of_a_vector && inputs.is_multiple_of(isa.lanes())
 }
 
 impl Weights {

@@ -4,7 +4,7 @@ use crate::kernels::finish::{Finish, Finisher, with_finisher};
 use crate::kernels::gemm::{MOST_ROWS, Operand, Tile, multiply_add, panel_vectors, with_register_tile};
 use crate::kernels::rows::Rows;
 use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines};
-use crate::kernels::simd::{Isa, Kernel, Simd, load_strided};
+use crate::kernels::simd::{Extent as _, First, Isa, Kernel, Simd, Whole, load_strided};
 
 /// The largest side of a convolution: AlexNet's first layer has it.
 pub(crate) const MOST_SIDE: usize = 11;
@@ -241,20 +241,16 @@ pub(crate) unsafe fn finish_tile<S: Simd, const ROWS: usize, const COLUMNS: usiz
 ) {
     for (i, row) in tile.iter().enumerate().take(target.pixels) {
         let at = target.at + i * target.pixel;
-        if target.channels == COLUMNS * S::LANES {
-            for (j, sum) in row.iter().enumerate() {
-                let at = at + j * S::LANES;
-                // SAFETY: all channels of the panel are wanted, so whole vectors lie within the output.
-                unsafe { simd.store(output, at, finisher.vector(simd, *sum, at)) };
-            }
-        } else {
-            let mut sums = [0.0; 64];
-            for (j, sum) in row.iter().enumerate() {
-                // SAFETY: a row is at most 64 floats: four vectors of sixteen.
-                unsafe { simd.store(&mut sums, j * S::LANES, *sum) };
-            }
-            for (c, sum) in sums[..target.channels].iter().enumerate() {
-                output[at + c] = finisher.scalar(*sum, at + c);
+        for (j, sum) in row.iter().enumerate() {
+            let (at, left) = (at + j * S::LANES, target.channels.saturating_sub(j * S::LANES));
+            // SAFETY: the caller promises that the wanted channels lie within both.
+            unsafe {
+                if left >= S::LANES {
+                    Whole.store(simd, output, at, finisher.vector(simd, Whole, *sum, at));
+                } else if left > 0 {
+                    let extent = First(left);
+                    extent.store(simd, output, at, finisher.vector(simd, extent, *sum, at));
+                }
             }
         }
     }

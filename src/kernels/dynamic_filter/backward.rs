@@ -95,16 +95,17 @@ impl DynamicFilter {
     fn transposed_weights(&self) -> AlignedBuffer {
         let panel = self.vectors * self.isa.lanes();
         let mut transposed = AlignedBuffer::zeros(self.size * self.size * self.padded * self.channels);
-        let (from, to) = (self.packed.as_slice(), transposed.as_mut_slice());
-        for tap in 0..self.size * self.size {
-            let start = tap * self.padded * self.channels;
+        let tap_len = self.padded * self.channels;
+        let taps =
+            transposed.as_mut_slice().par_chunks_mut(tap_len).zip(self.packed.as_slice().par_chunks(tap_len));
+        taps.for_each(|(to, from)| {
             for (c, i) in (0..self.channels).flat_map(|c| (0..self.channels).map(move |i| (c, i))) {
                 let place = |row: usize, column: usize| {
-                    start + (column / panel * self.channels + row) * panel + column % panel
+                    (column / panel * self.channels + row) * panel + column % panel
                 };
                 to[place(c, i)] = from[place(i, c)];
             }
-        }
+        });
         transposed
     }
 
@@ -152,7 +153,7 @@ impl DynamicFilter {
         };
         let bias = |output: usize| biases[output % taps * self.padded + output / taps];
         (
-            (0..taps * channels * channels).map(weight).collect(),
+            (0..taps * channels * channels).into_par_iter().map(weight).collect(),
             (0..taps * channels).map(bias).collect(),
             slopes.iter().sum(),
         )
@@ -412,39 +413,40 @@ unsafe fn to_weights<S: Simd, const ROWS: usize, const COLUMNS: usize>(
 mod tests {
     use super::*;
     use crate::kernels::Isa;
-    use crate::kernels::testing::{Values, check_gradients, dot, naive};
+    use crate::kernels::testing::{Values, check_gradients, dot, naive, on_every_isa};
 
     #[test]
     fn gradients_agree_with_the_equation() {
-        for isa in Isa::available() {
-            for (size, shape) in [
-                (3, Shape::new(1, 1, 1, 1)),
-                (5, Shape::new(2, 4, 3, 4)),
-                (5, Shape::new(1, 3, 60, 16)),
-                (5, Shape::new(1, 4, 5, 32)),
-                (7, Shape::new(1, 9, 5, 5)),
-                (3, Shape::new(3, 3, 4, 20)),
-            ] {
-                let channels = shape.channels;
-                let taps = size * size;
-                let mut values = Values::new(6);
-                let tensors = vec![
-                    values.take(shape.len()),
-                    values.take(shape.len()),
-                    values.take_scaled(taps * channels * channels, channels),
-                    values.take(taps * channels),
-                    vec![0.3],
-                ];
-                let gradient = values.take(shape.len());
-                let filter = DynamicFilter::new(isa, size, &tensors[2], &tensors[3], tensors[4][0]);
+        for (size, shape) in [
+            (3, Shape::new(1, 1, 1, 1)),
+            (5, Shape::new(2, 4, 3, 4)),
+            (5, Shape::new(1, 3, 60, 16)),
+            (5, Shape::new(1, 4, 5, 32)),
+            (7, Shape::new(1, 9, 5, 5)),
+            (3, Shape::new(3, 3, 4, 20)),
+        ] {
+            let channels = shape.channels;
+            let taps = size * size;
+            let mut values = Values::new(6);
+            let tensors = vec![
+                values.take(shape.len()),
+                values.take(shape.len()),
+                values.take_scaled(taps * channels * channels, channels),
+                values.take(taps * channels),
+                vec![0.3],
+            ];
+            let gradient = values.take(shape.len());
+            let found = on_every_isa(|| {
+                let filter =
+                    DynamicFilter::new(Isa::current(), size, &tensors[2], &tensors[3], tensors[4][0]);
                 let g = filter.backward(&tensors[0], &tensors[1], shape, &gradient);
-                let found = [g.condition, g.features, g.weight, g.bias, vec![g.slope]];
-                let loss = |t: &[Vec<f32>]| {
-                    let head = naive::FilterHead { size, weight: &t[2], bias: &t[3], slope: t[4][0] };
-                    dot(&head.apply(&t[0], &t[1], shape), &gradient)
-                };
-                check_gradients(tensors, &found, loss);
-            }
+                vec![g.condition, g.features, g.weight, g.bias, vec![g.slope]]
+            });
+            let loss = |t: &[Vec<f32>]| {
+                let head = naive::FilterHead { size, weight: &t[2], bias: &t[3], slope: t[4][0] };
+                dot(&head.apply(&t[0], &t[1], shape), &gradient)
+            };
+            check_gradients(tensors, &found, loss);
         }
     }
 }

@@ -39,13 +39,17 @@ impl DynamicFilter {
         let padded = channels.next_multiple_of(panel);
         let mut packed = AlignedBuffer::zeros(taps * padded * channels);
         let mut bias_buffer = AlignedBuffer::zeros(taps * padded);
-        for (c, tap) in (0..channels).flat_map(|c| (0..taps).map(move |tap| (c, tap))) {
-            bias_buffer.as_mut_slice()[tap * padded + c] = bias[c * taps + tap];
-            let from = &weight[(c * taps + tap) * channels..][..channels];
-            let start = tap * padded * channels + c / panel * channels * panel + c % panel;
-            let to = packed.as_mut_slice()[start..].iter_mut().step_by(panel);
-            to.zip(from).for_each(|(to, from)| *to = *from);
-        }
+        let of_taps = packed.as_mut_slice().par_chunks_mut(padded * channels);
+        of_taps.zip(bias_buffer.as_mut_slice().par_chunks_mut(padded)).enumerate().for_each(
+            |(tap, (to, to_bias))| {
+                for c in 0..channels {
+                    to_bias[c] = bias[c * taps + tap];
+                    let from = &weight[(c * taps + tap) * channels..][..channels];
+                    let to = to[c / panel * channels * panel + c % panel..].iter_mut().step_by(panel);
+                    to.zip(from).for_each(|(to, from)| *to = *from);
+                }
+            },
+        );
         Self { isa, channels, padded, size, slope, vectors, packed, bias: bias_buffer }
     }
 

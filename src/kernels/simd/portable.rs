@@ -35,6 +35,20 @@ impl Simd for Portable {
     }
 
     #[inline(always)]
+    unsafe fn load_part(self, from: &[f32], at: usize, count: usize) -> [f32; 4] {
+        // SAFETY: the caller promises that `count` floats begin at `at`.
+        let part = unsafe { from.get_unchecked(at..at + count) };
+        lanes(|i| part.get(i).copied().unwrap_or(0.0))
+    }
+
+    #[inline(always)]
+    unsafe fn store_part(self, to: &mut [f32], at: usize, count: usize, value: [f32; 4]) {
+        // SAFETY: the caller promises room for `count` floats at `at`.
+        let part = unsafe { to.get_unchecked_mut(at..at + count) };
+        part.iter_mut().zip(value).for_each(|(to, value)| *to = value);
+    }
+
+    #[inline(always)]
     fn add(self, a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
         lanes(|i| a[i] + b[i])
     }

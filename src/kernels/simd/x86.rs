@@ -1,12 +1,13 @@
 //! AVX-512 and AVX2 with fused multiply-add, through `std::arch`.
 
 use std::arch::x86_64::{
-    __m256, __m512, _CMP_GT_OQ, _mm_add_ps, _mm_add_ss, _mm_cvtss_f32, _mm_movehdup_ps, _mm_movehl_ps,
-    _mm256_add_ps, _mm256_blendv_ps, _mm256_castps256_ps128, _mm256_cmp_ps, _mm256_extractf128_ps,
-    _mm256_fmadd_ps, _mm256_fnmadd_ps, _mm256_loadu_ps, _mm256_mul_ps, _mm256_set1_ps, _mm256_setzero_ps,
+    __m256, __m256i, __m512, _CMP_GT_OQ, _mm_add_ps, _mm_add_ss, _mm_cvtss_f32, _mm_movehdup_ps,
+    _mm_movehl_ps, _mm256_add_ps, _mm256_blendv_ps, _mm256_castps256_ps128, _mm256_cmp_ps,
+    _mm256_extractf128_ps, _mm256_fmadd_ps, _mm256_fnmadd_ps, _mm256_loadu_ps, _mm256_loadu_si256,
+    _mm256_maskload_ps, _mm256_maskstore_ps, _mm256_mul_ps, _mm256_set1_ps, _mm256_setzero_ps,
     _mm256_storeu_ps, _mm256_sub_ps, _mm512_add_ps, _mm512_cmp_ps_mask, _mm512_fmadd_ps, _mm512_fnmadd_ps,
-    _mm512_loadu_ps, _mm512_mask_mov_ps, _mm512_mul_ps, _mm512_reduce_add_ps, _mm512_set1_ps,
-    _mm512_setzero_ps, _mm512_storeu_ps, _mm512_sub_ps,
+    _mm512_loadu_ps, _mm512_mask_mov_ps, _mm512_mask_storeu_ps, _mm512_maskz_loadu_ps, _mm512_mul_ps,
+    _mm512_reduce_add_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps, _mm512_sub_ps,
 };
 
 use super::{Kernel, Simd};
@@ -120,6 +121,25 @@ macro_rules! arithmetic {
     };
 }
 
+/// The mask of the first `count` of sixteen lanes.
+#[inline(always)]
+#[expect(clippy::cast_possible_truncation, reason = "a mask has sixteen bits")]
+fn first_lanes(count: usize) -> u16 {
+    debug_assert!(count <= 16, "{count} of 16 lanes");
+    ((1u32 << count) - 1) as u16
+}
+
+/// The mask of the first `count` of eight lanes.
+///
+/// # Safety
+/// The CPU has AVX2, and `count <= 8`.
+#[inline(always)]
+unsafe fn first_of_eight(count: usize) -> __m256i {
+    const ONES_THEN_ZEROS: [i32; 16] = [-1, -1, -1, -1, -1, -1, -1, -1, 0, 0, 0, 0, 0, 0, 0, 0];
+    // SAFETY: the caller promises the instruction, and eight numbers follow place `8 − count`.
+    unsafe { _mm256_loadu_si256(ONES_THEN_ZEROS.get_unchecked(8 - count..).as_ptr().cast()) }
+}
+
 impl Simd for Avx512 {
     arithmetic!(
         __m512,
@@ -133,6 +153,23 @@ impl Simd for Avx512 {
         _mm512_fmadd_ps,
         _mm512_fnmadd_ps
     );
+
+    #[inline(always)]
+    unsafe fn load_part(self, from: &[f32], at: usize, count: usize) -> __m512 {
+        // SAFETY: the token proves the instruction; the caller promises that `count` floats begin at `at`, and
+        // lanes that the mask leaves out are not read.
+        unsafe { _mm512_maskz_loadu_ps(first_lanes(count), from.get_unchecked(at..at + count).as_ptr()) }
+    }
+
+    #[inline(always)]
+    unsafe fn store_part(self, to: &mut [f32], at: usize, count: usize, value: __m512) {
+        // SAFETY: the token proves the instruction; the caller promises room for `count` floats at `at`, and
+        // lanes that the mask leaves out are not written.
+        unsafe {
+            let to = to.get_unchecked_mut(at..at + count).as_mut_ptr();
+            _mm512_mask_storeu_ps(to, first_lanes(count), value);
+        }
+    }
 
     #[inline(always)]
     fn leak(self, sign: __m512, value: __m512, slope: __m512) -> __m512 {
@@ -163,6 +200,23 @@ impl Simd for Avx2 {
         _mm256_fmadd_ps,
         _mm256_fnmadd_ps
     );
+
+    #[inline(always)]
+    unsafe fn load_part(self, from: &[f32], at: usize, count: usize) -> __m256 {
+        // SAFETY: the token proves the instructions; the caller promises that `count` floats begin at `at`, and
+        // lanes that the mask leaves out are not read.
+        unsafe { _mm256_maskload_ps(from.get_unchecked(at..at + count).as_ptr(), first_of_eight(count)) }
+    }
+
+    #[inline(always)]
+    unsafe fn store_part(self, to: &mut [f32], at: usize, count: usize, value: __m256) {
+        // SAFETY: the token proves the instructions; the caller promises room for `count` floats at `at`, and
+        // lanes that the mask leaves out are not written.
+        unsafe {
+            let to = to.get_unchecked_mut(at..at + count).as_mut_ptr();
+            _mm256_maskstore_ps(to, first_of_eight(count), value);
+        }
+    }
 
     #[inline(always)]
     fn leak(self, sign: __m256, value: __m256, slope: __m256) -> __m256 {

@@ -17,6 +17,11 @@
 //! cache mostly holds, and the whole columns 113 KB each way. More tiles would reuse the weights of 128 channels
 //! (2.4 MB, more than the second-level cache) more often, but gain nothing: the products hide the reading. Batches
 //! count tiles along all rows of a task, so that narrow images fill them too.
+//!
+//! # Channels that do not fill vectors
+//! Transformed inputs and products hold whole vectors of channels for each tile, filled up with zeros: only
+//! what is read from the inputs and written to the outputs is cut off. The products' depth is the number of
+//! inputs that there are.
 
 use rayon::prelude::*;
 
@@ -27,7 +32,7 @@ use crate::kernels::gemm::{
     MOST_ROWS, Operand, multiply_add, panel_vectors, store_tile, with_register_tile, zero_tile,
 };
 use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines};
-use crate::kernels::simd::{Isa, Kernel, Simd, load_strided, store_strided};
+use crate::kernels::simd::{Extent as _, Isa, Kernel, Simd, for_each_vector, load_strided, store_strided};
 
 /// Weights of a 3 × 3 convolution after G·G ᵀ, in the order in which the products read them.
 pub(crate) struct Weights {
@@ -40,9 +45,22 @@ pub(crate) struct Weights {
     bias: AlignedBuffer,
 }
 
-/// Tells whether this method applies: channels fill whole vectors on both sides.
+impl Weights {
+    /// Inputs of a tile in the working memory: whole vectors.
+    fn padded_inputs(&self) -> usize {
+        self.inputs.next_multiple_of(self.isa.lanes())
+    }
+
+    /// Outputs of a tile in the working memory: whole panels.
+    fn padded_outputs(&self) -> usize {
+        self.outputs.next_multiple_of(self.vectors * self.isa.lanes())
+    }
+}
+
+/// Tells whether this method is the fastest: a transform costs as much for a vector with few channels as for a
+/// full one, so that fewer than half a vector on either side are left to the direct sums.
 pub(crate) fn applies(isa: Isa, inputs: usize, outputs: usize) -> bool {
-    inputs.is_multiple_of(isa.lanes()) && outputs.is_multiple_of(isa.lanes())
+    inputs.min(outputs) * 2 >= isa.lanes()
 }
 
 /// How many tiles a batch has at most.
@@ -68,15 +86,17 @@ impl Weights {
     ) -> Self {
         let vectors = panel_vectors(isa.lanes(), outputs);
         let panel = vectors * isa.lanes();
-        let mut packed = AlignedBuffer::zeros(POINTS * POINTS * inputs * outputs);
+        let padded = outputs.next_multiple_of(panel);
+        let mut packed = AlignedBuffer::zeros(POINTS * POINTS * inputs * padded);
         let shares = packed.as_mut_slice().par_chunks_mut(PACKED_ROWS * POINTS * inputs * panel);
         shares.enumerate().for_each(|(share, to)| {
             let (p, first) = (share * PACKED_ROWS / POINTS, share * PACKED_ROWS % POINTS);
-            let weight = |lane: usize, input: usize| weight(p * panel + lane, input);
+            // Lanes past the last output repeat it: what they compute is not stored.
+            let weight = |lane: usize, input: usize| weight((p * panel + lane).min(outputs - 1), input);
             isa.run(PackPanel { to, inputs, panel, first, weight });
         });
-        let mut bias_buffer = AlignedBuffer::zeros(outputs);
-        bias_buffer.as_mut_slice().iter_mut().enumerate().for_each(|(o, b)| *b = bias(o));
+        let mut bias_buffer = AlignedBuffer::zeros(padded);
+        bias_buffer.as_mut_slice()[..outputs].iter_mut().enumerate().for_each(|(o, b)| *b = bias(o));
         Self { isa, inputs, outputs, vectors, packed, bias: bias_buffer }
     }
 }
@@ -122,9 +142,17 @@ impl<W: Fn(usize, usize) -> [f32; 9]> PackPanel<'_, W> {
                         g[tap % 3][tap / 3][together] = f64::from(weight);
                     }
                 }
-                let columns = g.map(transform::weight);
+                // Loops and not `map`, whose closure would be compiled without the instruction set.
+                let mut columns = [[[0.0f64; TOGETHER]; POINTS]; 3];
+                for (column, g) in columns.iter_mut().zip(g) {
+                    *column = transform::weight(g);
+                }
                 for row in 0..PACKED_ROWS {
-                    let points = transform::weight(columns.map(|column| column[self.first + row]));
+                    let mut taps = [[0.0f64; TOGETHER]; 3];
+                    for (taps, column) in taps.iter_mut().zip(&columns) {
+                        *taps = column[self.first + row];
+                    }
+                    let points = transform::weight(taps);
                     for (point, values) in points.iter().enumerate() {
                         let at = ((row * POINTS + point) * self.inputs + input) * self.panel + lane;
                         let to = &mut self.to[at..at + TOGETHER];
@@ -213,10 +241,10 @@ impl Sizes {
         const SKEW: usize = 16;
         let padded_tiles = tiles + MOST_ROWS;
         Self {
-            columns: whole_lines((TILE * tiles + 2 * rows) * weights.inputs) + SKEW,
-            inputs: whole_lines(padded_tiles * weights.inputs) + SKEW,
-            products: whole_lines(padded_tiles * weights.outputs) + SKEW,
-            sums: whole_lines(TILE * tiles * weights.outputs) + SKEW,
+            columns: whole_lines((TILE * tiles + 2 * rows) * weights.padded_inputs()) + SKEW,
+            inputs: whole_lines(padded_tiles * weights.padded_inputs()) + SKEW,
+            products: whole_lines(padded_tiles * weights.padded_outputs()) + SKEW,
+            sums: whole_lines(TILE * tiles * weights.padded_outputs()) + SKEW,
             zeros: whole_lines(width * weights.inputs),
         }
     }
@@ -316,38 +344,38 @@ impl Batch<'_> {
         run: Run,
         buffers: &mut Buffers<'_>,
     ) {
-        let channels = self.weights.inputs;
+        let (channels, padded) = (self.weights.inputs, self.weights.padded_inputs());
         let Buffers { columns, zeros, .. } = buffers;
         let rows = row.inputs.map(|row| row.unwrap_or(zeros));
         let missing = usize::from(run.across == 0);
         let start = run.across * TILE + missing - 1;
-        let end = (run.across * TILE + run.count * TILE + 1).min(self.width);
-        let filled = (missing + end - start) * channels;
-        let whole = (run.count * TILE + 2) * channels;
+        let count = (run.across * TILE + run.count * TILE + 1).min(self.width) - start;
         for part in columns.chunks_exact_mut(self.sizes.columns) {
-            let part = &mut part[run.column * channels..][..whole];
-            part[..missing * channels].fill(0.0);
-            part[filled..].fill(0.0);
+            let part = &mut part[run.column * padded..][..(run.count * TILE + 2) * padded];
+            part[..missing * padded].fill(0.0);
+            part[(missing + count) * padded..].fill(0.0);
         }
-        let to = (run.column + missing) * channels;
-        for at in (0..(end - start) * channels).step_by(S::LANES) {
-            // SAFETY: columns `start` to `end` lie within each row, channels filling whole vectors; the buffer has six
-            // parts with room for the columns of the batch's runs.
-            unsafe {
-                let mut d = [simd.splat(0.0); POINTS];
-                for (vector, row) in d.iter_mut().zip(&rows) {
-                    *vector = simd.load(row, start * channels + at);
+        for x in 0..count {
+            let (from, to) = ((start + x) * channels, (run.column + missing + x) * padded);
+            for_each_vector!(S, channels, (c, extent) => {
+                // SAFETY: column `start + x` lies within each row; the buffer has six parts with room for whole vectors
+                // of the columns of the batch's runs.
+                unsafe {
+                    let mut d = [simd.splat(0.0); POINTS];
+                    for (vector, row) in d.iter_mut().zip(&rows) {
+                        *vector = extent.load(simd, row, from + c);
+                    }
+                    let v = transform::input(simd, d);
+                    store_strided(simd, columns, to + c, self.sizes.columns, &v);
                 }
-                let v = transform::input(simd, d);
-                store_strided(simd, columns, to + at, self.sizes.columns, &v);
-            }
+            });
         }
     }
 
     /// One row of points of Bᵀ·d·B for the tiles of a run.
     #[inline(always)]
     unsafe fn transform_rows<S: Simd>(self, simd: S, point_row: usize, run: Run, buffers: &mut Buffers<'_>) {
-        let channels = self.weights.inputs;
+        let channels = self.weights.padded_inputs();
         for tile in 0..run.count {
             let from = point_row * self.sizes.columns + (run.column + tile * TILE) * channels;
             let to = (run.tile + tile) * channels;
@@ -366,7 +394,7 @@ impl Batch<'_> {
     /// One row of points of m·A for all tiles.
     #[inline(always)]
     unsafe fn invert_rows<S: Simd>(self, simd: S, point_row: usize, buffers: &mut Buffers<'_>) {
-        let channels = self.weights.outputs;
+        let channels = self.weights.padded_outputs();
         for tile in 0..self.count {
             let to = point_row * self.sizes.sums + tile * TILE * channels;
             for c in (0..channels).step_by(S::LANES) {
@@ -396,25 +424,26 @@ impl Batch<'_> {
         let columns = (run.count * TILE).min(self.width - first);
         let bias = weights.bias.as_slice();
         for x in 0..columns {
-            let from = (run.tile * TILE + x) * weights.outputs;
+            let from = (run.tile * TILE + x) * weights.padded_outputs();
             for group in 0..weights.outputs / place.channels {
                 let to = place.group(group) + (first + x) * place.column;
                 let channel = group * place.channels;
-                for c in (0..place.channels).step_by(S::LANES) {
+                for_each_vector!(S, place.channels, (c, extent) => {
                     // SAFETY: `sums` has six parts with room for the batch's tiles; row `k < rows` and column `x` are
-                    // in the output, channels filling whole vectors, and the finisher's tensor is laid out like the
-                    // output.
+                    // in the output, with the extent's channels from this one on, and the finisher's tensor is laid
+                    // out like the output.
                     unsafe {
                         let b = simd.load(bias, channel + c);
                         let m = load_strided(simd, sums, from + channel + c, self.sizes.sums);
                         for (k, value) in transform::output(simd, m).into_iter().enumerate() {
                             if k < rows {
                                 let at = to + c + k * place.row;
-                                simd.store(output, at, finisher.vector(simd, simd.add(value, b), at));
+                                let sum = simd.add(value, b);
+                                extent.store(simd, output, at, finisher.vector(simd, extent, sum, at));
                             }
                         }
                     }
-                }
+                });
             }
         }
     }
@@ -428,19 +457,20 @@ unsafe fn multiply<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     point_row: usize,
     buffers: &mut Buffers<'_>,
 ) {
-    let (inputs, outputs) = (batch.weights.inputs, batch.weights.outputs);
+    let inputs = batch.weights.inputs;
+    let (padded, outputs) = (batch.weights.padded_inputs(), batch.weights.padded_outputs());
     let panel = COLUMNS * S::LANES;
     for point in 0..POINTS {
-        let filled = point * batch.sizes.inputs + batch.count * inputs;
+        let filled = point * batch.sizes.inputs + batch.count * padded;
         let missing = batch.count.next_multiple_of(ROWS) - batch.count;
         // Stale rows would give right results too, but stale numbers end as subnormals, which are slow.
-        buffers.inputs[filled..filled + missing * inputs].fill(0.0);
+        buffers.inputs[filled..filled + missing * padded].fill(0.0);
         for p in 0..outputs / panel {
             let right_at = ((p * POINTS + point_row) * POINTS + point) * inputs * panel;
             let b = Operand { data: batch.weights.packed.as_slice(), at: right_at, row: 0, step: panel };
             for tile in (0..batch.count).step_by(ROWS) {
-                let at = point * batch.sizes.inputs + tile * inputs;
-                let a = Operand { data: buffers.inputs, at, row: inputs, step: 1 };
+                let at = point * batch.sizes.inputs + tile * padded;
+                let a = Operand { data: buffers.inputs, at, row: padded, step: 1 };
                 // SAFETY: both buffers have room for `MOST_ROWS` tiles more than the batch has (what is read
                 // and written there is never used); the weights hold 36 points for each of the panels.
                 unsafe {

@@ -8,6 +8,10 @@
 //! One task adds up the six points of one row, for a group of tile rows; so the sums it updates
 //! (`6 · inputs · outputs`) stay in the second-level cache and need no locks. The number of groups depends on
 //! the shape alone, and groups are added in order: the result does not depend on the threads.
+//!
+//! # Channels that do not fill vectors
+//! The vertical steps run along whole rows. From the horizontal ones on each tile has whole vectors of
+//! channels, filled up with zeros, and so have the sums.
 
 use rayon::prelude::*;
 
@@ -17,7 +21,7 @@ use crate::kernels::gemm::{Operand, load_tile, multiply_add, store_tile, with_we
 use crate::kernels::rows::Rows;
 use crate::kernels::scratch::{AlignedBuffer, LINE, lend, whole_lines};
 use crate::kernels::shape::Shape;
-use crate::kernels::simd::{Isa, Kernel, Simd, load_strided, store_strided};
+use crate::kernels::simd::{Extent, Isa, Kernel, Simd, for_each_vector, load_strided, store_strided};
 
 /// Tiles per product: the depth over which a register tile of sums is kept.
 const DEPTH: usize = 64;
@@ -43,8 +47,9 @@ pub(crate) fn weight_gradient(
     outputs: usize,
 ) -> Vec<f32> {
     let rows = tile_rows(input, shape, gradient, outputs);
-    let inputs = shape.channels;
-    let point_len = inputs * outputs;
+    let channels = Channels::new(isa, shape.channels, outputs);
+    let Channels { inputs, padded_inputs, padded_outputs, .. } = channels;
+    let point_len = padded_inputs * padded_outputs;
     let tiles = rows.len() * shape.width.div_ceil(TILE);
     let affordable = (MOST_SUMS / (POINTS * POINTS * point_len)).max(1);
     let groups = (tiles / TILES_PER_GROUP).clamp(1, MOST_GROUPS).min(affordable);
@@ -54,20 +59,36 @@ pub(crate) fn weight_gradient(
         let (group, point_row) = (task / POINTS, task % POINTS);
         let start = (group * per_group).min(rows.len());
         let rows = &rows[start..(start + per_group).min(rows.len())];
-        isa.run(PointRow { point_row, rows, width: shape.width, inputs, outputs, sums });
+        isa.run(PointRow { point_row, rows, width: shape.width, channels, sums });
     });
-    let mut by_input = vec![0.0; inputs * 9 * outputs];
-    by_input.par_chunks_mut(INVERTED_INPUTS * 9 * outputs).enumerate().for_each(|(block, to)| {
-        isa.run(InvertWeights { sums: sums.as_slice(), inputs, outputs, first: block * INVERTED_INPUTS, to });
+    let mut by_input = vec![0.0; inputs * 9 * padded_outputs];
+    by_input.par_chunks_mut(INVERTED_INPUTS * 9 * padded_outputs).enumerate().for_each(|(block, to)| {
+        isa.run(InvertWeights { sums: sums.as_slice(), channels, first: block * INVERTED_INPUTS, to });
     });
     let (mut weights, taps) = (vec![0.0; outputs * inputs * 9], inputs * 9);
     weights.par_chunks_mut(LINE * taps).enumerate().for_each(|(block, to)| {
-        for (tap, from) in by_input.chunks_exact(outputs).enumerate() {
+        for (tap, from) in by_input.chunks_exact(padded_outputs).enumerate() {
             let from = &from[block * LINE..][..to.len() / taps];
             from.iter().enumerate().for_each(|(output, value)| to[output * taps + tap] = *value);
         }
     });
     weights
+}
+
+/// Channels on either side, and how many of them a tile has in the working memory.
+#[derive(Clone, Copy)]
+struct Channels {
+    inputs: usize,
+    outputs: usize,
+    padded_inputs: usize,
+    padded_outputs: usize,
+}
+
+impl Channels {
+    fn new(isa: Isa, inputs: usize, outputs: usize) -> Self {
+        let padded = |channels: usize| channels.next_multiple_of(isa.lanes());
+        Self { inputs, outputs, padded_inputs: padded(inputs), padded_outputs: padded(outputs) }
+    }
 }
 
 /// What one row of tiles saw and the gradients of what it computed; rows outside of the image are missing.
@@ -97,8 +118,7 @@ struct PointRow<'a> {
     point_row: usize,
     rows: &'a [TileRow<'a>],
     width: usize,
-    inputs: usize,
-    outputs: usize,
+    channels: Channels,
     /// `[point][input][output]`.
     sums: &'a mut [f32],
 }
@@ -109,12 +129,13 @@ impl Kernel for PointRow<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
         const SKEW: usize = 16;
-        let Self { point_row, rows, width, inputs, outputs, sums } = self;
+        let Self { point_row, rows, width, channels, sums } = self;
+        let Channels { inputs, outputs, padded_inputs, padded_outputs } = channels;
         let tiles_across = width.div_ceil(TILE);
         let across = DEPTH.min(tiles_across);
         let together = (DEPTH / tiles_across).max(1);
-        let input_part = whole_lines((across * together + 1) * inputs) + SKEW;
-        let gradient_part = whole_lines(across * together * outputs) + SKEW;
+        let input_part = whole_lines((across * together + 1) * padded_inputs) + SKEW;
+        let gradient_part = whole_lines(across * together * padded_outputs) + SKEW;
         let line_len = whole_lines((across * TILE + POINTS) * inputs.max(outputs));
         let mut lent = lend(POINTS * (input_part + gradient_part) + 2 * line_len);
         let mut scratch = lent.scratch();
@@ -132,24 +153,26 @@ impl Kernel for PointRow<'_> {
                     // `right` the channels of `across · together` tiles.
                     unsafe {
                         segment.inputs(simd, row, inputs, line, zeros);
-                        let to = (q * tiles * inputs, input_part);
+                        let first = q * tiles * padded_inputs;
+                        let to = Destination { first, tile: padded_inputs, point: input_part };
                         input_points(simd, tiles, inputs, line, left, to);
                         segment.gradients(simd, row, outputs, line, zeros);
-                        let to = (q * tiles * outputs, gradient_part);
+                        let first = q * tiles * padded_outputs;
+                        let to = Destination { first, tile: padded_outputs, point: gradient_part };
                         gradient_points(simd, tiles, outputs, line, right, to);
                     }
                 }
                 for point in 0..POINTS {
                     let product = Product {
                         depth: rows.len() * tiles,
-                        inputs,
-                        outputs,
+                        channels,
                         left: &left[point * input_part..],
                         right: &right[point * gradient_part..],
                     };
-                    let sums = &mut sums[point * inputs * outputs..][..inputs * outputs];
+                    let point_len = padded_inputs * padded_outputs;
+                    let sums = &mut sums[point * point_len..][..point_len];
                     // SAFETY: both operands hold `depth` tiles, the sums one point.
-                    unsafe { with_weight_tile!(S, outputs, accumulate(simd, &product, sums)) };
+                    unsafe { with_weight_tile!(S, padded_outputs, accumulate(simd, &product, sums)) };
                 }
             }
         }
@@ -189,7 +212,7 @@ impl Segment {
         line[..before * channels].fill(0.0);
         line[until * channels..columns * channels].fill(0.0);
         let line = &mut line[before * channels..];
-        // SAFETY: channels fill whole vectors, so that `len` is a multiple; the line holds all columns.
+        // SAFETY: the rows are `len` long, and the line holds all columns.
         unsafe {
             match self.point_row {
                 0 => input_point::<S, 0>(simd, &rows, len, line),
@@ -243,16 +266,16 @@ unsafe fn input_point<S: Simd, const POINT: usize>(
     len: usize,
     to: &mut [f32],
 ) {
-    for at in (0..len).step_by(S::LANES) {
-        // SAFETY: the caller promises rows and room of `len` floats, whole vectors.
+    for_each_vector!(S, len, (at, extent) => {
+        // SAFETY: the caller promises rows and room of `len` floats.
         unsafe {
             let mut d = [simd.splat(0.0); POINTS];
             for (vector, row) in d.iter_mut().zip(rows) {
-                *vector = simd.load(row, at);
+                *vector = extent.load(simd, row, at);
             }
-            simd.store(to, at, transform::input(simd, d)[POINT]);
+            extent.store(simd, to, at, transform::input(simd, d)[POINT]);
         }
-    }
+    });
 }
 
 /// Point `POINT` of A over four rows.
@@ -263,19 +286,50 @@ unsafe fn gradient_point<S: Simd, const POINT: usize>(
     len: usize,
     to: &mut [f32],
 ) {
-    for at in (0..len).step_by(S::LANES) {
-        // SAFETY: the caller promises rows and room of `len` floats, whole vectors.
+    for_each_vector!(S, len, (at, extent) => {
+        // SAFETY: the caller promises rows and room of `len` floats.
         unsafe {
             let mut y = [simd.splat(0.0); TILE];
             for (vector, row) in y.iter_mut().zip(rows) {
-                *vector = simd.load(row, at);
+                *vector = extent.load(simd, row, at);
             }
-            simd.store(to, at, transform::output_gradient(simd, y)[POINT]);
+            extent.store(simd, to, at, transform::output_gradient(simd, y)[POINT]);
         }
-    }
+    });
 }
 
-/// Horizontal step for the inputs: `to` is where the row's first tile goes and how far the points are apart.
+/// Where a row of transformed tiles goes.
+#[derive(Clone, Copy)]
+struct Destination {
+    /// The place of its first tile.
+    first: usize,
+    /// Distance between tiles.
+    tile: usize,
+    /// Distance between points.
+    point: usize,
+}
+
+/// Reads up to a vector of channels of `N` neighbouring columns.
+///
+/// # Safety
+/// All of them lie within `line`.
+#[inline(always)]
+unsafe fn load_columns<S: Simd, const N: usize>(
+    simd: S,
+    extent: impl Extent,
+    line: &[f32],
+    at: usize,
+    channels: usize,
+) -> [S::Vector; N] {
+    let mut columns = [simd.splat(0.0); N];
+    for (x, column) in columns.iter_mut().enumerate() {
+        // SAFETY: passed on to the caller.
+        *column = unsafe { extent.load(simd, line, at + x * channels) };
+    }
+    columns
+}
+
+/// Horizontal step for the inputs.
 #[inline(always)]
 #[expect(
     clippy::too_many_arguments,
@@ -287,17 +341,17 @@ unsafe fn input_points<S: Simd>(
     channels: usize,
     line: &[f32],
     points: &mut [f32],
-    to: (usize, usize),
+    to: Destination,
 ) {
     for tile in 0..tiles {
-        for c in (0..channels).step_by(S::LANES) {
-            // SAFETY: the line holds `4 · tiles + 2` columns, each part of `points` the tiles.
+        for_each_vector!(S, channels, (c, extent) => {
+            // SAFETY: the line holds `4 · tiles + 2` columns, each part of `points` the tiles' whole vectors.
             unsafe {
-                let d = load_strided(simd, line, tile * TILE * channels + c, channels);
+                let d = load_columns(simd, extent, line, tile * TILE * channels + c, channels);
                 let v = transform::input(simd, d);
-                store_strided(simd, points, to.0 + tile * channels + c, to.1, &v);
+                store_strided(simd, points, to.first + tile * to.tile + c, to.point, &v);
             }
-        }
+        });
     }
 }
 
@@ -313,25 +367,24 @@ unsafe fn gradient_points<S: Simd>(
     channels: usize,
     line: &[f32],
     points: &mut [f32],
-    to: (usize, usize),
+    to: Destination,
 ) {
     for tile in 0..tiles {
-        for c in (0..channels).step_by(S::LANES) {
-            // SAFETY: the line holds `4 · tiles` columns, each part of `points` the tiles.
+        for_each_vector!(S, channels, (c, extent) => {
+            // SAFETY: the line holds `4 · tiles` columns, each part of `points` the tiles' whole vectors.
             unsafe {
-                let y = load_strided(simd, line, tile * TILE * channels + c, channels);
+                let y = load_columns(simd, extent, line, tile * TILE * channels + c, channels);
                 let v = transform::output_gradient(simd, y);
-                store_strided(simd, points, to.0 + tile * channels + c, to.1, &v);
+                store_strided(simd, points, to.first + tile * to.tile + c, to.point, &v);
             }
-        }
+        });
     }
 }
 
 /// The operands of one point's product, `[tile, input]` and `[tile, output]`.
 struct Product<'a> {
     depth: usize,
-    inputs: usize,
-    outputs: usize,
+    channels: Channels,
     left: &'a [f32],
     right: &'a [f32],
 }
@@ -343,17 +396,19 @@ unsafe fn accumulate<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     product: &Product<'_>,
     sums: &mut [f32],
 ) {
-    let Product { depth, inputs, outputs, left, right } = *product;
-    for output in (0..outputs).step_by(COLUMNS * S::LANES) {
+    let Product { depth, channels, left, right } = *product;
+    let Channels { inputs, padded_inputs, padded_outputs, .. } = channels;
+    for output in (0..padded_outputs).step_by(COLUMNS * S::LANES) {
+        // Register tiles without any input are left out.
         for input in (0..inputs).step_by(ROWS) {
-            let a = Operand { data: left, at: input, row: 1, step: inputs };
-            let b = Operand { data: right, at: output, row: 0, step: outputs };
-            let at = input * outputs + output;
-            // SAFETY: register tiles divide the channels, which fill whole vectors.
+            let a = Operand { data: left, at: input, row: 1, step: padded_inputs };
+            let b = Operand { data: right, at: output, row: 0, step: padded_outputs };
+            let at = input * padded_outputs + output;
+            // SAFETY: register tiles divide the channels in the working memory.
             unsafe {
-                let tile = load_tile::<S, ROWS, COLUMNS>(simd, sums, at, outputs);
+                let tile = load_tile::<S, ROWS, COLUMNS>(simd, sums, at, padded_outputs);
                 let tile = multiply_add::<S, ROWS, COLUMNS>(simd, tile, depth, a, b);
-                store_tile(simd, &tile, sums, at, outputs);
+                store_tile(simd, &tile, sums, at, padded_outputs);
             }
         }
     }
@@ -366,8 +421,7 @@ const INVERTED_INPUTS: usize = 4;
 struct InvertWeights<'a> {
     /// `[group][point 6×6][input][output]`.
     sums: &'a [f32],
-    inputs: usize,
-    outputs: usize,
+    channels: Channels,
     /// The first input.
     first: usize,
     /// `[input][tap][output]`.
@@ -383,8 +437,9 @@ impl Kernel for InvertWeights<'_> {
         reason = "the loop transposes: a column becomes an entry of each row"
     )]
     fn run<S: Simd>(self, simd: S) {
-        let Self { sums, inputs, outputs, first, to } = self;
-        let point_len = inputs * outputs;
+        let Self { sums, channels, first, to } = self;
+        let outputs = channels.padded_outputs;
+        let point_len = channels.padded_inputs * outputs;
         for (input, to) in to.chunks_exact_mut(9 * outputs).enumerate() {
             for output in (0..outputs).step_by(S::LANES) {
                 let at = (first + input) * outputs + output;

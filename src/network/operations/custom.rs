@@ -10,8 +10,9 @@ use burn::backend::{Autodiff, Backend, backend_extension};
 use rayon::prelude::*;
 
 use super::LEAKY_SLOPE;
-use super::host::{Computed, Host, HostOperation, View, run, run_tracked};
-use crate::kernels::gradient::{input_gradient, weight_gradient};
+use super::host::{Computed, Host, HostOperation, Passed, View, run, run_tracked};
+use crate::kernels::gradient::{Parameters, input_gradient, weight_gradient};
+use crate::kernels::modulation::{Branch, Kept, Modulation, ModulationGradients};
 use crate::kernels::res_block::{ResBlock, ResBlockGradients};
 use crate::kernels::sums::gate;
 use crate::kernels::up_convolution::UpConvolution;
@@ -63,6 +64,21 @@ pub(super) trait NetworkOperations: Backend {
         bias: FloatTensor<Self>,
         slope: FloatTensor<Self>,
         size: usize,
+    ) -> FloatTensor<Self>;
+
+    /// A spatial feature transform, then LeakyReLU of a given slope: 0 for ReLU, 1 for nothing.
+    fn modulation(
+        x: FloatTensor<Self>,
+        map: FloatTensor<Self>,
+        scale_weight1: FloatTensor<Self>,
+        scale_bias1: FloatTensor<Self>,
+        scale_weight2: FloatTensor<Self>,
+        scale_bias2: FloatTensor<Self>,
+        offset_weight1: FloatTensor<Self>,
+        offset_bias1: FloatTensor<Self>,
+        offset_weight2: FloatTensor<Self>,
+        offset_bias2: FloatTensor<Self>,
+        slope: f32,
     ) -> FloatTensor<Self>;
 }
 
@@ -117,6 +133,26 @@ macro_rules! operations {
         ) -> FloatTensor<Self> {
             $($run)+(PredictedFilter { size }, [condition, features, weight, bias, slope])
         }
+
+        fn modulation(
+            x: FloatTensor<Self>,
+            map: FloatTensor<Self>,
+            scale_weight1: FloatTensor<Self>,
+            scale_bias1: FloatTensor<Self>,
+            scale_weight2: FloatTensor<Self>,
+            scale_bias2: FloatTensor<Self>,
+            offset_weight1: FloatTensor<Self>,
+            offset_bias1: FloatTensor<Self>,
+            offset_weight2: FloatTensor<Self>,
+            offset_bias2: FloatTensor<Self>,
+            slope: f32,
+        ) -> FloatTensor<Self> {
+            $($run)+(
+                Modulate { slope },
+                [x, map, scale_weight1, scale_bias1, scale_weight2, scale_bias2,
+                    offset_weight1, offset_bias1, offset_weight2, offset_bias2],
+            )
+        }
     };
 }
 
@@ -147,6 +183,20 @@ fn convolve(x: View<'_>, weight: View<'_>, bias: View<'_>, stride: usize, slope:
     (output, shape)
 }
 
+/// The gradient of a convolution's inputs, or nothing where it is not wanted.
+fn input_gradient_if(
+    wanted: bool,
+    geometry: Geometry,
+    weight: View<'_>,
+    gradient: &[f32],
+    shape: Shape,
+) -> Vec<f32> {
+    if !wanted {
+        return Vec::new();
+    }
+    input_gradient(geometry, weight.floats, gradient, shape, Finish::Leak(1.0))
+}
+
 #[derive(Clone, Copy, Debug)]
 struct LeakyConvolution {
     stride: usize,
@@ -160,17 +210,11 @@ impl HostOperation<3> for LeakyConvolution {
     }
 
     // The output's sign is that of what the rectifier was given.
-    fn backward(
-        &self,
-        [x, weight, _]: [View<'_>; 3],
-        output: &[f32],
-        _kept: &[f32],
-        gradient: &[f32],
-    ) -> [Vec<f32>; 3] {
+    fn backward(&self, [x, weight, _]: [View<'_>; 3], passed: Passed<'_, 3>) -> [Vec<f32>; 3] {
         let geometry = geometry(&weight, self.stride);
-        let gated = gate(gradient, output, self.slope, geometry.outputs);
+        let gated = gate(passed.gradient, passed.output, self.slope, geometry.outputs);
         [
-            input_gradient(geometry, weight.floats, &gated.gradient, x.batch(), Finish::Leak(1.0)),
+            input_gradient_if(passed.wanted[0], geometry, weight, &gated.gradient, x.batch()),
             weight_gradient(geometry, x.floats, x.batch(), &gated.gradient),
             gated.bias,
         ]
@@ -188,20 +232,14 @@ impl HostOperation<4> for PReluConvolution {
         let (sums, shape) = convolve(x, weight, bias, self.stride, 1.0);
         let slope = slope.floats[0];
         let output = sums.par_iter().map(|&v| if v > 0.0 { v } else { slope * v }).collect();
-        Computed { output, shape, kept: sums }
+        Computed { output, shape, kept: vec![sums] }
     }
 
-    fn backward(
-        &self,
-        [x, weight, _, slope]: [View<'_>; 4],
-        _output: &[f32],
-        kept: &[f32],
-        gradient: &[f32],
-    ) -> [Vec<f32>; 4] {
+    fn backward(&self, [x, weight, _, slope]: [View<'_>; 4], passed: Passed<'_, 4>) -> [Vec<f32>; 4] {
         let geometry = geometry(&weight, self.stride);
-        let gated = gate(gradient, kept, slope.floats[0], geometry.outputs);
+        let gated = gate(passed.gradient, &passed.kept[0], slope.floats[0], geometry.outputs);
         [
-            input_gradient(geometry, weight.floats, &gated.gradient, x.batch(), Finish::Leak(1.0)),
+            input_gradient_if(passed.wanted[0], geometry, weight, &gated.gradient, x.batch()),
             weight_gradient(geometry, x.floats, x.batch(), &gated.gradient),
             gated.bias,
             vec![gated.slope],
@@ -224,19 +262,13 @@ impl HostOperation<5> for ResidualBlock {
     fn forward(&self, inputs: [View<'_>; 5]) -> Computed {
         let shape = inputs[0].batch();
         let (kept, output) = res_block(&inputs).forward(inputs[0].floats, shape);
-        Computed { output, shape, kept }
+        Computed { output, shape, kept: vec![kept] }
     }
 
-    fn backward(
-        &self,
-        inputs: [View<'_>; 5],
-        _output: &[f32],
-        kept: &[f32],
-        gradient: &[f32],
-    ) -> [Vec<f32>; 5] {
+    fn backward(&self, inputs: [View<'_>; 5], passed: Passed<'_, 5>) -> [Vec<f32>; 5] {
         let [x, ..] = inputs;
         let ResBlockGradients { input, parameters: [first, second] } =
-            res_block(&inputs).backward(x.floats, kept, gradient, x.batch());
+            res_block(&inputs).backward(x.floats, &passed.kept[0], passed.gradient, x.batch());
         [input, first.weight, first.bias, second.weight, second.bias]
     }
 }
@@ -256,14 +288,9 @@ impl HostOperation<3> for LeakyUpConvolution {
         Computed { output, shape, kept: Vec::new() }
     }
 
-    fn backward(
-        &self,
-        [x, weight, bias]: [View<'_>; 3],
-        output: &[f32],
-        _kept: &[f32],
-        gradient: &[f32],
-    ) -> [Vec<f32>; 3] {
-        let (input, parameters) = up(weight, bias).backward(x.floats, x.batch(), output, gradient);
+    fn backward(&self, [x, weight, bias]: [View<'_>; 3], passed: Passed<'_, 3>) -> [Vec<f32>; 3] {
+        let (input, parameters) =
+            up(weight, bias).backward(x.floats, x.batch(), passed.output, passed.gradient);
         [input, parameters.weight, parameters.bias]
     }
 }
@@ -291,12 +318,48 @@ impl HostOperation<5> for PredictedFilter {
     fn backward(
         &self,
         [condition, features, weight, bias, slope]: [View<'_>; 5],
-        _output: &[f32],
-        _kept: &[f32],
-        gradient: &[f32],
+        passed: Passed<'_, 5>,
     ) -> [Vec<f32>; 5] {
         let filter = self.pack(weight, bias, slope);
-        let g = filter.backward(condition.floats, features.floats, features.batch(), gradient);
+        let g = filter.backward(condition.floats, features.floats, features.batch(), passed.gradient);
         [g.condition, g.features, g.weight, g.bias, vec![g.slope]]
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Modulate {
+    slope: f32,
+}
+
+impl Modulate {
+    fn with_parameters<'a>(self, [_, _, parameters @ ..]: &[View<'a>; 10]) -> Modulation<'a> {
+        let [scale, offset] = [0, 4].map(|first| {
+            let [w1, b1, w2, b2] = std::array::from_fn(|i| parameters[first + i].floats);
+            Branch { weights: [w1, w2], biases: [b1, b2] }
+        });
+        Modulation { scale, offset, inner_slope: LEAKY_SLOPE, slope: self.slope }
+    }
+}
+
+impl HostOperation<10> for Modulate {
+    fn forward(&self, inputs: [View<'_>; 10]) -> Computed {
+        let [x, map, ..] = inputs;
+        let shape = x.batch();
+        let modulation = self.with_parameters(&inputs);
+        let (Kept { joined, inner: [scale, offset], share }, output) =
+            modulation.forward(x.floats, map.floats, shape);
+        Computed { output, shape, kept: vec![joined, scale, offset, share] }
+    }
+
+    fn backward(&self, inputs: [View<'_>; 10], passed: Passed<'_, 10>) -> [Vec<f32>; 10] {
+        let [x, ..] = inputs;
+        let [joined, scale, offset, share] = passed.kept else { unreachable!("what was kept") };
+        let kept = Kept { joined, inner: [scale, offset], share };
+        let modulation = self.with_parameters(&inputs);
+        let ModulationGradients { x, map, parameters: [scale, offset] } =
+            modulation.backward(x.floats, kept, passed.output, passed.gradient, x.batch());
+        let of = |[first, second]: [Parameters; 2]| [first.weight, first.bias, second.weight, second.bias];
+        let ([a, b, c, d], [e, f, g, h]) = (of(scale), of(offset));
+        [x, map, a, b, c, d, e, f, g, h]
     }
 }

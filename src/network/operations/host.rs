@@ -104,7 +104,19 @@ pub(super) struct Computed {
     pub(super) output: Vec<f32>,
     pub(super) shape: Shape,
     /// What else the backward pass needs besides inputs and output.
-    pub(super) kept: Vec<f32>,
+    pub(super) kept: Vec<Vec<f32>>,
+}
+
+/// What the backward pass starts from besides the inputs.
+#[derive(Clone, Copy)]
+pub(super) struct Passed<'a, const N: usize> {
+    /// What [`HostOperation::forward`] returned and kept.
+    pub(super) output: &'a [f32],
+    pub(super) kept: &'a [Vec<f32>],
+    /// The output's gradient.
+    pub(super) gradient: &'a [f32],
+    /// Which inputs' gradients are wanted: an image that a network is given needs none.
+    pub(super) wanted: [bool; N],
 }
 
 /// An operation on slices with its gradient.
@@ -112,15 +124,8 @@ pub(super) trait HostOperation<const N: usize>: Copy + Debug + Send + 'static {
     /// Computes the output.
     fn forward(&self, inputs: [View<'_>; N]) -> Computed;
 
-    /// Takes the output's gradient back to those of the inputs, given what [`HostOperation::forward`] was
-    /// given, returned and kept.
-    fn backward(
-        &self,
-        inputs: [View<'_>; N],
-        output: &[f32],
-        kept: &[f32],
-        gradient: &[f32],
-    ) -> [Vec<f32>; N];
+    /// Takes the output's gradient back to those of the inputs; one that is not wanted may be left empty.
+    fn backward(&self, inputs: [View<'_>; N], passed: Passed<'_, N>) -> [Vec<f32>; N];
 }
 
 /// Lends the numbers and shapes of tensors to `task`.
@@ -144,7 +149,7 @@ pub(super) fn run<B: Host, const N: usize>(
 fn compute<B: Host, const N: usize>(
     operation: impl HostOperation<N>,
     inputs: &[FloatTensor<B>; N],
-) -> (FloatTensor<B>, Vec<f32>) {
+) -> (FloatTensor<B>, Vec<Vec<f32>>) {
     let Computed { output, shape, kept } = with_views::<B, _, N>(inputs, |views| operation.forward(views));
     (B::tensor(output, vec![shape.images, shape.height, shape.width, shape.channels]), kept)
 }
@@ -155,7 +160,7 @@ struct State<B: Backend, O, const N: usize> {
     operation: O,
     inputs: [FloatTensor<B>; N],
     output: FloatTensor<B>,
-    kept: Arc<Vec<f32>>,
+    kept: Arc<Vec<Vec<f32>>>,
 }
 
 /// The backward pass of any operation on slices.
@@ -169,8 +174,11 @@ impl<B: Host, O: HostOperation<N>, const N: usize> Backward<B, N> for HostBackwa
         let gradient = grads.consume::<B>(&ops.node);
         let State { operation, inputs, output, kept } = ops.state;
         let shapes = inputs.each_ref().map(|t| t.shape().to_vec());
+        let wanted = ops.parents.each_ref().map(Option::is_some);
         let results = with_views::<B, _, N>(&inputs, |views| {
-            operation.backward(views, &B::floats(&output), &kept, &B::floats(&gradient))
+            let (output, gradient) = (B::floats(&output), B::floats(&gradient));
+            let passed = Passed { output: &output, kept: &kept, gradient: &gradient, wanted };
+            operation.backward(views, passed)
         });
         for ((parent, values), shape) in ops.parents.into_iter().zip(results).zip(shapes) {
             if let Some(node) = parent {

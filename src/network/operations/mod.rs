@@ -137,6 +137,25 @@ pub fn enlarged_convolution(x: Tensor<4>, layer: &Convolution, skip: Tensor<4>) 
     Tensor::from_dispatch(Dispatch::leaky_up_convolution(x, weight, bias)) + skip
 }
 
+/// A spatial feature transform of `x` by a map: `x · σ(scale) + offset`, both computed of the two side by side by
+/// two convolutions with a LeakyReLU between them, then another LeakyReLU of the given slope.
+///
+/// # Shapes
+/// `x` and the result have as many channels as the branches' last convolutions, `map` the same sides.
+pub fn modulation(
+    x: Tensor<4>,
+    map: &Tensor<4>,
+    [scale, offset]: [[&Convolution; 2]; 2],
+    slope: f32,
+) -> Tensor<4> {
+    let parameters = |[first, second]: [&Convolution; 2]| {
+        [primitive(&first.weight), primitive(&first.bias), primitive(&second.weight), primitive(&second.bias)]
+    };
+    let ([a, b, c, d], [e, f, g, h]) = (parameters(scale), parameters(offset));
+    let (x, map) = (x.into_dispatch(), map.clone().into_dispatch());
+    Tensor::from_dispatch(Dispatch::modulation(x, map, a, b, c, d, e, f, g, h, slope))
+}
+
 /// A parameter as the custom operations take it.
 fn primitive<const D: usize>(parameter: &Param<Tensor<D>>) -> FloatTensor<Dispatch> {
     parameter.val().into_dispatch()
