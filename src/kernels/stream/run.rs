@@ -10,7 +10,7 @@ use crate::kernels::convolution::{BLOCK_ROWS, RowBlock};
 use crate::kernels::dynamic_filter::FilterBlock;
 use crate::kernels::finish::Finish;
 use crate::kernels::rows::Rows;
-use crate::kernels::scratch::{AlignedBuffer, Scratch};
+use crate::kernels::scratch::{AlignedBuffer, Scratch, Target};
 
 /// Writes one input row, given its number: `width · channels` floats.
 pub type Source<'a> = &'a (dyn Fn(usize, &mut [f32]) + Sync);
@@ -108,7 +108,7 @@ impl Plan<'_> {
                     RowBlock {
                         input: view(*input),
                         first,
-                        output: &mut { output }[..len],
+                        output: Target::Written(&mut { output }[..len]),
                         finish: finish(first, len),
                     }
                 };
