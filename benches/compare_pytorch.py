@@ -1,13 +1,16 @@
 #!/usr/bin/env python3
 """Runs the shapes of `udc bench` in PyTorch too and prints both times and their ratio, in one run.
 
-    python benches/compare_pytorch.py [--udc target/release/udc] [--threads 2] [--seconds 0.5]
+    python benches/compare_pytorch.py [--udc target/release/udc] [--threads 2] [--seconds 0.5] [--only TEXT]
+                                      [--simd avx2]
 
 PyTorch must be installed; nothing else is needed. Times are the best of several calls. The dynamic filter
-is timed as it is usually written (filters stored, features unfolded), the whole network with it.
+is timed as it is usually written (filters stored, features unfolded), the whole network with it. With --simd
+both programs use no more than these vector instructions.
 """
 
 import argparse
+import os
 import re
 import subprocess
 import sys
@@ -177,14 +180,29 @@ def in_pytorch(name):
     return convolution(inputs, outputs, side, stride)
 
 
+def limit_instructions(simd):
+    """Starts this program again with the variables that udc, PyTorch, oneDNN and MKL read when they are loaded."""
+    names = {"avx2": ("avx2", "AVX2", "AVX2"), "avx512": ("avx512", "AVX512_CORE", "AVX512")}
+    if simd is None or os.environ.get("UDC_SIMD") == simd:
+        return
+    aten, onednn, mkl = names[simd]
+    limits = {"ATEN_CPU_CAPABILITY": aten, "ONEDNN_MAX_CPU_ISA": onednn, "MKL_ENABLE_INSTRUCTIONS": mkl}
+    os.environ.update(limits, UDC_SIMD=simd)
+    os.execv(sys.executable, [sys.executable, *sys.argv])
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--udc", default="target/release/udc", help="the program to compare with")
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     parser.add_argument("--seconds", type=float, default=0.5, help="spent on each operation")
+    parser.add_argument("--only", default="", help="operations whose names contain this, and the whole network")
+    parser.add_argument("--simd", choices=["avx2", "avx512"], help="the most that both may use")
     arguments = parser.parse_args()
+    limit_instructions(arguments.simd)
     torch.set_num_threads(arguments.threads)
     command = [arguments.udc, "--threads", str(arguments.threads), "bench", "--patience", str(arguments.seconds)]
+    command += ["--only", arguments.only]
     lines = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
     print(f"{lines[0]}; PyTorch {torch.__version__}")
     print(f"{'':44} {'udc ms':>10} {'PyTorch ms':>11} {'ratio':>7}")

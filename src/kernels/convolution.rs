@@ -6,6 +6,7 @@ use super::direct::few_outputs::{self, OutputRows as FewOutputRows};
 use super::direct::forward::{self as direct, Geometry, MOST_SIDE, OutputRows};
 use super::finish::Finish;
 use super::rows::Rows;
+use super::scratch::{Target, written};
 use super::shape::Shape;
 use super::simd::Isa;
 use super::winograd::forward::{self as winograd, Order, TileRow, TileRows};
@@ -27,6 +28,9 @@ pub struct Convolution {
     order: Order,
     method: Method,
 }
+
+/// Makes blocks of an output known as written or as fresh.
+type MakeTarget<'a, T> = fn(&'a mut [T]) -> Target<'a>;
 
 enum Method {
     Winograd(winograd::Weights),
@@ -125,8 +129,30 @@ impl Convolution {
     /// When a slice's length is not that of its shape.
     pub fn forward(&self, input: &[f32], shape: Shape, finish: Finish<'_>, output: &mut [f32]) {
         let out = self.output_shape(shape);
-        assert_eq!((shape.channels, input.len()), (self.geometry.inputs, shape.len()), "{shape:?}");
         assert_eq!(output.len(), out.len(), "floats of an output {out:?}");
+        self.forward_blocks(input, shape, finish, (output, Target::Written));
+    }
+
+    /// As [`Convolution::forward`], to memory of its own, which is not filled with zeros beforehand.
+    ///
+    /// # Panics
+    /// When a slice's length is not that of its shape.
+    pub fn apply(&self, input: &[f32], shape: Shape, finish: Finish<'_>) -> Vec<f32> {
+        let len = self.output_shape(shape).len();
+        // SAFETY: `forward_blocks` cuts the whole output into blocks, and computing one gets it ready.
+        unsafe { written(len, |output| self.forward_blocks(input, shape, finish, (output, Target::Fresh))) }
+    }
+
+    /// Cuts an output into blocks of rows, which `target` makes known as such, and computes all of them.
+    fn forward_blocks<'a, T>(
+        &self,
+        input: &'a [f32],
+        shape: Shape,
+        finish: Finish<'a>,
+        (output, target): (&'a mut [T], MakeTarget<'a, T>),
+    ) {
+        let out = self.output_shape(shape);
+        assert_eq!((shape.channels, input.len()), (self.geometry.inputs, shape.len()), "{shape:?}");
         finish.check_len(output.len());
         if out.is_empty() {
             return;
@@ -138,7 +164,7 @@ impl Convolution {
             for (b, output) in image.chunks_mut(block_len).enumerate() {
                 let start = n * out.image_len() + b * block_len;
                 let finish = finish.part(start..start + output.len());
-                blocks.push(RowBlock { input: rows, first: b * BLOCK_ROWS, output, finish });
+                blocks.push(RowBlock { input: rows, first: b * BLOCK_ROWS, output: target(output), finish });
             }
         }
         self.compute(blocks, shape.width);
@@ -148,15 +174,16 @@ impl Convolution {
     pub(crate) fn compute(&self, blocks: Vec<RowBlock<'_>>, width: usize) {
         match &self.method {
             Method::Winograd(weights) => {
-                let mut rows: Vec<TileRow<'_>> = blocks.into_iter().map(RowBlock::into_tile_row).collect();
-                let share = rows.len().div_ceil(rayon::current_num_threads()).max(1);
+                let share = blocks.len().div_ceil(rayon::current_num_threads()).max(1);
                 let together = winograd::rows_per_task(width).min(share);
-                rows.par_chunks_mut(together).for_each(|rows| {
+                blocks.into_par_iter().chunks(together).for_each(|blocks| {
+                    let rows = &mut blocks.into_iter().map(RowBlock::into_tile_row).collect::<Vec<_>>();
                     weights.isa.run(TileRows { weights, width, order: self.order, rows });
                 });
             }
             Method::FewOutputs(weights) => blocks.into_par_iter().for_each(|block| {
                 let RowBlock { input, first, output, finish } = block;
+                let output = output.ready();
                 weights.isa.run(FewOutputRows { weights, input, first, output, finish });
             }),
             Method::Direct(weights) => blocks.into_par_iter().for_each(|block| match self.order {
@@ -172,7 +199,7 @@ pub(crate) struct RowBlock<'a> {
     pub(crate) input: Rows<'a>,
     /// The number of the first row computed (before shuffling).
     pub(crate) first: usize,
-    pub(crate) output: &'a mut [f32],
+    pub(crate) output: Target<'a>,
     pub(crate) finish: Finish<'a>,
 }
 
@@ -180,19 +207,20 @@ impl<'a> RowBlock<'a> {
     fn into_tile_row(self) -> TileRow<'a> {
         let top = self.first.cast_signed() - 1;
         let inputs: [_; POINTS] = std::array::from_fn(|k| self.input.row(top + k.cast_signed()));
-        TileRow { inputs, output: self.output, finish: self.finish }
+        TileRow { inputs, output: self.output.ready(), finish: self.finish }
     }
 
     fn into_output_rows(self, weights: &'a direct::Weights) -> OutputRows<'a> {
         let Self { input, first, output, finish } = self;
-        OutputRows { weights, input, first, output, finish }
+        OutputRows { weights, input, first, output: output.ready(), finish }
     }
 }
 
 /// Computes a block by the direct method and shuffles it: for few channels, where it costs little.
 fn shuffle_block(weights: &direct::Weights, block: RowBlock<'_>, width: usize) {
-    let mut sums = vec![0.0; block.output.len()];
     let RowBlock { input, first, output, finish } = block;
+    let output = output.ready();
+    let mut sums = vec![0.0; output.len()];
     weights.isa.run(OutputRows { weights, input, first, output: &mut sums, finish: Finish::Leak(1.0) });
     let outputs = weights.geometry.outputs;
     let channels = outputs / 4;

@@ -44,13 +44,12 @@ pub fn input_gradient(
     finish: Finish<'_>,
 ) -> Vec<f32> {
     let isa = Isa::current();
-    let mut to = zeros(shape.len());
     if geometry.stride == 1 {
         let out = shape.with_channels(geometry.outputs);
-        Convolution::transposed(isa, geometry, weight).forward(gradient, out, finish, &mut to);
-        return to;
+        return Convolution::transposed(isa, geometry, weight).apply(gradient, out, finish);
     }
     assert!(matches!(finish, Finish::Leak(1.0)), "{finish:?} after a transposed convolution of stride 2");
+    let mut to = zeros(shape.len());
     let weights = TransposedWeights::pack(isa, geometry, weight);
     let height = geometry.output_extent(shape.height);
     let output_len = height * geometry.output_extent(shape.width) * geometry.outputs;

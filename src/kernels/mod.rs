@@ -12,10 +12,11 @@
 //! - [`stream`]: whole networks, a few rows at a time, in memory planned beforehand.
 //!
 //! # Why unsafe, and where
-//! Two things need it. Vector instructions may run only on a CPU that has them: the zero-sized tokens of
+//! Three things need it. Vector instructions may run only on a CPU that has them: the zero-sized tokens of
 //! `simd` are made after detection and their holders prove it. And the inner loops read slices without
 //! bounds checks: they go through `Simd::load`, `Simd::store` and one micro-kernel, all of which check their
-//! bounds in builds with debug assertions, as the tests are. No memory is shared mutably between threads:
+//! bounds in builds with debug assertions, as the tests are. Results are not filled with zeros beforehand but
+//! block by block, by the tasks that compute them (`scratch::written`). No memory is shared mutably between threads:
 //! outputs are split into disjoint `&mut` slices before the work is spread.
 //!
 //! # Determinism

@@ -10,7 +10,7 @@ use super::convolution::Convolution;
 use super::direct::forward::Geometry;
 use super::finish::Finish;
 use super::gradient::{Parameters, input_gradient, weight_gradient};
-use super::scratch::zeros;
+use super::scratch::{by_chunks, zeros};
 use super::shape::Shape;
 use super::sums::per_channel;
 
@@ -74,9 +74,7 @@ impl Branch<'_> {
         let convolve = |geometry, i: usize, x: &[f32], slope: f32| {
             let convolution = Convolution::new(geometry, self.weights[i], self.biases[i]);
             let shape = shape.with_channels(geometry.inputs);
-            let mut output = zeros(convolution.output_shape(shape).len());
-            convolution.forward(x, shape, Finish::Leak(slope), &mut output);
-            output
+            convolution.apply(x, shape, Finish::Leak(slope))
         };
         let inner = convolve(first, 0, joined, slope);
         let output = convolve(second, 1, &inner, 1.0);
@@ -131,7 +129,7 @@ impl Modulation<'_> {
         (Kept { joined, inner: [inner_scale, inner_offset], share }, output)
     }
 
-    /// Takes the gradient of the result back, given the input, what was kept, and the result.
+    /// Takes the gradient of the result back, given the input, what was kept, and the result itself.
     ///
     /// # Equation
     /// With s = σ(scale) and g the gradient through the last rectifier: offset `g`, scale `g·x·s·(1−s)`, x
@@ -140,8 +138,7 @@ impl Modulation<'_> {
         &self,
         x: &[f32],
         kept: Kept<&Vec<f32>>,
-        output: &[f32],
-        gradient: &[f32],
+        (output, gradient): (&[f32], &[f32]),
         shape: Shape,
     ) -> ModulationGradients {
         let Kept { joined, inner, share } = kept;
@@ -174,9 +171,8 @@ impl Modulation<'_> {
 fn join(x: &[f32], map: &[f32], shape: Shape, joined_shape: Shape) -> Vec<f32> {
     let (channels, joined_channels) = (shape.channels, joined_shape.channels);
     let map_channels = joined_channels - channels;
-    let mut joined = zeros(joined_shape.len());
-    let sources = x.par_chunks(CHUNK * channels).zip(map.par_chunks(CHUNK * map_channels));
-    joined.par_chunks_mut(CHUNK * joined_channels).zip(sources).for_each(|(to, (x, map))| {
+    let (joined, _) = by_chunks(joined_shape.len(), CHUNK * joined_channels, |chunk, to| {
+        let (x, map) = (&x[chunk * CHUNK * channels..], &map[chunk * CHUNK * map_channels..]);
         let pixels = x.chunks_exact(channels).zip(map.chunks_exact(map_channels));
         for (to, (x, map)) in to.chunks_exact_mut(joined_channels).zip(pixels) {
             to[..channels].copy_from_slice(x);
@@ -257,7 +253,7 @@ mod tests {
                 assert_close(&output, &expected, 4e-6, Isa::current().name());
                 let Kept { joined, inner: [scale, offset], share } = &kept;
                 let kept = Kept { joined, inner: [scale, offset], share };
-                let gradients = modulation.backward(&tensors[0], kept, &output, &gradient, shape);
+                let gradients = modulation.backward(&tensors[0], kept, (&output, &gradient), shape);
                 let mut found = vec![gradients.x, gradients.map];
                 for Parameters { weight, bias } in gradients.parameters.into_iter().flatten() {
                     found.extend([weight, bias]);

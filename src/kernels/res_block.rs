@@ -8,7 +8,6 @@ use super::convolution::Convolution;
 use super::direct::forward::Geometry;
 use super::finish::Finish;
 use super::gradient::{Parameters, input_gradient, weight_gradient};
-use super::scratch::zeros;
 use super::shape::Shape;
 use super::sums::per_channel;
 
@@ -37,9 +36,8 @@ impl ResBlock<'_> {
     pub fn forward(&self, x: &[f32], shape: Shape) -> (Vec<f32>, Vec<f32>) {
         let geometry = Geometry::three_by_three(shape.channels, shape.channels);
         let convolution = |i: usize| Convolution::new(geometry, self.weights[i], self.biases[i]);
-        let (mut inner, mut output) = (zeros(shape.len()), zeros(shape.len()));
-        convolution(0).forward(x, shape, Finish::Leak(self.slope), &mut inner);
-        convolution(1).forward(&inner, shape, Finish::LeakThenAdd(1.0, x), &mut output);
+        let inner = convolution(0).apply(x, shape, Finish::Leak(self.slope));
+        let output = convolution(1).apply(&inner, shape, Finish::LeakThenAdd(1.0, x));
         (inner, output)
     }
 

@@ -1,6 +1,7 @@
 //! Working memory: 64-byte aligned floats, kept by each thread from one task to the next.
 
 use std::cell::Cell;
+use std::mem::MaybeUninit;
 
 use rayon::prelude::*;
 
@@ -124,6 +125,56 @@ impl<'a> Scratch<'a> {
 pub(crate) fn zeros(len: usize) -> Vec<f32> {
     const SHARE: usize = 1 << 16;
     (0..len).into_par_iter().with_min_len(SHARE).map(|_| 0.0).collect()
+}
+
+/// Floats of a result that a task is about to write.
+pub(crate) enum Target<'a> {
+    /// They hold something.
+    Written(&'a mut [f32]),
+    /// Nothing has touched them yet.
+    Fresh(&'a mut [MaybeUninit<f32>]),
+}
+
+impl<'a> Target<'a> {
+    /// The floats, zeros if nothing has touched them: by the task that writes them, so that they are in its cache.
+    pub(crate) fn ready(self) -> &'a mut [f32] {
+        match self {
+            Self::Written(floats) => floats,
+            Self::Fresh(floats) => {
+                floats.fill(MaybeUninit::new(0.0));
+                // SAFETY: every float was given a value on the line above.
+                unsafe { floats.assume_init_mut() }
+            }
+        }
+    }
+}
+
+/// A vector of `len` floats that `write` makes: it must hand every one of them to a [`Target`] and get it ready.
+///
+/// # Safety
+/// `write` gets every float that it is lent ready before it returns.
+pub(crate) unsafe fn written(len: usize, write: impl FnOnce(&mut [MaybeUninit<f32>])) -> Vec<f32> {
+    let mut floats = Vec::with_capacity(len);
+    write(&mut floats.spare_capacity_mut()[..len]);
+    // SAFETY: there is room for `len` floats, and the caller promises that they hold values.
+    unsafe { floats.set_len(len) };
+    floats
+}
+
+/// A vector of `len` floats, written chunk by chunk in parallel: `write` is given a chunk's number and its zeros.
+pub(crate) fn by_chunks<T: Send>(
+    len: usize,
+    chunk: usize,
+    write: impl Fn(usize, &mut [f32]) -> T + Sync,
+) -> (Vec<f32>, Vec<T>) {
+    let mut results = Vec::new();
+    let fill = |floats: &mut [MaybeUninit<f32>]| {
+        let chunks = floats.par_chunks_mut(chunk).enumerate();
+        chunks.map(|(i, floats)| write(i, Target::Fresh(floats).ready())).collect_into_vec(&mut results);
+    };
+    // SAFETY: the chunks are all floats, and each is made ready.
+    let floats = unsafe { written(len, fill) };
+    (floats, results)
 }
 
 /// Asks the allocator to keep what is freed for the next request, for loops that take and free the same large

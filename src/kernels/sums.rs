@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::scratch::zeros;
+use super::scratch::by_chunks;
 use super::simd::{Isa, Kernel, Simd};
 
 /// Pixels summed in f32 before their sum is added in f64. Chunks do not depend on the threads.
@@ -29,12 +29,11 @@ pub struct Gated {
 /// When the slices differ in length.
 pub fn gate(gradient: &[f32], sign: &[f32], slope: f32, channels: usize) -> Gated {
     assert_eq!(gradient.len(), sign.len(), "a gradient and the signs it is gated by");
-    let mut gated = zeros(gradient.len());
     let len = CHUNK * channels;
-    let chunks = gated.par_chunks_mut(len).zip(gradient.par_chunks(len)).zip(sign.par_chunks(len));
-    let sums: Vec<(Vec<f32>, f32)> = chunks
-        .map(|((to, gradient), sign)| Isa::current().run(GateChunk { to, gradient, sign, slope, channels }))
-        .collect();
+    let (gated, sums) = by_chunks(gradient.len(), len, |chunk, to| {
+        let [gradient, sign] = [gradient, sign].map(|values| &values[chunk * len..][..to.len()]);
+        Isa::current().run(GateChunk { to, gradient, sign, slope, channels })
+    });
     let slope = rounded(sums.iter().map(|(_, slope)| f64::from(*slope)).sum());
     let biases: Vec<&[f32]> = sums.iter().map(|(bias, _)| bias.as_slice()).collect();
     Gated { gradient: gated, bias: add_up(&biases, channels), slope }

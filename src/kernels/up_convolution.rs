@@ -4,13 +4,11 @@
 //! gradient is gathered into the order in which the outputs were computed, sub-pixel before channel, and the
 //! parameters' gradients are put back into PyTorch's, channel before sub-pixel.
 
-use rayon::prelude::*;
-
 use super::convolution::{Convolution, shuffled_output};
 use super::direct::forward::Geometry;
 use super::finish::Finish;
 use super::gradient::{Parameters, input_gradient, weight_gradient};
-use super::scratch::zeros;
+use super::scratch::by_chunks;
 use super::shape::Shape;
 use super::simd::Isa;
 use super::sums::gate;
@@ -30,9 +28,7 @@ impl UpConvolution<'_> {
     /// Computes `leak(shuffle(convolution(x)))`.
     pub fn forward(&self, x: &[f32], shape: Shape) -> Vec<f32> {
         let up = Convolution::up(Isa::current(), shape.channels, self.weight, self.bias);
-        let mut output = zeros(up.output_shape(shape).len());
-        up.forward(x, shape, Finish::Leak(self.slope), &mut output);
-        output
+        up.apply(x, shape, Finish::Leak(self.slope))
     }
 
     /// Takes the gradient of the result back to that of `x` and of the parameters, given the result.
@@ -68,8 +64,8 @@ impl UpConvolution<'_> {
 /// Gathers 2 × 2 pixels of `channels` into one of four groups: the shuffle turned around.
 fn gather(fine: &[f32], shape: Shape, channels: usize) -> Vec<f32> {
     let outputs = 4 * channels;
-    let mut coarse = zeros(shape.pixels() * outputs);
-    coarse.par_chunks_mut(shape.width * outputs).enumerate().for_each(|(row, to)| {
+    let row_len = shape.width * outputs;
+    let (coarse, _) = by_chunks(shape.pixels() * outputs, row_len, |row, to| {
         for (x, to) in to.chunks_exact_mut(outputs).enumerate() {
             for (i, to) in to.chunks_exact_mut(2 * channels).enumerate() {
                 let from = ((2 * row + i) * 2 * shape.width + 2 * x) * channels;

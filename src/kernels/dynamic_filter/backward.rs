@@ -24,7 +24,7 @@ use crate::kernels::gemm::{
     with_weight_tile,
 };
 use crate::kernels::rows::Rows;
-use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines, zeros};
+use crate::kernels::scratch::{AlignedBuffer, by_chunks, lend, whole_lines, zeros};
 use crate::kernels::shape::Shape;
 use crate::kernels::simd::{Kernel, Simd};
 use crate::kernels::sums;
@@ -113,8 +113,7 @@ impl DynamicFilter {
     fn fold(&self, units: &[Unit<'_>], shape: Shape) -> Vec<f32> {
         let half = self.size / 2;
         let layout = Margin::new(self, shape.width);
-        let mut folded = zeros(shape.len());
-        folded.par_chunks_mut(shape.row_len()).enumerate().for_each(|(row, to)| {
+        let (folded, _) = by_chunks(shape.len(), shape.row_len(), |row, to| {
             let (image, y) = (row / shape.height, row % shape.height);
             for unit in units.iter().filter(|unit| unit.image == image) {
                 for local in 0..unit.rows.len() + 2 * half {

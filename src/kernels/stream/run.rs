@@ -10,7 +10,7 @@ use crate::kernels::convolution::{BLOCK_ROWS, RowBlock};
 use crate::kernels::dynamic_filter::FilterBlock;
 use crate::kernels::finish::Finish;
 use crate::kernels::rows::Rows;
-use crate::kernels::scratch::{AlignedBuffer, Scratch};
+use crate::kernels::scratch::{AlignedBuffer, Scratch, Target};
 
 /// Writes one input row, given its number: `width · channels` floats.
 pub type Source<'a> = &'a (dyn Fn(usize, &mut [f32]) + Sync);
@@ -109,6 +109,7 @@ impl Plan<'_> {
                 };
                 let block = |Block { first, rows, output }| {
                     let len = rows * factor * row_len;
+                    let output = Target::Written(output);
                     RowBlock { input: view(*input), first, output, finish: finish(first, len) }
                 };
                 let blocks = blocks(rows, outputs, (factor, row_len), shift);

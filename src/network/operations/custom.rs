@@ -178,9 +178,7 @@ fn geometry(weight: &View<'_>, stride: usize) -> Geometry {
 fn convolve(x: View<'_>, weight: View<'_>, bias: View<'_>, stride: usize, slope: f32) -> (Vec<f32>, Shape) {
     let convolution = kernels::Convolution::new(geometry(&weight, stride), weight.floats, bias.floats);
     let shape = convolution.output_shape(x.batch());
-    let mut output = kernels::zeros(shape.len());
-    convolution.forward(x.floats, x.batch(), Finish::Leak(slope), &mut output);
-    (output, shape)
+    (convolution.apply(x.floats, x.batch(), Finish::Leak(slope)), shape)
 }
 
 /// The gradient of a convolution's inputs, or nothing where it is not wanted.
@@ -357,7 +355,7 @@ impl HostOperation<10> for Modulate {
         let kept = Kept { joined, inner: [scale, offset], share };
         let modulation = self.with_parameters(&inputs);
         let ModulationGradients { x, map, parameters: [scale, offset] } =
-            modulation.backward(x.floats, kept, passed.output, passed.gradient, x.batch());
+            modulation.backward(x.floats, kept, (passed.output, passed.gradient), x.batch());
         let of = |[first, second]: [Parameters; 2]| [first.weight, first.bias, second.weight, second.bias];
         let ([a, b, c, d], [e, f, g, h]) = (of(scale), of(offset));
         [x, map, a, b, c, d, e, f, g, h]
