@@ -410,6 +410,10 @@ impl Batch<'_> {
 
     /// Aᵀ·(m·A) of the tiles of a run, then bias and [`Finish`], to where the output lies.
     #[inline(always)]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one inner loop's state; a struct would be taken apart at once"
+    )]
     unsafe fn invert_columns<S: Simd>(
         self,
         simd: S,

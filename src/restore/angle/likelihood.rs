@@ -129,6 +129,7 @@ impl WindowModel {
                 .tapers
                 .par_iter()
                 .map(|taper| {
+                    #[expect(clippy::cast_possible_truncation, reason = "rounds to an image's precision")]
                     let tapered = ((&plane - mean) * taper).mapv(|v| v as f32);
                     self.convolver.plane_spectrum(tapered.view())
                 })
@@ -178,8 +179,7 @@ fn divide([height, width]: [usize; 2]) -> (Vec<Vec<usize>>, Vec<usize>) {
             } else if radius > lowest && radius < HIGHEST_FREQUENCY && (kx > 0 || rows > 0.0) {
                 let ring = (radius / lowest).ln() / (HIGHEST_FREQUENCY / lowest).ln();
                 let sector = y.atan2(x).rem_euclid(std::f64::consts::PI) / std::f64::consts::PI;
-                let place = |part: f64, of: usize| ((part * of as f64) as usize).min(of - 1);
-                rings[place(ring, RINGS)][place(sector, SECTORS)].push(bin);
+                rings[division(ring, RINGS)][division(sector, SECTORS)].push(bin);
             }
         }
     }
@@ -188,6 +188,12 @@ fn divide([height, width]: [usize; 2]) -> (Vec<Vec<usize>>, Vec<usize>) {
         if divided { sectors } else { vec![sectors.concat()] }
     });
     (cells.filter(|cell| !cell.is_empty()).collect(), noise)
+}
+
+/// Into which of `count` equal divisions of `[0, 1]` a part falls.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "parts lie between 0 and 1")]
+fn division(part: f64, count: usize) -> usize {
+    ((part * count as f64) as usize).min(count - 1)
 }
 
 /// The products of the first sine tapers of both axes, the lowest first.
