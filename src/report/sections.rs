@@ -55,7 +55,7 @@ pub fn bank(name: &str, bank: &KernelBank) -> Vec<Block> {
         std::iter::once(bank.kernel_name(index)).chain(values).collect()
     };
     vec![
-        Block::Heading(format!("Kernel bank {name}")),
+        Block::Heading(format!("Kernel bank: {name}")),
         Block::Text(format!("{} kernels, described by codes of {} numbers.", bank.len(), bank.code_dim())),
         Block::Figures(shown.iter().map(figure).collect()),
         Block::Table(head, (0..bank.len()).map(row).collect()),
@@ -79,7 +79,7 @@ pub fn dataset(name: &str, dataset: &Dataset) -> Vec<Block> {
     let rows = [Split::Train, Split::Val, Split::Test].map(row).to_vec();
     let formation = serde_json::to_string_pretty(&dataset.formation).unwrap_or_default();
     vec![
-        Block::Heading(format!("Dataset {name}")),
+        Block::Heading(format!("Dataset: {name}")),
         Block::Table(head, rows),
         Block::Text("Formation of the degraded images:".to_owned()),
         Block::Listing(formation),
@@ -104,7 +104,7 @@ pub fn training(name: &str, log: &str) -> Result<Vec<Block>> {
     let axes = |y: &str, log_y| Axes { x: "iteration".to_owned(), y: y.to_owned(), log_y };
     let mean = Series { name: "running mean".to_owned(), points: running_mean(&loss.points) };
     let mut blocks = vec![
-        Block::Heading(format!("Training {name}")),
+        Block::Heading(format!("Training: {name}")),
         Block::Chart(
             line_chart(&[loss, mean], &axes("training loss", true)),
             "Loss of each batch.".to_owned(),
@@ -131,7 +131,7 @@ fn running_mean(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
 
 /// Shows an evaluation: the means of every method, PSNR by kernel, what was left out, and the definition.
 pub fn evaluation(name: &str, metrics: &Value) -> Vec<Block> {
-    let mut blocks = vec![Block::Heading(format!("Evaluation {name}"))];
+    let mut blocks = vec![Block::Heading(format!("Evaluation: {name}"))];
     let methods = metrics["methods"].as_array().cloned().unwrap_or_default();
     let names: Vec<&String> = metrics["mean"].as_object().map_or(Vec::new(), |mean| mean.keys().collect());
     let mut head = vec!["method".to_owned(), "images".to_owned()];
