@@ -343,3 +343,44 @@ impl<'a> Rows<'a> {
         (oldest < usize::MAX).then_some(oldest)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernels::{Convolution, Geometry};
+
+    fn three_by_three(inputs: usize, outputs: usize, stride: usize) -> Convolution {
+        let geometry = Geometry { inputs, outputs, side: 3, stride };
+        Convolution::new(geometry, &vec![0.0; geometry.weight_len()], &vec![0.0; outputs])
+    }
+
+    #[test]
+    fn convolutions_lag_by_rows_and_what_is_added_by_blocks() {
+        let mut network = Network::default();
+        let image = network.input(4);
+        let mut chain = image;
+        for lag in 1..=3 {
+            chain = network.convolution(chain, three_by_three(4, 4, 1), 0.2, None);
+            assert_eq!(lags(&network)[chain.0], lag);
+        }
+        let half = network.convolution(chain, three_by_three(4, 4, 2), 0.2, None);
+        assert_eq!(lags(&network)[half.0], 2, "three rows are one and a half");
+        let block = network.res_block(half, three_by_three(4, 4, 1), three_by_three(4, 4, 1), 0.2);
+        let lags = lags(&network);
+        assert_eq!((lags[half.0], lags[block.0]), (4, 8), "what is added is cut into the same blocks");
+    }
+
+    /// Each of these convolutions needs two rows of its input again, and has one unit of it at most.
+    #[test]
+    fn a_chain_holds_no_more_than_what_is_read_again_and_a_portion() {
+        let mut network = Network::default();
+        let mut chain = network.input(4);
+        for _ in 0..40 {
+            chain = network.convolution(chain, three_by_three(4, 4, 1), 0.2, None);
+        }
+        let plan = Plan::with_portion(&network, 4096, 512, 32);
+        let row = plan.row_len(chain) * size_of::<f32>();
+        let (held, portions) = (41 * 2 * UNIT * row, 3 * 32 * row);
+        assert!(plan.bytes() < (held + portions) * 11 / 10, "{} of {}", plan.bytes(), held + portions);
+    }
+}
