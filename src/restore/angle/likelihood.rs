@@ -94,7 +94,7 @@ impl WindowModel {
     }
 
     /// The log-likelihood of a window of linear light behind each kernel, in nats, up to a common constant; none
-    /// when a channel of the window is constant.
+    /// when the window is constant.
     pub(super) fn log_likelihoods(&self, window: ArrayView3<'_, f32>) -> Option<Vec<f64>> {
         let spectra = self.whitened_spectra(window)?;
         let per_cell: Vec<Vec<f64>> = self
@@ -119,7 +119,8 @@ impl WindowModel {
         Some(sums)
     }
 
-    /// The half spectra of every taper of every channel, in units of the channel's noise.
+    /// The half spectra of every taper of every channel, in units of the channel's noise; zeros for a channel that is
+    /// constant, none when all are.
     fn whitened_spectra(&self, window: ArrayView3<'_, f32>) -> Option<Vec<Vec<Vec<Complex64>>>> {
         let whiten = |channel: usize| {
             let plane = window.index_axis(Axis(0), channel).mapv(f64::from);
@@ -135,15 +136,15 @@ impl WindowModel {
                 })
                 .collect();
             let deviation = self.noise_variance(&spectra).sqrt();
-            if deviation <= 0.0 {
-                return None;
+            if deviation > 0.0 {
+                for value in spectra.iter_mut().flatten() {
+                    *value /= deviation;
+                }
             }
-            for value in spectra.iter_mut().flatten() {
-                *value /= deviation;
-            }
-            Some(spectra)
+            (spectra, deviation > 0.0)
         };
-        (0..CHANNELS).map(whiten).collect()
+        let (spectra, varies): (Vec<_>, Vec<_>) = (0..CHANNELS).map(whiten).unzip();
+        varies.contains(&true).then_some(spectra)
     }
 
     /// The variance of the noise in one channel's spectra: what the median of an exponential distribution says.

@@ -231,6 +231,14 @@ mod tests {
     }
 
     #[test]
+    fn a_channel_without_light_does_not_hide_the_angle() {
+        let curve = ToneCurve::default();
+        let mut planes = degraded(&scene(4), &panel(6.0), curve).into_planes();
+        planes.slice_mut(s![2, .., ..]).fill(0.0);
+        assert_eq!(search(&ToneMappedImage::from_planes(planes).unwrap()).best, 6);
+    }
+
+    #[test]
     fn angles_between_two_kernels_are_interpolated() {
         let curve = ToneCurve::default();
         let scene = scene(3);
