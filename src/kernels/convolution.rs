@@ -9,8 +9,8 @@ use super::rows::Rows;
 use super::scratch::{Target, written};
 use super::shape::Shape;
 use super::simd::Isa;
-use super::winograd::forward::{self as winograd, Order, TileRow, TileRows};
-use super::winograd::{POINTS, TILE};
+use super::winograd::forward::{Order, TileRow, TileRows, rows_per_task};
+use super::winograd::{POINTS, TILE, weights as winograd};
 
 /// Output rows per block: a row of Winograd tiles.
 pub(crate) const BLOCK_ROWS: usize = TILE;
@@ -175,7 +175,7 @@ impl Convolution {
         match &self.method {
             Method::Winograd(weights) => {
                 let share = blocks.len().div_ceil(rayon::current_num_threads()).max(1);
-                let together = winograd::rows_per_task(width).min(share);
+                let together = rows_per_task(width).min(share);
                 blocks.into_par_iter().chunks(together).for_each(|blocks| {
                     let rows = &mut blocks.into_iter().map(RowBlock::into_tile_row).collect::<Vec<_>>();
                     weights.isa.run(TileRows { weights, width, order: self.order, rows });

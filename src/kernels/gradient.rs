@@ -68,7 +68,7 @@ pub fn input_gradient(
 pub fn weight_gradient(geometry: Geometry, input: &[f32], shape: Shape, gradient: &[f32]) -> Vec<f32> {
     let isa = Isa::current();
     let Geometry { inputs, outputs, side, stride } = geometry;
-    if (side, stride) == (3, 1) && winograd::forward::applies(isa, inputs, outputs) {
+    if (side, stride) == (3, 1) && winograd::weights::applies(isa, inputs, outputs) {
         return winograd::gradient::weight_gradient(isa, input, shape, gradient, outputs);
     }
     let layout = SumsLayout::new(isa, geometry);

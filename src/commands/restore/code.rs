@@ -21,7 +21,7 @@ pub(super) struct CodeArgs {
     #[arg(long, value_name = "BANK", conflicts_with = "method")]
     bank: Option<PathBuf>,
     /// Rotation of the panel in degrees, counter-clockwise; between those of the bank, codes are interpolated. `auto`
-    /// takes the angle whose kernel explains the spectrum of the capture best, in a second or less
+    /// takes the angle whose kernel explains the spectrum of the capture best, in about a second
     #[arg(long, value_name = "DEGREES|auto", requires = "bank", conflicts_with_all = ["psf", "code"])]
     #[arg(allow_negative_numbers = true, value_parser = parse_angle)]
     angle: Option<AngleArg>,

@@ -12,14 +12,15 @@
 //! against 4e-6 (and 1e-6 for the direct sum). F(6×6) would save a tenth of the time at 8e-6.
 //!
 //! # Order of work
-//! [`forward`] works on batches of tiles, so small that what lies between the steps stays in the caches: the
-//! transforms of all inputs; 36 matrix products; the inverse transforms with bias, activation and whatever
-//! else is done to an output. [`gradient`] turns the same steps around for the weights' gradient, a row of
-//! points at a time.
+//! [`weights`] transforms weights once. [`forward`] works on batches of tiles, a row of points at a time, so that what
+//! lies between the steps stays in the caches: inputs down the columns; then for each row of points inputs across, six
+//! matrix products, outputs across; outputs down the columns, with bias, activation and whatever else is done to them.
+//! [`gradient`] turns the same steps around for the weights' gradient.
 
 pub(crate) mod forward;
 pub(crate) mod gradient;
 pub(crate) mod transform;
+pub(crate) mod weights;
 
 /// Outputs along a side of a tile.
 pub(crate) const TILE: usize = 4;
