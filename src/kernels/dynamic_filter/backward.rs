@@ -96,14 +96,14 @@ impl DynamicFilter {
         let panel = self.vectors * self.isa.lanes();
         let mut transposed = AlignedBuffer::zeros(self.size * self.size * self.padded * self.channels);
         let tap_len = self.padded * self.channels;
-        let taps =
-            transposed.as_mut_slice().par_chunks_mut(tap_len).zip(self.packed.as_slice().par_chunks(tap_len));
-        taps.for_each(|(to, from)| {
-            for (c, i) in (0..self.channels).flat_map(|c| (0..self.channels).map(move |i| (c, i))) {
-                let place = |row: usize, column: usize| {
-                    (column / panel * self.channels + row) * panel + column % panel
-                };
-                to[place(c, i)] = from[place(i, c)];
+        let taps = transposed.as_mut_slice().par_chunks_mut(tap_len).enumerate();
+        taps.for_each(|(tap, to)| {
+            for c in 0..self.channels {
+                let weights = self.weights(tap, c - c % panel);
+                let from = weights.data[weights.at + c % panel..].iter().step_by(weights.step);
+                for (i, weight) in from.take(self.channels).enumerate() {
+                    to[(i / panel * self.channels + c) * panel + i % panel] = *weight;
+                }
             }
         });
         transposed
@@ -320,7 +320,8 @@ unsafe fn through_filters<S: Simd, const ROWS: usize, const COLUMNS: usize>(
             // SAFETY: as the caller promises; pixels past the tile's end have no output gradient, so that
             // they add zeros.
             unsafe {
-                let filters = filter_sums::<S, ROWS, COLUMNS>(simd, filter, view, (pass.tap, channel, first));
+                let filters =
+                    filter_sums::<S, ROWS, COLUMNS>(simd, filter, view, (pass.tap, channel, first), 1);
                 let mut bias = [zero; COLUMNS];
                 let mut slopes = [zero; COLUMNS];
                 for (i, row) in filters.iter().enumerate() {

@@ -4,11 +4,11 @@ use rayon::prelude::*;
 
 use super::tile_pixels;
 use crate::kernels::convolution::BLOCK_ROWS;
-use crate::kernels::gemm::{MOST_ROWS, Operand, multiply_add, panel_vectors, with_register_tile};
+use crate::kernels::gemm::{MOST_ROWS, Operand, Tile, multiply_add, panel_vectors, with_register_tile};
 use crate::kernels::rows::Rows;
 use crate::kernels::scratch::{AlignedBuffer, Scratch, lend, whole_lines};
 use crate::kernels::shape::Shape;
-use crate::kernels::simd::{Isa, Kernel, Simd, load_strided};
+use crate::kernels::simd::{Isa, Kernel, Simd};
 
 /// The filters' weights, packed, ready to be applied any number of times.
 pub struct DynamicFilter {
@@ -19,6 +19,9 @@ pub struct DynamicFilter {
     pub(super) size: usize,
     pub(super) slope: f32,
     pub(super) vectors: usize,
+    /// Taps whose filters one register tile holds.
+    taps_together: usize,
+    /// `[group of taps][panel][input][tap of the group][channel of the panel]`.
     pub(super) packed: AlignedBuffer,
     pub(super) bias: AlignedBuffer,
 }
@@ -37,20 +40,39 @@ impl DynamicFilter {
         let vectors = panel_vectors(isa.lanes(), channels);
         let panel = vectors * isa.lanes();
         let padded = channels.next_multiple_of(panel);
+        // Panels of two vectors leave room for a second tap: outputs are read and written half as often.
+        let taps_together = if (isa.lanes(), vectors) == (16, 2) { 2 } else { 1 };
         let mut packed = AlignedBuffer::zeros(taps * padded * channels);
         let mut bias_buffer = AlignedBuffer::zeros(taps * padded);
-        let of_taps = packed.as_mut_slice().par_chunks_mut(padded * channels);
-        of_taps.zip(bias_buffer.as_mut_slice().par_chunks_mut(padded)).enumerate().for_each(
-            |(tap, (to, to_bias))| {
-                for c in 0..channels {
-                    to_bias[c] = bias[c * taps + tap];
-                    let from = &weight[(c * taps + tap) * channels..][..channels];
-                    let to = to[c / panel * channels * panel + c % panel..].iter_mut().step_by(panel);
+        let groups = packed.as_mut_slice().par_chunks_mut(taps_together * padded * channels);
+        groups.zip(bias_buffer.as_mut_slice().par_chunks_mut(taps_together * padded)).enumerate().for_each(
+            |(group, (to, to_bias))| {
+                let count = to_bias.len() / padded;
+                for (c, t) in (0..channels).flat_map(|c| (0..count).map(move |t| (c, t))) {
+                    let output = c * taps + group * taps_together + t;
+                    to_bias[t * padded + c] = bias[output];
+                    let from = &weight[output * channels..][..channels];
+                    let first = (c / panel * channels * count + t) * panel + c % panel;
+                    let to = to[first..].iter_mut().step_by(count * panel);
                     to.zip(from).for_each(|(to, from)| *to = *from);
                 }
             },
         );
-        Self { isa, channels, padded, size, slope, vectors, packed, bias: bias_buffer }
+        Self { isa, channels, padded, size, slope, vectors, taps_together, packed, bias: bias_buffer }
+    }
+
+    /// How many taps the group that begins with `tap` has.
+    fn group_len(&self, tap: usize) -> usize {
+        self.taps_together.min(self.size * self.size - tap)
+    }
+
+    /// The weights of a tap for the channels of a panel from `channel` on: a row for each input.
+    pub(super) fn weights(&self, tap: usize, channel: usize) -> Operand<'_> {
+        let panel = self.vectors * self.isa.lanes();
+        let first = tap - tap % self.taps_together;
+        let count = self.group_len(first);
+        let at = (first * self.padded + channel * count) * self.channels + (tap - first) * panel;
+        Operand { data: self.packed.as_slice(), at, row: 0, step: count * panel }
     }
 
     /// Rows and columns of the filters.
@@ -130,15 +152,19 @@ impl Kernel for FilterRows<'_> {
                 let tile = PixelTile { row: block.first + row, first, pixels: pixels.min(width - first) };
                 let view = inputs.view(filter, block.condition, block.features, tile);
                 outputs.fill(0.0);
-                for tap in 0..filter.size * filter.size {
+                for tap in (0..filter.size * filter.size).step_by(filter.taps_together) {
+                    let vectors = filter.vectors;
                     // SAFETY: the view has room for whole register tiles, the outputs too.
                     unsafe {
-                        let vectors = filter.vectors;
-                        with_register_tile!(
-                            S,
-                            vectors,
-                            add_tap(simd, filter, tap, tile.pixels, &view, outputs)
-                        );
+                        if S::LANES == 16 && filter.group_len(tap) == 2 {
+                            add_taps::<S, 6, 4, 2>(simd, filter, tap, tile.pixels, &view, outputs);
+                        } else {
+                            with_register_tile!(
+                                S,
+                                vectors,
+                                add_tap(simd, filter, tap, tile.pixels, &view, outputs)
+                            );
+                        }
                     }
                 }
                 let to = &mut output[first * filter.channels..][..tile.pixels * filter.channels];
@@ -165,22 +191,52 @@ unsafe fn add_tap<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     view: &TileView<'_>,
     outputs: &mut [f32],
 ) {
+    // SAFETY: passed on to the caller.
+    unsafe { add_taps::<S, ROWS, COLUMNS, 1>(simd, filter, tap, pixels, view, outputs) };
+}
+
+/// Adds what `TAPS` taps that follow each other contribute to the outputs of a tile: register tiles of `ROWS` pixels and
+/// as many channels of each tap as make `COLUMNS` vectors.
+///
+/// # Safety
+/// View and outputs hold `pixels` rounded up to `ROWS` pixels, of `padded` channels where vectors are read or written.
+/// The taps are a group, and `COLUMNS / TAPS` vectors a panel.
+#[inline(always)]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "one inner loop's state; a struct would be taken apart at once"
+)]
+unsafe fn add_taps<S: Simd, const ROWS: usize, const COLUMNS: usize, const TAPS: usize>(
+    simd: S,
+    filter: &DynamicFilter,
+    tap: usize,
+    pixels: usize,
+    view: &TileView<'_>,
+    outputs: &mut [f32],
+) {
+    let vectors = COLUMNS / TAPS;
     let slope = simd.splat(filter.slope);
-    let (features, features_at) = view.shifted_features(filter, tap);
-    for channel in (0..filter.padded).step_by(COLUMNS * S::LANES) {
+    let mut features = [(&[][..], 0); TAPS];
+    for (t, features) in features.iter_mut().enumerate() {
+        *features = view.shifted_features(filter, tap + t);
+    }
+    for channel in (0..filter.padded).step_by(vectors * S::LANES) {
         for first in (0..pixels).step_by(ROWS) {
-            // SAFETY: view and outputs hold `pixels` rounded up to `ROWS` pixels, of `padded` channels
-            // where vectors are read or written.
+            // SAFETY: as the caller promises.
             unsafe {
-                let sums = filter_sums::<S, ROWS, COLUMNS>(simd, filter, view, (tap, channel, first));
-                for (i, row) in sums.iter().enumerate() {
-                    for (j, sum) in row.iter().enumerate() {
+                let sums = filter_sums::<S, ROWS, COLUMNS>(simd, filter, view, (tap, channel, first), TAPS);
+                for (i, sums) in sums.iter().enumerate() {
+                    for j in 0..vectors {
                         let c = channel + j * S::LANES;
-                        let feature = simd.load(features, features_at + (first + i) * view.feature_pixel + c);
                         let at = (first + i) * filter.padded + c;
-                        let output = simd.load(outputs, at);
-                        let value = simd.leak(*sum, *sum, slope);
-                        simd.store(outputs, at, simd.mul_add(value, feature, output));
+                        let mut output = simd.load(outputs, at);
+                        for (t, (features, features_at)) in features.iter().enumerate() {
+                            let sum = sums[t * vectors + j];
+                            let seen = features_at + (first + i) * view.feature_pixel + c;
+                            let feature = simd.load(features, seen);
+                            output = simd.mul_add(simd.leak(sum, sum, slope), feature, output);
+                        }
+                        simd.store(outputs, at, output);
                     }
                 }
             }
@@ -188,27 +244,33 @@ unsafe fn add_tap<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     }
 }
 
-/// Computes filters before their PReLU: those of one tap for a register tile of pixels and channels.
+/// Computes filters before their PReLU: those of some taps for a register tile of pixels and channels.
 ///
 /// # Safety
-/// `place` is (tap, first channel of a panel, first pixel), and the view holds `ROWS` pixels from there.
+/// `place` is (first tap, first channel of a panel, first pixel), and the view holds `ROWS` pixels from there. `taps` is 1,
+/// or the taps are a group; `COLUMNS / taps` vectors are a panel.
 #[inline(always)]
 pub(super) unsafe fn filter_sums<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,
     filter: &DynamicFilter,
     view: &TileView<'_>,
     place: (usize, usize, usize),
-) -> [[S::Vector; COLUMNS]; ROWS] {
+    taps: usize,
+) -> Tile<S, ROWS, COLUMNS> {
     let (tap, channel, pixel) = place;
     let inputs = filter.channels;
     let at = view.condition_at + pixel * inputs;
     let a = Operand { data: view.condition, at, row: inputs, step: 1 };
-    let at = (tap * filter.padded + channel) * inputs;
-    let b = Operand { data: filter.packed.as_slice(), at, row: 0, step: COLUMNS * S::LANES };
     // SAFETY: bias and weights hold whole panels; the caller promises the conditions.
     unsafe {
-        let bias = load_strided(simd, filter.bias.as_slice(), tap * filter.padded + channel, S::LANES);
-        multiply_add::<S, ROWS, COLUMNS>(simd, [bias; ROWS], inputs, a, b)
+        let mut bias = [simd.splat(0.0); COLUMNS];
+        for (j, bias) in bias.iter_mut().enumerate() {
+            let (t, vector) = (j / (COLUMNS / taps), j % (COLUMNS / taps));
+            let at = (tap + t) * filter.padded + channel + vector * S::LANES;
+            *bias = simd.load(filter.bias.as_slice(), at);
+        }
+        let weights = filter.weights(tap, channel);
+        multiply_add::<S, ROWS, COLUMNS>(simd, [bias; ROWS], inputs, a, weights)
     }
 }
 

@@ -9,7 +9,7 @@
 //! At 800 × 800 and 32 channels the filters of one image are 2 GB. So a tile of a row's pixels takes one tap
 //! after the other: a product of its conditions with that tap's weights gives the filters of all channels in
 //! registers; there they are rectified, multiplied with the shifted features and added to the tile's outputs,
-//! which stay in the first-level cache. The weights are packed `[tap][panel][input][channel of the panel]`.
+//! which stay in the first-level cache. Where two taps' filters fit in the registers, two are taken at once.
 //!
 //! # Sizes
 //! Tiles of `tile_pixels` pixels: enough to reuse a tap's weights (4 KB at 32 channels, 64 KB at 128), few

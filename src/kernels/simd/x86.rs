@@ -1,12 +1,12 @@
 //! AVX-512 and AVX2 with fused multiply-add, through `std::arch`.
 
 use std::arch::x86_64::{
-    __m256, __m256i, __m512, _CMP_GT_OQ, _mm_add_ps, _mm_add_ss, _mm_cvtss_f32, _mm_movehdup_ps,
+    __m256, __m256i, __m512, _CMP_GT_OQ, _CMP_NGT_UQ, _mm_add_ps, _mm_add_ss, _mm_cvtss_f32, _mm_movehdup_ps,
     _mm_movehl_ps, _mm256_add_ps, _mm256_blendv_ps, _mm256_castps256_ps128, _mm256_cmp_ps,
     _mm256_extractf128_ps, _mm256_fmadd_ps, _mm256_fnmadd_ps, _mm256_loadu_ps, _mm256_loadu_si256,
     _mm256_maskload_ps, _mm256_maskstore_ps, _mm256_mul_ps, _mm256_set1_ps, _mm256_setzero_ps,
     _mm256_storeu_ps, _mm256_sub_ps, _mm512_add_ps, _mm512_cmp_ps_mask, _mm512_fmadd_ps, _mm512_fnmadd_ps,
-    _mm512_loadu_ps, _mm512_mask_mov_ps, _mm512_mask_storeu_ps, _mm512_maskz_loadu_ps, _mm512_mul_ps,
+    _mm512_loadu_ps, _mm512_mask_mul_ps, _mm512_mask_storeu_ps, _mm512_maskz_loadu_ps, _mm512_mul_ps,
     _mm512_reduce_add_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps, _mm512_sub_ps,
 };
 
@@ -175,8 +175,8 @@ impl Simd for Avx512 {
     fn leak(self, sign: __m512, value: __m512, slope: __m512) -> __m512 {
         // SAFETY: the token proves the instructions.
         unsafe {
-            let positive = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(sign, _mm512_setzero_ps());
-            _mm512_mask_mov_ps(_mm512_mul_ps(slope, value), positive, value)
+            let others = _mm512_cmp_ps_mask::<_CMP_NGT_UQ>(sign, _mm512_setzero_ps());
+            _mm512_mask_mul_ps(value, others, slope, value)
         }
     }
 
