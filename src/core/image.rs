@@ -6,6 +6,7 @@
 use std::marker::PhantomData;
 
 use ndarray::{Array3, ArrayView2, ArrayView3, Axis, s};
+use rayon::prelude::*;
 
 use super::error::{Error, Result};
 
@@ -131,11 +132,23 @@ impl<D: Domain> Image<D> {
     }
 }
 
+/// Whether no value is NaN or infinite.
+pub(crate) fn all_finite(values: &[f32]) -> bool {
+    const SHARE: usize = 1 << 14;
+    // Without an early end, so that whole vectors are looked at.
+    values
+        .par_chunks(SHARE)
+        .all(|values| values.iter().fold(true, |finite, value| finite & value.is_finite()))
+}
+
 fn into_standard_layout(planes: Array3<f32>) -> Array3<f32> {
     if planes.is_standard_layout() { planes } else { planes.as_standard_layout().into_owned() }
 }
 
 fn first_non_finite(planes: &Array3<f32>) -> Option<((usize, usize, usize), f32)> {
+    if planes.as_slice().is_some_and(all_finite) {
+        return None;
+    }
     planes.indexed_iter().find(|(_, v)| !v.is_finite()).map(|(index, v)| (index, *v))
 }
 

@@ -164,29 +164,41 @@ impl Convolution {
             for (b, output) in image.chunks_mut(block_len).enumerate() {
                 let start = n * out.image_len() + b * block_len;
                 let finish = finish.part(start..start + output.len());
-                blocks.push(RowBlock { input: rows, first: b * BLOCK_ROWS, output: target(output), finish });
+                let count = output.len() / (self.factor() * out.row_len());
+                let (first, output) = (b * BLOCK_ROWS, target(output));
+                blocks.push(RowBlock { input: rows, first, rows: count, output, finish });
             }
         }
         self.compute(blocks, shape.width);
     }
 
     /// Computes blocks of output rows, in parallel.
-    pub(crate) fn compute(&self, blocks: Vec<RowBlock<'_>>, width: usize) {
+    fn compute(&self, blocks: Vec<RowBlock<'_>>, width: usize) {
+        let together = self.blocks_per_task(width).min(blocks.len().div_ceil(rayon::current_num_threads()));
+        blocks.into_par_iter().chunks(together.max(1)).for_each(|blocks| self.compute_blocks(blocks, width));
+    }
+
+    /// How many blocks of an input `width` wide make a task that is worth a thread's while.
+    pub(crate) fn blocks_per_task(&self, width: usize) -> usize {
+        match &self.method {
+            Method::Winograd(_) => rows_per_task(width),
+            Method::FewOutputs(_) | Method::Direct(_) => 1,
+        }
+    }
+
+    /// Computes blocks of output rows, on this thread.
+    pub(crate) fn compute_blocks(&self, blocks: Vec<RowBlock<'_>>, width: usize) {
         match &self.method {
             Method::Winograd(weights) => {
-                let share = blocks.len().div_ceil(rayon::current_num_threads()).max(1);
-                let together = rows_per_task(width).min(share);
-                blocks.into_par_iter().chunks(together).for_each(|blocks| {
-                    let rows = &mut blocks.into_iter().map(RowBlock::into_tile_row).collect::<Vec<_>>();
-                    weights.isa.run(TileRows { weights, width, order: self.order, rows });
-                });
+                let rows = &mut blocks.into_iter().map(RowBlock::into_tile_row).collect::<Vec<_>>();
+                weights.isa.run(TileRows { weights, width, order: self.order, rows });
             }
-            Method::FewOutputs(weights) => blocks.into_par_iter().for_each(|block| {
-                let RowBlock { input, first, output, finish } = block;
+            Method::FewOutputs(weights) => blocks.into_iter().for_each(|block| {
+                let RowBlock { input, first, output, finish, .. } = block;
                 let output = output.ready();
                 weights.isa.run(FewOutputRows { weights, input, first, output, finish });
             }),
-            Method::Direct(weights) => blocks.into_par_iter().for_each(|block| match self.order {
+            Method::Direct(weights) => blocks.into_iter().for_each(|block| match self.order {
                 Order::Plain => weights.isa.run(block.into_output_rows(weights)),
                 Order::Shuffled => shuffle_block(weights, block, width),
             }),
@@ -199,6 +211,8 @@ pub(crate) struct RowBlock<'a> {
     pub(crate) input: Rows<'a>,
     /// The number of the first row computed (before shuffling).
     pub(crate) first: usize,
+    /// The rows computed.
+    pub(crate) rows: usize,
     pub(crate) output: Target<'a>,
     pub(crate) finish: Finish<'a>,
 }
@@ -206,19 +220,21 @@ pub(crate) struct RowBlock<'a> {
 impl<'a> RowBlock<'a> {
     fn into_tile_row(self) -> TileRow<'a> {
         let top = self.first.cast_signed() - 1;
-        let inputs: [_; POINTS] = std::array::from_fn(|k| self.input.row(top + k.cast_signed()));
+        // Rows below those that the outputs depend on may not be there yet.
+        let input = |k: usize| if k < self.rows + 2 { self.input.row(top + k.cast_signed()) } else { None };
+        let inputs: [_; POINTS] = std::array::from_fn(input);
         TileRow { inputs, output: self.output.ready(), finish: self.finish }
     }
 
     fn into_output_rows(self, weights: &'a direct::Weights) -> OutputRows<'a> {
-        let Self { input, first, output, finish } = self;
+        let Self { input, first, output, finish, .. } = self;
         OutputRows { weights, input, first, output: output.ready(), finish }
     }
 }
 
 /// Computes a block by the direct method and shuffles it: for few channels, where it costs little.
 fn shuffle_block(weights: &direct::Weights, block: RowBlock<'_>, width: usize) {
-    let RowBlock { input, first, output, finish } = block;
+    let RowBlock { input, first, output, finish, .. } = block;
     let output = output.ready();
     let mut sums = vec![0.0; output.len()];
     weights.isa.run(OutputRows { weights, input, first, output: &mut sums, finish: Finish::Leak(1.0) });

@@ -16,8 +16,9 @@
 //! `simd` are made after detection and their holders prove it. And the inner loops read slices without
 //! bounds checks: they go through `Simd::load`, `Simd::store` and one micro-kernel, all of which check their
 //! bounds in builds with debug assertions, as the tests are. Results are not filled with zeros beforehand but
-//! block by block, by the tasks that compute them (`scratch::written`). No memory is shared mutably between threads:
-//! outputs are split into disjoint `&mut` slices before the work is spread.
+//! block by block, by the tasks that compute them (`scratch::written`). Elsewhere outputs are split into disjoint `&mut`
+//! slices before the work is spread; [`stream`] alone has threads write to memory that others read (`slots`), where its
+//! plan and the order of its tasks keep them apart.
 //!
 //! # Determinism
 //! A pixel's value does not depend on how the work was cut into tasks. Sums over pixels (parameter gradients)
@@ -39,6 +40,7 @@ mod rows;
 mod scratch;
 mod shape;
 mod simd;
+mod slots;
 pub mod stream;
 pub mod sums;
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! Rows of an image by their number, whether they lie one after another or scattered.
 
+use super::slots::Slots;
+
 /// Read access to the rows of one image.
 #[derive(Clone, Copy)]
 pub(crate) struct Rows<'a> {
@@ -13,7 +15,7 @@ enum Memory<'a> {
     /// All rows, one after another.
     Whole(&'a [f32]),
     /// Some rows, `unit` of them in each slot: row `y` lies in slot `places[(y + shift) / unit]`.
-    Scattered { slots: &'a [&'a mut [f32]], places: &'a [usize], unit: usize, shift: usize },
+    Scattered { slots: &'a Slots<'a>, places: &'a [usize], unit: usize, shift: usize },
 }
 
 impl<'a> Rows<'a> {
@@ -25,8 +27,11 @@ impl<'a> Rows<'a> {
 
     /// Views those rows of an image of `height` rows that the slots hold at the moment, `unit` in each but the
     /// first, which lacks `shift`.
-    pub(crate) fn scattered(
-        slots: &'a [&'a mut [f32]],
+    ///
+    /// # Safety
+    /// While the view and what it returns live, nobody writes the rows that are asked for.
+    pub(crate) unsafe fn scattered(
+        slots: &'a Slots<'a>,
         places: &'a [usize],
         (unit, shift): (usize, usize),
         (height, row_len): (usize, usize),
@@ -46,8 +51,9 @@ impl<'a> Rows<'a> {
         Some(match self.memory {
             Memory::Whole(data) => &data[y * self.row_len..][..self.row_len],
             Memory::Scattered { slots, places, unit, shift } => {
-                let y = y + shift;
-                &slots[places[y / unit]][y % unit * self.row_len..][..self.row_len]
+                let (place, at) = (places[(y + shift) / unit], (y + shift) % unit * self.row_len);
+                // SAFETY: what the view's maker promised.
+                unsafe { slots.read(place, at..at + self.row_len) }
             }
         })
     }

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::architecture::{Architecture, Kind};
 use super::layers::{LayerWeights, TensorSpec};
 use crate::core::error::{Error, Result};
+use crate::core::image::all_finite;
 use crate::core::io::TensorData;
 use crate::core::rng::{self, Rng};
 
@@ -104,7 +105,7 @@ impl Parameters {
                 let what = format!("weights {}", spec.name);
                 return Err(Error::shape(what, format!("{:?}", spec.shape), format!("{:?}", tensor.shape)));
             }
-            if tensor.values.iter().any(|value| !value.is_finite()) {
+            if !all_finite(&tensor.values) {
                 let reason =
                     format!("weights {} hold a NaN or an infinity; use an earlier checkpoint", spec.name);
                 return Err(Error::Unsupported(reason));

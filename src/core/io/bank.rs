@@ -17,6 +17,7 @@ use super::container::{TensorData, encode_safetensors, floats, le_bytes, metadat
 use super::format::read_all;
 use super::{WriteOptions, write_psf};
 use crate::core::error::{Error, Result};
+use crate::core::image::all_finite;
 use crate::core::kernel_code::{BankCodes, CodeBasis, KernelBank};
 use crate::core::psf::{Psf, hex};
 
@@ -170,7 +171,7 @@ impl Head {
     fn values(&self) -> Result<Vec<f32>, String> {
         let (elements, _) = self.codes.as_chunks::<4>();
         let values: Vec<f32> = elements.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect();
-        if values.iter().any(|value| !value.is_finite()) {
+        if !all_finite(&values) {
             return Err("tensor `codes` holds a NaN or an infinity".into());
         }
         Ok(values)

@@ -13,6 +13,7 @@ use serde_json::{Map, Value, json};
 
 use super::atomic::{check_output, write_atomically};
 use crate::core::error::Result;
+use crate::core::image::all_finite;
 
 /// Shape and values of one tensor, borrowed where the caller has them in one piece.
 pub type TensorData<'a> = (Vec<usize>, Cow<'a, [f32]>);
@@ -85,7 +86,7 @@ pub(super) fn floats(tensors: &SafeTensors<'_>, name: &str) -> Result<(Vec<usize
     }
     let (elements, _) = tensor.data().as_chunks::<4>();
     let values: Vec<f32> = elements.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect();
-    if values.iter().any(|value| !value.is_finite()) {
+    if !all_finite(&values) {
         return Err(format!("tensor `{name}` holds a NaN or an infinity"));
     }
     Ok((tensor.shape().to_vec(), values))

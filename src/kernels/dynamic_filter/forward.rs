@@ -109,12 +109,12 @@ impl DynamicFilter {
                 blocks.push(FilterBlock { condition, features, first: b * BLOCK_ROWS, output });
             }
         }
-        self.compute(blocks);
+        blocks.into_par_iter().for_each(|block| self.compute_block(block));
     }
 
-    /// Computes blocks of output rows, in parallel.
-    pub(crate) fn compute(&self, blocks: Vec<FilterBlock<'_>>) {
-        blocks.into_par_iter().for_each(|block| self.isa.run(FilterRows { filter: self, block }));
+    /// Computes a block of output rows, on this thread.
+    pub(crate) fn compute_block(&self, block: FilterBlock<'_>) {
+        self.isa.run(FilterRows { filter: self, block });
     }
 }
 

@@ -17,6 +17,7 @@
 mod pixelwise;
 mod plan;
 mod run;
+mod tasks;
 
 pub use plan::Plan;
 pub use run::Source;
@@ -65,6 +66,21 @@ impl Operation {
             Self::Pixelwise { inputs, .. } => (inputs, None, None),
         };
         several.iter().copied().chain(one).chain(other)
+    }
+
+    /// One past the last row of a tensor that the rows before `end` (before shuffling) depend on.
+    fn rows_needed(&self, tensor: Tensor, end: usize) -> usize {
+        match self {
+            Self::Convolution { convolution, input, add, .. } => {
+                let geometry = convolution.geometry();
+                let of_input = (end - 1) * geometry.stride + geometry.padding() + 1;
+                let of_added = end * convolution.factor();
+                let (is_input, is_added) = (*input == tensor, *add == Some(tensor));
+                (of_input * usize::from(is_input)).max(of_added * usize::from(is_added))
+            }
+            Self::DynamicFilter { filter, features, .. } if *features == tensor => end + filter.size() / 2,
+            Self::DynamicFilter { .. } | Self::Pixelwise { .. } => end,
+        }
     }
 }
 

@@ -1,6 +1,5 @@
 //! The schedule of rows: what each step can compute when, and where in memory its rows lie.
 
-use std::collections::HashMap;
 use std::ops::Range;
 
 use super::{Network, Operation, Step, Tensor};
@@ -50,8 +49,10 @@ pub(super) struct Memory {
     pub(super) slots: Vec<usize>,
     /// For each tensor the slot of every unit of its rows.
     pub(super) places: Vec<Vec<usize>>,
-    /// Slots that nobody needs, by their length; the one used last is given out first, as it may lie in a cache.
-    free: HashMap<usize, Vec<usize>>,
+    /// Slots that nobody needs, in a list for each length; the one used last is given out first, as it may lie in a cache.
+    free: Vec<(usize, Vec<usize>)>,
+    /// Slots that the step before gave back, which the next step must not write: it may begin before that one ends.
+    in_use: Vec<(usize, usize)>,
     /// Units of each tensor that were given back.
     given_back: Vec<usize>,
 }
@@ -60,7 +61,7 @@ impl Memory {
     /// Gives slots of `len` floats to a tensor until it has as many units.
     fn extend(&mut self, tensor: Tensor, units: usize, len: usize) {
         while self.places[tensor.0].len() < units {
-            let slot = self.free.get_mut(&len).and_then(Vec::pop).unwrap_or_else(|| {
+            let slot = self.free_of(len).pop().unwrap_or_else(|| {
                 self.slots.push(len);
                 self.slots.len() - 1
             });
@@ -71,7 +72,24 @@ impl Memory {
     /// Takes a tensor's units above `first` back.
     fn give_back(&mut self, tensor: Tensor, first: usize, len: usize) {
         let from = std::mem::replace(&mut self.given_back[tensor.0], first);
-        self.free.entry(len).or_default().extend(&self.places[tensor.0][from..first]);
+        self.in_use.extend(self.places[tensor.0][from..first].iter().map(|&slot| (len, slot)));
+    }
+
+    /// Makes available what was given back so far.
+    fn release(&mut self) {
+        let mut in_use = std::mem::take(&mut self.in_use);
+        in_use.drain(..).for_each(|(len, slot)| self.free_of(len).push(slot));
+        self.in_use = in_use;
+    }
+
+    /// The slots of `len` floats that nobody needs. There are a handful of lengths.
+    fn free_of(&mut self, len: usize) -> &mut Vec<usize> {
+        let known = self.free.iter().position(|(of, _)| *of == len);
+        let at = known.unwrap_or_else(|| {
+            self.free.push((len, Vec::new()));
+            self.free.len() - 1
+        });
+        &mut self.free[at].1
     }
 }
 
@@ -158,12 +176,14 @@ impl<'a> Plan<'a> {
                 rows.advance(s);
                 let units = self.units(step.output, rows.computed[step.output.0]);
                 memory.extend(step.output, units, self.slot_len(step.output));
+                memory.release();
                 // What nobody reads is the result, handed out at once.
                 for tensor in step.operation.inputs().chain([step.output]) {
                     let oldest = rows.oldest_read(tensor).unwrap_or(rows.computed[tensor.0]);
                     memory.give_back(tensor, self.place(tensor, oldest).0, self.slot_len(tensor));
                 }
             }
+            memory.release();
         }
         memory
     }

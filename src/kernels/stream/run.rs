@@ -1,16 +1,24 @@
 //! Follows the schedule: feeds input rows, lets each step compute what it can, hands out the result's rows.
+//!
+//! # Order of work
+//! A portion's work stands in one list of tasks, step after step, each a few rows. Threads take them in this order and
+//! wait for what a task depends on, not for all of the step before: where one thread is late the others go on with the
+//! next step's first rows. Two steps are under way at most, so that the rows that a step has read for the last time
+//! can be overwritten two steps later: [`Plan`] gives memory out accordingly.
 
 use std::ops::Range;
 
 use rayon::prelude::*;
 
 use super::plan::{Rows as Schedule, slot_space};
+use super::tasks::run_in_order;
 use super::{Operation, Plan, Tensor};
 use crate::kernels::convolution::{BLOCK_ROWS, RowBlock};
 use crate::kernels::dynamic_filter::FilterBlock;
 use crate::kernels::finish::Finish;
 use crate::kernels::rows::Rows;
-use crate::kernels::scratch::{AlignedBuffer, Scratch, Target};
+use crate::kernels::scratch::{AlignedBuffer, Target};
+use crate::kernels::slots::Slots;
 
 /// Writes one input row, given its number: `width · channels` floats.
 pub type Source<'a> = &'a (dyn Fn(usize, &mut [f32]) + Sync);
@@ -30,7 +38,7 @@ impl Plan<'_> {
         sink: impl FnMut(usize, &[f32]) + Send,
         proceed: impl FnMut(usize) -> Result<(), E> + Send,
     ) -> Result<(), E> {
-        // On a thread of the pool, which shares each step's work without being woken for it.
+        // On a thread of the pool, which shares the work without being woken for it.
         rayon::scope(|_| self.run_here(sources, sink, proceed))
     }
 
@@ -43,131 +51,171 @@ impl Plan<'_> {
         let network = self.network;
         assert_eq!(sources.len(), network.inputs.len(), "sources for the network's inputs");
         let mut arena = AlignedBuffer::zeros(self.arena_len());
-        let mut slots = self.lay_out(&mut arena);
+        let slots = Slots::new(arena.as_mut_slice(), &self.memory.slots, slot_space);
         let mut schedule = Schedule::new(self);
+        let result = network.steps.last().map(|step| step.output);
         while let Some(portion) = schedule.next_portion() {
             proceed(portion.start)?;
-            for (input, source) in network.inputs.iter().zip(sources) {
-                let row_len = self.row_len(*input);
-                for y in portion.clone() {
-                    let (unit, row) = self.place(*input, y);
-                    let slot = &mut slots[self.memory.places[input.0][unit]];
-                    source(y, &mut slot[row * row_len..][..row_len]);
-                }
+            for (&input, source) in network.inputs.iter().zip(sources) {
+                let row_len = self.row_len(input);
+                portion.clone().into_par_iter().for_each(|y| {
+                    let (unit, row) = self.place(input, y);
+                    let slot = self.memory.places[input.0][unit];
+                    // SAFETY: no task is under way, and each row has a place of its own.
+                    source(y, unsafe { slots.write(slot, row * row_len..(row + 1) * row_len) });
+                });
                 schedule.computed[input.0] = portion.end;
             }
-            for (s, step) in network.steps.iter().enumerate() {
-                let done = schedule.computed[step.output.0];
-                let rows = schedule.advance(s);
-                let computed = done..schedule.computed[step.output.0];
-                // Out of the list while they are written, so that the others can be read.
-                let units = self.place(step.output, done).0..self.units(step.output, computed.end);
-                let places = &self.memory.places[step.output.0][units];
-                let mut outputs: Vec<_> =
-                    places.iter().map(|&place| std::mem::take(&mut slots[place])).collect();
-                self.compute(s, rows, &mut outputs, &slots);
-                for (&place, output) in places.iter().zip(outputs) {
-                    slots[place] = output;
-                }
-                if s + 1 == network.steps.len() {
-                    let result = self.view(step.output, &slots);
-                    computed.for_each(|y| sink(y, result.nearest_row(y.cast_signed())));
-                }
+            let done = result.map_or(0, |result| schedule.computed[result.0]);
+            let tasks = self.tasks(&mut schedule);
+            let needs: Vec<usize> = tasks.iter().map(|task| task.needs).collect();
+            // SAFETY: `run_in_order` has everything finished that a task needs.
+            run_in_order(&needs, |task| unsafe { self.compute(&tasks[task], &slots) });
+            if let Some(result) = result {
+                // SAFETY: no task is under way.
+                let rows = unsafe { self.view(result, &slots) };
+                (done..schedule.computed[result.0]).for_each(|y| sink(y, rows.nearest_row(y.cast_signed())));
             }
         }
         Ok(())
     }
 
-    /// Cuts the arena into slots.
-    fn lay_out<'a>(&self, arena: &'a mut AlignedBuffer) -> Vec<&'a mut [f32]> {
-        let mut scratch = Scratch::of(arena);
-        let mut slot = |&len: &usize| &mut scratch.take(slot_space(len))[..len];
-        self.memory.slots.iter().map(&mut slot).collect()
+    /// Lists the tasks of a portion, whose input rows the schedule counts as computed.
+    fn tasks(&self, schedule: &mut Schedule<'_>) -> Vec<Task> {
+        let mut tasks: Vec<Task> = Vec::new();
+        // Where the tasks of the step before begin, and those of this one.
+        let (mut before, mut current) = (0, 0);
+        let mut written = None;
+        for (s, step) in self.network.steps.iter().enumerate() {
+            let rows = schedule.advance(s);
+            let (factor, together) = match &step.operation {
+                Operation::Convolution { convolution, input, .. } => {
+                    (convolution.factor(), convolution.blocks_per_task(self.width_of(*input)))
+                }
+                Operation::DynamicFilter { .. } | Operation::Pixelwise { .. } => (1, 1),
+            };
+            let mut blocks = self.blocks(step.output, rows, factor);
+            let together = together.min(blocks.len().div_ceil(rayon::current_num_threads())).max(1);
+            while !blocks.is_empty() {
+                let others = blocks.split_off(together.min(blocks.len()));
+                let end = blocks.last().map_or(0, |block| block.first + block.rows);
+                let needed = match written {
+                    Some(tensor) if step.operation.inputs().any(|input| input == tensor) => {
+                        step.operation.rows_needed(tensor, end)
+                    }
+                    _ => 0,
+                };
+                let is_needed = |task: &&Task| task.first_output < needed;
+                let needs = before + tasks[before..current].iter().take_while(is_needed).count();
+                let first_output = blocks[0].first * factor;
+                tasks.push(Task { step: s, first_output, blocks, needs });
+                blocks = others;
+            }
+            (before, current) = (current, tasks.len());
+            written = Some(step.output);
+        }
+        tasks
+    }
+
+    /// Cuts rows of a tensor (before shuffling by `factor`) into blocks, each within a slot.
+    fn blocks(&self, tensor: Tensor, rows: Range<usize>, factor: usize) -> Vec<Block> {
+        let row_len = self.row_len(tensor);
+        let mut blocks = Vec::new();
+        let mut first = rows.start;
+        while first < rows.end {
+            let (unit, row) = self.place(tensor, first * factor);
+            // Blocks begin at multiples of their rows in a slot, which may hold blocks of an earlier portion.
+            let row = row / factor;
+            let count = (BLOCK_ROWS - row % BLOCK_ROWS).min(rows.end - first);
+            let floats = row * factor * row_len..(row + count) * factor * row_len;
+            blocks.push(Block { first, rows: count, slot: self.memory.places[tensor.0][unit], floats });
+            first += count;
+        }
+        blocks
     }
 
     /// The rows of a tensor that are held at the moment.
-    fn view<'a>(&'a self, tensor: Tensor, slots: &'a [&'a mut [f32]]) -> Rows<'a> {
+    ///
+    /// # Safety
+    /// While the view and what it returns live, nobody writes the rows that are asked for.
+    unsafe fn view<'a>(&'a self, tensor: Tensor, slots: &'a Slots<'a>) -> Rows<'a> {
         let size = (self.height_of(tensor), self.row_len(tensor));
         let shift = self.place(tensor, 0).1;
-        Rows::scattered(slots, &self.memory.places[tensor.0], (self.unit_rows[tensor.0], shift), size)
+        // SAFETY: passed on to the caller.
+        unsafe {
+            Rows::scattered(slots, &self.memory.places[tensor.0], (self.unit_rows[tensor.0], shift), size)
+        }
     }
 
-    /// Computes some rows of a step, in blocks, to the slots that hold them.
-    fn compute(&self, step: usize, rows: Range<usize>, outputs: &mut [&mut [f32]], slots: &[&mut [f32]]) {
-        let step = &self.network.steps[step];
+    /// Computes the rows of a task.
+    ///
+    /// # Safety
+    /// Tasks before those that it [needs](Task::needs) are finished, and those with the same needs or more compute other
+    /// rows. Then nobody else touches what it writes: rows of their own, in slots that no task of the step before or of
+    /// this one reads or writes. And nobody writes what it reads.
+    unsafe fn compute(&self, task: &Task, slots: &Slots<'_>) {
+        let step = &self.network.steps[task.step];
         let row_len = self.row_len(step.output);
-        let shift = self.place(step.output, 0).1;
-        let view = |tensor: Tensor| self.view(tensor, slots);
+        // SAFETY: passed on to the caller, as in what follows.
+        let view = |tensor: Tensor| unsafe { self.view(tensor, slots) };
+        let output = |block: &Block| unsafe { slots.write(block.slot, block.floats.clone()) };
         match &step.operation {
             Operation::Convolution { convolution, input, slope, add } => {
-                let factor = convolution.factor();
-                let finish = |first: usize, len: usize| {
-                    let Some(add) = add else { return Finish::Leak(*slope) };
-                    let (unit, row) = self.place(*add, first * factor);
-                    let slot = &*slots[self.memory.places[add.0][unit]];
-                    Finish::LeakThenAdd(*slope, &slot[row * row_len..][..len])
+                let block = |block: &Block| {
+                    let finish = match add {
+                        None => Finish::Leak(*slope),
+                        Some(add) => {
+                            let (unit, row) = self.place(*add, block.first * convolution.factor());
+                            let slot = self.memory.places[add.0][unit];
+                            let floats = row * row_len..row * row_len + block.floats.len();
+                            // SAFETY: see above.
+                            Finish::LeakThenAdd(*slope, unsafe { slots.read(slot, floats) })
+                        }
+                    };
+                    let output = Target::Written(output(block));
+                    RowBlock { input: view(*input), first: block.first, rows: block.rows, output, finish }
                 };
-                let block = |Block { first, rows, output }| {
-                    let len = rows * factor * row_len;
-                    let output = Target::Written(output);
-                    RowBlock { input: view(*input), first, output, finish: finish(first, len) }
-                };
-                let blocks = blocks(rows, outputs, (factor, row_len), shift);
-                convolution.compute(blocks.into_iter().map(block).collect(), self.width_of(*input));
+                convolution.compute_blocks(task.blocks.iter().map(block).collect(), self.width_of(*input));
             }
             Operation::DynamicFilter { filter, condition, features } => {
                 let (condition, features) = (view(*condition), view(*features));
-                let block = |Block { first, output, .. }| FilterBlock { condition, features, first, output };
-                let blocks = blocks(rows, outputs, (1, row_len), shift);
-                filter.compute(blocks.into_iter().map(block).collect());
+                for block in &task.blocks {
+                    let (first, output) = (block.first, output(block));
+                    filter.compute_block(FilterBlock { condition, features, first, output });
+                }
             }
             Operation::Pixelwise { function, inputs } => {
                 let views: Vec<Rows<'_>> = inputs.iter().map(|&input| view(input)).collect();
                 let channels = |t: &Tensor| self.network.tensors[t.0].channels;
                 let channels: Vec<usize> = inputs.iter().map(channels).collect();
-                blocks(rows, outputs, (1, row_len), shift).into_par_iter().for_each(|block| {
-                    for (y, row) in block.output.chunks_exact_mut(row_len).enumerate() {
+                for block in &task.blocks {
+                    for (y, row) in output(block).chunks_exact_mut(row_len).enumerate() {
                         let y = (block.first + y).cast_signed();
                         let rows: Vec<&[f32]> = views.iter().map(|view| view.nearest_row(y)).collect();
                         function.apply(&rows, &channels, row);
                     }
-                });
+                }
             }
         }
     }
 }
 
-/// Some rows of a step with the part of a slot that they go to.
-struct Block<'a> {
-    first: usize,
-    rows: usize,
-    output: &'a mut [f32],
+/// A few rows of a step: what one thread computes at a time.
+struct Task {
+    step: usize,
+    /// The first row written, after shuffling.
+    first_output: usize,
+    blocks: Vec<Block>,
+    /// The task begins once all tasks with a smaller number than this are finished.
+    needs: usize,
 }
 
-/// Cuts rows into blocks, each with its part of the slots that hold them. There the tensor's first row stands at
-/// `shift`; each row that is computed becomes `factor` rows of `row_len` floats.
-fn blocks<'a>(
-    rows: Range<usize>,
-    slots: &'a mut [&mut [f32]],
-    (factor, row_len): (usize, usize),
-    shift: usize,
-) -> Vec<Block<'a>> {
-    let mut blocks = Vec::new();
-    let mut first = rows.start;
-    // Blocks begin at multiples of their rows in a slot, which may hold blocks of an earlier portion.
-    let per_slot = slots.first().map_or(1, |slot| slot.len() / (factor * row_len));
-    let mut at = (first + shift / factor) % per_slot;
-    for slot in slots {
-        let mut rest = &mut slot[at * factor * row_len..];
-        while !rest.is_empty() && first < rows.end {
-            let count = (BLOCK_ROWS - at % BLOCK_ROWS).min(rows.end - first);
-            let (output, others) = rest.split_at_mut(count * factor * row_len);
-            blocks.push(Block { first, rows: count, output });
-            (first, at, rest) = (first + count, at + count, others);
-        }
-        at = 0;
-    }
-    blocks
+/// Some rows of a step with the part of a slot that they go to.
+struct Block {
+    first: usize,
+    rows: usize,
+    slot: usize,
+    floats: Range<usize>,
 }
 
 #[cfg(test)]

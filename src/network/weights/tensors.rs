@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use half::{bf16, f16};
+use rayon::prelude::*;
+use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 
 use crate::core::error::{Error, Result};
@@ -29,14 +31,15 @@ pub(crate) fn read(path: &Path) -> Result<TensorFile> {
     let file = SafeTensors::deserialize(&bytes).map_err(damaged)?;
     let (_, header) = SafeTensors::read_metadata(&bytes).map_err(damaged)?;
     let metadata = header.metadata().clone().unwrap_or_default().into_iter().collect();
-    let mut tensors = BTreeMap::new();
-    for (name, view) in file.iter() {
+    let convert = |(name, view): (&str, TensorView<'_>)| {
         let Some(values) = to_f32(view.dtype(), view.data()) else {
             let reason = format!("tensor {name} holds {:?}; expected floats", view.dtype());
             return Err(Error::format(path, reason));
         };
-        tensors.insert(name.to_owned(), Values { shape: view.shape().to_vec(), values });
-    }
+        Ok((name.to_owned(), Values { shape: view.shape().to_vec(), values }))
+    };
+    let views: Vec<_> = file.iter().collect();
+    let tensors = views.into_par_iter().map(convert).collect::<Result<_>>()?;
     Ok(TensorFile { tensors, metadata })
 }
 

@@ -19,7 +19,7 @@ use crate::core::io::Contents;
 use crate::core::io::npy::check_half;
 
 /// Blocks that are compressed on trial.
-const SAMPLE_BLOCKS: usize = 8;
+const SAMPLE_BLOCKS: usize = 4;
 /// Compression must save this share to be worth its time: computed floats hardly shrink, and deflating them takes
 /// twenty times longer than writing them.
 const WORTHWHILE_SAVING: f64 = 0.2;
