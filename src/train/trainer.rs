@@ -106,6 +106,11 @@ impl Trainer {
     /// Those of the data; [`Error::Unsupported`] when loss or gradients are not finite, which leaves the
     /// weights as they were.
     pub fn step(&mut self, data: &dyn TrainingData) -> Result<Step> {
+        // On a thread of the pool, which begins each operation at once instead of waking another.
+        rayon::scope(|_| self.step_here(data))
+    }
+
+    fn step_here(&mut self, data: &dyn TrainingData) -> Result<Step> {
         let config = self.config.clone();
         let state = &self.state;
         let rate = learning_rate(&config.optimizer, &config.schedule, state.iteration);

@@ -304,6 +304,22 @@ mod tests {
     }
 
     #[test]
+    fn the_result_does_not_depend_on_the_threads() {
+        let network = network();
+        let (height, width) = (70, 38);
+        let input = Values::new(2).take(height * width * 3);
+        let plan = Plan::with_portion(&network, height, width, 16);
+        let with = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| run(&plan, &input))
+        };
+        let expected = with(1);
+        for threads in [2, 3, 8] {
+            assert_eq!(with(threads), expected, "{threads} threads");
+        }
+    }
+
+    #[test]
     fn memory_does_not_grow_with_the_height() {
         let network = network();
         let bytes = |height| Plan::new(&network, height, 512, 2).bytes();
