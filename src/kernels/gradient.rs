@@ -1,4 +1,7 @@
 //! Gradients of convolutions: to the inputs and to the weights, in the parameters' own layout.
+//!
+//! Gradients that do not depend on each other are computed side by side (`rayon::join`): at the end of each, a thread
+//! that has nothing left of one finds work in the other.
 
 use rayon::prelude::*;
 
@@ -29,6 +32,18 @@ pub struct Parameters {
     pub weight: Vec<f32>,
     /// `[outputs]`.
     pub bias: Vec<f32>,
+}
+
+impl Parameters {
+    /// Computes the gradients of a convolution's weight and bias from its input, of shape `shape`, and the gradient of its
+    /// outputs.
+    pub fn gradients(geometry: Geometry, input: &[f32], shape: Shape, gradient: &[f32]) -> Self {
+        let (weight, bias) = rayon::join(
+            || weight_gradient(geometry, input, shape, gradient),
+            || sums::per_channel(gradient, geometry.outputs),
+        );
+        Self { weight, bias }
+    }
 }
 
 /// Takes the gradient of a convolution's outputs to that of its inputs, of shape `shape`, and finishes it

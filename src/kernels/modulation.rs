@@ -9,10 +9,9 @@ use rayon::prelude::*;
 use super::convolution::Convolution;
 use super::direct::forward::Geometry;
 use super::finish::Finish;
-use super::gradient::{Parameters, input_gradient, weight_gradient};
+use super::gradient::{Parameters, input_gradient};
 use super::scratch::{by_chunks, zeros};
 use super::shape::Shape;
-use super::sums::per_channel;
 
 /// Pixels that one task looks at.
 const CHUNK: usize = 1024;
@@ -93,17 +92,16 @@ impl Branch<'_> {
         let inner_shape = shape.with_channels(second.inputs);
         let gate = Finish::Gate(slope, inner);
         let inner_gradient = input_gradient(second, self.weights[1], gradient, inner_shape, gate);
-        let parameters = [
-            Parameters {
-                weight: weight_gradient(first, joined, shape, &inner_gradient),
-                bias: per_channel(&inner_gradient, first.outputs),
+        let ((first_gradients, second_gradients), input) = rayon::join(
+            || {
+                rayon::join(
+                    || Parameters::gradients(first, joined, shape, &inner_gradient),
+                    || Parameters::gradients(second, inner, inner_shape, gradient),
+                )
             },
-            Parameters {
-                weight: weight_gradient(second, inner, inner_shape, gradient),
-                bias: per_channel(gradient, second.outputs),
-            },
-        ];
-        (input_gradient(first, self.weights[0], &inner_gradient, shape, finish), parameters)
+            || input_gradient(first, self.weights[0], &inner_gradient, shape, finish),
+        );
+        (input, [first_gradients, second_gradients])
     }
 }
 

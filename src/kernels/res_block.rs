@@ -7,9 +7,8 @@
 use super::convolution::Convolution;
 use super::direct::forward::Geometry;
 use super::finish::Finish;
-use super::gradient::{Parameters, input_gradient, weight_gradient};
+use super::gradient::{Parameters, input_gradient};
 use super::shape::Shape;
-use super::sums::per_channel;
 
 /// A residual block with its parameters.
 #[derive(Clone, Copy, Debug)]
@@ -46,14 +45,16 @@ impl ResBlock<'_> {
         let geometry = Geometry::three_by_three(shape.channels, shape.channels);
         let gate = Finish::Gate(self.slope, inner);
         let inner_gradient = input_gradient(geometry, self.weights[1], gradient, shape, gate);
-        let parameters = |input: &[f32], gradient: &[f32]| Parameters {
-            weight: weight_gradient(geometry, input, shape, gradient),
-            bias: per_channel(gradient, shape.channels),
-        };
-        let second = parameters(inner, gradient);
-        let first = parameters(x, &inner_gradient);
         let add = Finish::LeakThenAdd(1.0, gradient);
-        let input = input_gradient(geometry, self.weights[0], &inner_gradient, shape, add);
+        let ((first, second), input) = rayon::join(
+            || {
+                rayon::join(
+                    || Parameters::gradients(geometry, x, shape, &inner_gradient),
+                    || Parameters::gradients(geometry, inner, shape, gradient),
+                )
+            },
+            || input_gradient(geometry, self.weights[0], &inner_gradient, shape, add),
+        );
         ResBlockGradients { input, parameters: [first, second] }
     }
 }

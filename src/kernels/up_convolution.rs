@@ -7,7 +7,7 @@
 use super::convolution::{Convolution, shuffled_output};
 use super::direct::forward::Geometry;
 use super::finish::Finish;
-use super::gradient::{Parameters, input_gradient, weight_gradient};
+use super::gradient::{Parameters, input_gradient};
 use super::scratch::by_chunks;
 use super::shape::Shape;
 use super::simd::Isa;
@@ -47,15 +47,16 @@ impl UpConvolution<'_> {
         let rows: Vec<&[f32]> =
             (0..outputs).map(|o| &self.weight[shuffled_output(o, channels) * row_len..][..row_len]).collect();
         let weight = rows.concat();
-        let input = input_gradient(geometry, &weight, &gated, shape, Finish::Leak(1.0));
-        let weight_sums = weight_gradient(geometry, x, shape, &gated);
-        let bias_sums = super::sums::per_channel(&gated, outputs);
+        let (input, sums) = rayon::join(
+            || input_gradient(geometry, &weight, &gated, shape, Finish::Leak(1.0)),
+            || Parameters::gradients(geometry, x, shape, &gated),
+        );
         let mut parameters = Parameters { weight: vec![0.0; weight.len()], bias: vec![0.0; outputs] };
         for o in 0..outputs {
             let place = shuffled_output(o, channels);
-            parameters.bias[place] = bias_sums[o];
+            parameters.bias[place] = sums.bias[o];
             parameters.weight[place * row_len..][..row_len]
-                .copy_from_slice(&weight_sums[o * row_len..][..row_len]);
+                .copy_from_slice(&sums.weight[o * row_len..][..row_len]);
         }
         (input, parameters)
     }

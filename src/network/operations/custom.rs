@@ -181,18 +181,20 @@ fn convolve(x: View<'_>, weight: View<'_>, bias: View<'_>, stride: usize, slope:
     (convolution.apply(x.floats, x.batch(), Finish::Leak(slope)), shape)
 }
 
-/// The gradient of a convolution's inputs, or nothing where it is not wanted.
-fn input_gradient_if(
+/// The gradients of a convolution's inputs, or nothing where they are not wanted, and of its weights.
+fn convolution_gradients(
     wanted: bool,
     geometry: Geometry,
-    weight: View<'_>,
+    (x, weight): (View<'_>, View<'_>),
     gradient: &[f32],
-    shape: Shape,
-) -> Vec<f32> {
-    if !wanted {
-        return Vec::new();
-    }
-    input_gradient(geometry, weight.floats, gradient, shape, Finish::Leak(1.0))
+) -> (Vec<f32>, Vec<f32>) {
+    rayon::join(
+        || match wanted {
+            true => input_gradient(geometry, weight.floats, gradient, x.batch(), Finish::Leak(1.0)),
+            false => Vec::new(),
+        },
+        || weight_gradient(geometry, x.floats, x.batch(), gradient),
+    )
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -211,11 +213,8 @@ impl HostOperation<3> for LeakyConvolution {
     fn backward(&self, [x, weight, _]: [View<'_>; 3], passed: Passed<'_, 3>) -> [Vec<f32>; 3] {
         let geometry = geometry(&weight, self.stride);
         let gated = gate(passed.gradient, passed.output, self.slope, geometry.outputs);
-        [
-            input_gradient_if(passed.wanted[0], geometry, weight, &gated.gradient, x.batch()),
-            weight_gradient(geometry, x.floats, x.batch(), &gated.gradient),
-            gated.bias,
-        ]
+        let (x, weight) = convolution_gradients(passed.wanted[0], geometry, (x, weight), &gated.gradient);
+        [x, weight, gated.bias]
     }
 }
 
@@ -236,12 +235,8 @@ impl HostOperation<4> for PReluConvolution {
     fn backward(&self, [x, weight, _, slope]: [View<'_>; 4], passed: Passed<'_, 4>) -> [Vec<f32>; 4] {
         let geometry = geometry(&weight, self.stride);
         let gated = gate(passed.gradient, &passed.kept[0], slope.floats[0], geometry.outputs);
-        [
-            input_gradient_if(passed.wanted[0], geometry, weight, &gated.gradient, x.batch()),
-            weight_gradient(geometry, x.floats, x.batch(), &gated.gradient),
-            gated.bias,
-            vec![gated.slope],
-        ]
+        let (x, weight) = convolution_gradients(passed.wanted[0], geometry, (x, weight), &gated.gradient);
+        [x, weight, gated.bias, vec![gated.slope]]
     }
 }
 
