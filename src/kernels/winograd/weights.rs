@@ -12,9 +12,10 @@ use crate::kernels::scratch::AlignedBuffer;
 use crate::kernels::simd::{Isa, Kernel, Simd};
 
 /// Tells whether this method is the fastest: a transform costs as much for a vector with few channels as for a
-/// full one, so that fewer than half a vector on either side are left to the direct sums.
+/// full one, so that fewer than half a vector on either side are left to the direct sums, but for few inputs whose
+/// transforms serve two vectors of outputs.
 pub(crate) fn applies(isa: Isa, inputs: usize, outputs: usize) -> bool {
-    inputs.min(outputs) * 2 >= isa.lanes()
+    inputs.min(outputs) * 2 >= isa.lanes() || outputs >= 2 * isa.lanes()
 }
 
 /// Weights of a 3 × 3 convolution after G·G ᵀ, in the order in which the products read them.
