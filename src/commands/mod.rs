@@ -192,6 +192,7 @@ impl Command {
 
 impl GlobalArgs {
     fn start(&self) -> Result<Session> {
+        udc::network::share_freed_memory();
         let threads = self.threads.map_or(0, usize::from);
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)

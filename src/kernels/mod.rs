@@ -52,7 +52,7 @@ pub use convolution::Convolution;
 pub use direct::forward::Geometry;
 pub use dynamic_filter::DynamicFilter;
 pub use finish::Finish;
-pub use scratch::keep_freed_memory;
 pub(crate) use scratch::zeros;
+pub use scratch::{keep_freed_memory, share_freed_memory};
 pub use shape::Shape;
 pub use simd::Isa;
