@@ -10,9 +10,9 @@
 //!
 //! # Memory
 //! [`Plan`] plays the schedule through with row numbers only and gives each few rows of a tensor a slot from
-//! when they are computed to when they were last read. The next tensor gets the slot that was given back
-//! last, so that most of what a step writes and reads still lies in a cache. What all slots take is known
-//! before the run and grows with the image's width, not with its height.
+//! when they are computed to when they were last read. From the next step but one on, another tensor may have it,
+//! the slot that was given back last before the others, so that most of what a step writes and reads still lies in a
+//! cache. What all slots take is known before the run and grows with the image's width, not with its height.
 
 mod pixelwise;
 mod plan;

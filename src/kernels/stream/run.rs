@@ -150,9 +150,11 @@ impl Plan<'_> {
     /// Computes the rows of a task.
     ///
     /// # Safety
-    /// Tasks before those that it [needs](Task::needs) are finished, and those with the same needs or more compute other
-    /// rows. Then nobody else touches what it writes: rows of their own, in slots that no task of the step before or of
-    /// this one reads or writes. And nobody writes what it reads.
+    /// All tasks with a number below [`Task::needs`] are finished, and each task is computed once.
+    ///
+    /// Then what it reads has been written, and nobody writes it: a slot that was given back goes to another tensor two
+    /// steps later, whose tasks need all those of this step. And nobody else touches what it writes: the rows of a block
+    /// belong to one task, those who read them wait for it, and those who read what lay there before are finished.
     unsafe fn compute(&self, task: &Task, slots: &Slots<'_>) {
         let step = &self.network.steps[task.step];
         let row_len = self.row_len(step.output);
