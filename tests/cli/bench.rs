@@ -28,3 +28,32 @@ fn refuses_a_batch_without_crops_and_a_negative_patience() {
     let stderr = fail(folder.path(), &["bench", "--patience=-1"], 1);
     assert!(stderr.contains("--patience"), "{stderr}");
 }
+
+/// The system gives every page once: what a step frees the next step uses again.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+#[test]
+fn training_on_large_images_keeps_its_memory() {
+    use std::io::Read as _;
+    use std::process::Stdio;
+
+    const PAGE: u64 = 4096;
+    let folder = tempfile::tempdir().unwrap();
+    // Tensors of 33 MB, more than the allocator keeps by itself; a step to warm up and one that is timed.
+    let args = ["bench", "--only", "nothing", "--size", "8", "--train", "1x512", "--patience", "0"];
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_udc"))
+        .args(args)
+        .current_dir(folder.path())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut printed = String::new();
+    child.stdout.take().unwrap().read_to_string(&mut printed).unwrap();
+    // It has ended, but nobody has asked how: its numbers are still there.
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", child.id())).unwrap();
+    assert!(child.wait().unwrap().success());
+    let after_name = stat.rsplit_once(')').unwrap().1;
+    let faults: u64 = after_name.split_whitespace().nth(7).unwrap().parse().unwrap();
+    let mebibytes = printed.trim_end().strip_suffix(" MiB").unwrap().rsplit(' ').next().unwrap();
+    let peak = mebibytes.parse::<u64>().unwrap() << 20;
+    assert!(faults * PAGE < peak * 3 / 2, "{faults} pages for {printed}");
+}
