@@ -174,14 +174,17 @@ impl Convolution {
 
     /// Computes blocks of output rows, in parallel.
     fn compute(&self, blocks: Vec<RowBlock<'_>>, width: usize) {
-        let together = self.blocks_per_task(width).min(blocks.len().div_ceil(rayon::current_num_threads()));
-        blocks.into_par_iter().chunks(together.max(1)).for_each(|blocks| self.compute_blocks(blocks, width));
+        let together = self.blocks_per_task(blocks.len(), width);
+        blocks.into_par_iter().chunks(together).for_each(|blocks| self.compute_blocks(blocks, width));
     }
 
-    /// How many blocks of an input `width` wide make a task that is worth a thread's while.
-    pub(crate) fn blocks_per_task(&self, width: usize) -> usize {
+    /// How many of `blocks` blocks of an input `width` wide make a task: enough to be worth a thread's while, but no more
+    /// than its share.
+    pub(crate) fn blocks_per_task(&self, blocks: usize, width: usize) -> usize {
         match &self.method {
-            Method::Winograd(_) => rows_per_task(width),
+            Method::Winograd(_) => {
+                rows_per_task(width).min(blocks.div_ceil(rayon::current_num_threads())).max(1)
+            }
             Method::FewOutputs(_) | Method::Direct(_) => 1,
         }
     }

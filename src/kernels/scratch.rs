@@ -191,7 +191,8 @@ pub fn share_freed_memory() {
 }
 
 /// Asks the allocator to keep what is freed for the next request, for loops that take and free the same large
-/// buffers again and again: a training step. Without it each buffer's pages come fresh from the system.
+/// buffers again and again: a training step. Without it each buffer's pages come fresh from the system; so do those of
+/// the largest unless [`share_freed_memory`] was called.
 pub fn keep_freed_memory() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     // No blocks beside the heap, which go back to the system when they are freed, and a heap that never gets smaller.

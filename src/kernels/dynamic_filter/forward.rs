@@ -154,7 +154,8 @@ impl Kernel for FilterRows<'_> {
                 outputs.fill(0.0);
                 for tap in (0..filter.size * filter.size).step_by(filter.taps_together) {
                     let vectors = filter.vectors;
-                    // SAFETY: the view has room for whole register tiles, the outputs too.
+                    // SAFETY: the view has room for whole register tiles, the outputs too; groups of two taps have
+                    // panels of two vectors.
                     unsafe {
                         if S::LANES == 16 && filter.group_len(tap) == 2 {
                             add_taps::<S, 6, 4, 2>(simd, filter, tap, tile.pixels, &view, outputs);

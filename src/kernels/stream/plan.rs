@@ -51,7 +51,7 @@ pub(super) struct Memory {
     pub(super) places: Vec<Vec<usize>>,
     /// Slots that nobody needs, in a list for each length; the one used last is given out first, as it may lie in a cache.
     free: Vec<(usize, Vec<usize>)>,
-    /// Slots that the step before gave back, which the next step must not write: it may begin before that one ends.
+    /// Slots that the step before gave back, each with its length, which the next step must not write: it may begin before that one ends.
     in_use: Vec<(usize, usize)>,
     /// Units of each tensor that were given back.
     given_back: Vec<usize>,
@@ -77,9 +77,9 @@ impl Memory {
 
     /// Makes available what was given back so far.
     fn release(&mut self) {
-        let mut in_use = std::mem::take(&mut self.in_use);
-        in_use.drain(..).for_each(|(len, slot)| self.free_of(len).push(slot));
-        self.in_use = in_use;
+        for (len, slot) in std::mem::take(&mut self.in_use) {
+            self.free_of(len).push(slot);
+        }
     }
 
     /// The slots of `len` floats that nobody needs. There are a handful of lengths.

@@ -88,14 +88,17 @@ impl Plan<'_> {
         let mut written = None;
         for (s, step) in self.network.steps.iter().enumerate() {
             let rows = schedule.advance(s);
-            let (factor, together) = match &step.operation {
-                Operation::Convolution { convolution, input, .. } => {
-                    (convolution.factor(), convolution.blocks_per_task(self.width_of(*input)))
-                }
-                Operation::DynamicFilter { .. } | Operation::Pixelwise { .. } => (1, 1),
+            let factor = match &step.operation {
+                Operation::Convolution { convolution, .. } => convolution.factor(),
+                Operation::DynamicFilter { .. } | Operation::Pixelwise { .. } => 1,
             };
             let mut blocks = self.blocks(step.output, rows, factor);
-            let together = together.min(blocks.len().div_ceil(rayon::current_num_threads())).max(1);
+            let together = match &step.operation {
+                Operation::Convolution { convolution, input, .. } => {
+                    convolution.blocks_per_task(blocks.len(), self.width_of(*input))
+                }
+                Operation::DynamicFilter { .. } | Operation::Pixelwise { .. } => 1,
+            };
             while !blocks.is_empty() {
                 let others = blocks.split_off(together.min(blocks.len()));
                 let end = blocks.last().map_or(0, |block| block.first + block.rows);
@@ -158,8 +161,9 @@ impl Plan<'_> {
     unsafe fn compute(&self, task: &Task, slots: &Slots<'_>) {
         let step = &self.network.steps[task.step];
         let row_len = self.row_len(step.output);
-        // SAFETY: passed on to the caller, as in what follows.
+        // SAFETY: nobody writes what the task reads, as the caller promises.
         let view = |tensor: Tensor| unsafe { self.view(tensor, slots) };
+        // SAFETY: nobody else touches what the task writes; each of its blocks is asked for once.
         let output = |block: &Block| unsafe { slots.write(block.slot, block.floats.clone()) };
         match &step.operation {
             Operation::Convolution { convolution, input, slope, add } => {
@@ -170,7 +174,7 @@ impl Plan<'_> {
                             let (unit, row) = self.place(*add, block.first * convolution.factor());
                             let slot = self.memory.places[add.0][unit];
                             let floats = row * row_len..row * row_len + block.floats.len();
-                            // SAFETY: see above.
+                            // SAFETY: as for the views.
                             Finish::LeakThenAdd(*slope, unsafe { slots.read(slot, floats) })
                         }
                     };

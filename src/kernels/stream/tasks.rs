@@ -9,6 +9,8 @@ const LOOKS: usize = 1 << 12;
 /// number below `needs[i]`, whose effects are visible by then.
 ///
 /// Tasks begin in their order, so that the first unfinished one never waits and any number of threads gets through.
+/// `work` must not use the pool itself: a thread that waits there for others may be given a turn here, and wait for the
+/// task that it is in.
 ///
 /// # Panics
 /// When `work` panics; tasks that depend on the failed one are not begun.
