@@ -25,9 +25,17 @@ impl<'a> Finish<'a> {
         }
     }
 
+    /// The tensor that is read.
+    pub(crate) fn tensor(&self) -> Option<&'a [f32]> {
+        match self {
+            Self::Leak(_) => None,
+            Self::LeakThenAdd(_, other) | Self::Gate(_, other) => Some(other),
+        }
+    }
+
     /// Asserts that the tensor, if there is one, has the output's length.
     pub(crate) fn check_len(&self, len: usize) {
-        if let Self::LeakThenAdd(_, other) | Self::Gate(_, other) = self {
+        if let Some(other) = self.tensor() {
             assert_eq!(other.len(), len, "floats of the tensor that finishes an output of {len}");
         }
     }

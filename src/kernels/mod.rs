@@ -10,6 +10,7 @@
 //!   too few, by the `direct` kernel elsewhere; [`convolution`] also has its gradients.
 //! - [`res_block`], [`up_convolution`], [`dynamic_filter`], [`modulation`]: the network's blocks, forward and backward.
 //! - [`stream`]: whole networks, a few rows at a time, in memory planned beforehand.
+//! - `ahead`: memory asked for while products are computed.
 //!
 //! # Why unsafe, and where
 //! Three things need it. Vector instructions may run only on a CPU that has them: the zero-sized tokens of
@@ -26,6 +27,7 @@
 //! the number of threads, bit for bit; they do differ in rounding between instruction sets.
 #![expect(unsafe_code, reason = "vector instructions and unchecked reads of the inner loops")]
 
+mod ahead;
 pub mod benchmark;
 pub mod convolution;
 mod direct;

@@ -11,12 +11,15 @@
 use super::forward::{Geometry, copy_columns};
 use crate::kernels::finish::Finish;
 use crate::kernels::rows::Rows;
-use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines};
-use crate::kernels::simd::{Isa, Kernel, Simd, load_strided};
+use crate::kernels::scratch::{AlignedBuffer, LINE, lend, whole_lines};
+use crate::kernels::simd::{Isa, Kernel, Simd, load_strided, prefetch};
 
 /// Pixels computed together: with three outputs twelve sums, enough to hide the latency of 4 cycles at 2 a
 /// cycle, and they fit the sixteen registers of AVX2.
 const PIXELS: usize = 4;
+
+/// How many pixels ahead inputs are asked for: one sum needs little time, and rows come from memory.
+const AHEAD: usize = 8 * PIXELS;
 
 /// The most outputs that this method takes.
 const MOST_OUTPUTS: usize = 4;
@@ -96,6 +99,11 @@ impl OutputRows<'_> {
             for (block, pixels) in pixels.chunks_mut(PIXELS * OUTPUTS).enumerate() {
                 let x = block * PIXELS;
                 let inside = x > 0 && x + PIXELS < width;
+                // The rows above were read for the line before.
+                if let Some(row) = rows[2] {
+                    let ahead = (x + AHEAD) * inputs;
+                    (ahead..ahead + PIXELS * inputs).step_by(LINE).for_each(|at| prefetch(row, at));
+                }
                 let sums = if inside {
                     let runs = rows.map(|row| row.map(|row| &row[(x - 1) * inputs..]));
                     // SAFETY: the pixels from x − 1 to x + PIXELS lie within the rows.

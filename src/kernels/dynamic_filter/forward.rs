@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::tile_pixels;
+use crate::kernels::ahead::Ahead;
 use crate::kernels::convolution::BLOCK_ROWS;
 use crate::kernels::gemm::{MOST_ROWS, Operand, Tile, multiply_add, panel_vectors, with_register_tile};
 use crate::kernels::rows::Rows;
@@ -127,6 +128,20 @@ pub(crate) struct FilterBlock<'a> {
     pub(crate) output: &'a mut [f32],
 }
 
+impl FilterBlock<'_> {
+    /// What a tile of `pixels` from (row of the block, column) on reads for the first time, and what it writes; nothing
+    /// past the last row.
+    #[inline(always)]
+    fn fresh_runs(&self, filter: &DynamicFilter, (row, first): (usize, usize), pixels: usize) -> [&[f32]; 3] {
+        let row_len = self.condition.row_len();
+        let Some(output) = self.output.get(row * row_len..(row + 1) * row_len) else { return [&[]; 3] };
+        let (y, below) = ((self.first + row).cast_signed(), (filter.size / 2).cast_signed());
+        let range = first * filter.channels..((first + pixels) * filter.channels).min(row_len);
+        [self.condition.nearest_row(y), self.features.nearest_row(y + below), output]
+            .map(|row| &row[range.clone()])
+    }
+}
+
 /// A block with the filter that is applied to it.
 struct FilterRows<'a> {
     filter: &'a DynamicFilter,
@@ -147,13 +162,17 @@ impl Kernel for FilterRows<'_> {
         let mut scratch = lent.scratch();
         let outputs = scratch.take(outputs_len);
         let mut inputs = TileInputs::new(filter, &mut scratch);
-        for (row, output) in block.output.chunks_exact_mut(row_len).enumerate() {
+        let groups = (filter.size * filter.size).div_ceil(filter.taps_together);
+        for row in 0..block.output.len() / row_len {
             for first in (0..width).step_by(pixels) {
+                let next = if first + pixels < width { (row, first + pixels) } else { (row + 1, 0) };
+                let mut ahead = Ahead::new(block.fresh_runs(filter, next, pixels), groups);
                 let tile = PixelTile { row: block.first + row, first, pixels: pixels.min(width - first) };
                 let view = inputs.view(filter, block.condition, block.features, tile);
                 outputs.fill(0.0);
                 for tap in (0..filter.size * filter.size).step_by(filter.taps_together) {
                     let vectors = filter.vectors;
+                    ahead.fetch();
                     // SAFETY: the view has room for whole register tiles, the outputs too; groups of two taps have
                     // panels of two vectors.
                     unsafe {
@@ -168,7 +187,8 @@ impl Kernel for FilterRows<'_> {
                         }
                     }
                 }
-                let to = &mut output[first * filter.channels..][..tile.pixels * filter.channels];
+                let at = row * row_len + first * filter.channels;
+                let to = &mut block.output[at..][..tile.pixels * filter.channels];
                 let from = outputs.chunks_exact(filter.padded);
                 for (to, from) in to.chunks_exact_mut(filter.channels).zip(from) {
                     to.copy_from_slice(&from[..filter.channels]);

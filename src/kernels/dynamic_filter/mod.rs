@@ -15,6 +15,9 @@
 //! Tiles of `tile_pixels` pixels: enough to reuse a tap's weights (4 KB at 32 channels, 64 KB at 128), few
 //! enough that conditions and outputs stay cached.
 //!
+//! # Memory
+//! What the next tile reads for the first time, and what it writes, is asked for between taps.
+//!
 //! # Error
 //! That of a direct sum: about 1e-6 of the largest output.
 

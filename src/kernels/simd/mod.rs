@@ -146,6 +146,15 @@ macro_rules! for_each_vector {
 }
 pub(crate) use for_each_vector;
 
+/// Asks for the cache line of `from[at]`, so that it is near when it is read or written; changes nothing but speed.
+#[inline(always)]
+pub(crate) fn prefetch(from: &[f32], at: usize) {
+    #[cfg(all(target_arch = "x86_64", not(miri)))]
+    x86::prefetch(from.as_ptr().wrapping_add(at));
+    #[cfg(not(all(target_arch = "x86_64", not(miri))))]
+    let _ = (from, at);
+}
+
 /// Reads `N` vectors whose starts lie `stride` apart.
 ///
 /// # Safety

@@ -16,6 +16,10 @@
 //! (2.4 MB, more than the second-level cache) more often, but gain nothing: the products hide the reading. Batches
 //! count tiles along all rows of a task, so that narrow images fill them too.
 //!
+//! # Memory
+//! Both ends of a batch wait for rows that no near cache holds. They are asked for during the products ([`Ahead`]), which
+//! makes the network 3 % faster, and 8 % when others use the memory too.
+//!
 //! # Channels that do not fill vectors
 //! Transformed inputs and products hold whole vectors of channels for each tile, filled up with zeros: only
 //! what is read from the inputs and written to the outputs is cut off. The products' depth is the number of
@@ -23,6 +27,7 @@
 
 use super::weights::Weights;
 use super::{POINTS, TILE, transform};
+use crate::kernels::ahead::Ahead;
 use crate::kernels::finish::{Finish, Finisher, with_finisher};
 use crate::kernels::gemm::{MOST_ROWS, Operand, multiply_add, store_tile, with_register_tile, zero_tile};
 use crate::kernels::scratch::{lend, whole_lines};
@@ -185,7 +190,12 @@ impl Batch<'_> {
                 for run in self.runs() {
                     self.transform_rows(simd, point_row, run, buffers);
                 }
-                with_register_tile!(S, self.weights.vectors, multiply(simd, &self, point_row, buffers));
+                let ahead = self.ahead(point_row, rows);
+                with_register_tile!(
+                    S,
+                    self.weights.vectors,
+                    multiply(simd, &self, point_row, buffers, ahead)
+                );
                 self.invert_rows(simd, point_row, buffers);
             }
             for run in self.runs() {
@@ -194,6 +204,37 @@ impl Batch<'_> {
                 with_finisher!(*finish, f => self.invert_columns(simd, f, run, sums, output));
             }
         }
+    }
+
+    /// What is asked for during the products of a row of points, of the first run of tiles: the inputs' row of the
+    /// next batch, the output's row or, where they are shuffled, two, and what is read to finish them.
+    #[inline(always)]
+    fn ahead<'a>(self, point_row: usize, rows: &'a [TileRow<'_>]) -> [&'a [f32]; 5] {
+        let Self { place, weights, width, .. } = self;
+        let mut ahead = [&[][..]; 5];
+        let columns = |run: Run| (run.across * TILE, ((run.across + run.count) * TILE).min(width));
+        let end = self.first + self.count;
+        let next = self.count.min(self.across * rows.len() - end);
+        if next > 0
+            && let Some(run) = (Self { first: end, count: next, ..self }).runs().next()
+            && let Some(row) = rows[run.row].inputs[point_row]
+        {
+            let (left, right) = columns(run);
+            ahead[0] = &row[left * weights.inputs..right * weights.inputs];
+        }
+        if let Some(run) = self.runs().next() {
+            let (left, right) = columns(run);
+            let TileRow { output, finish, .. } = &rows[run.row];
+            for (half, group) in (0..weights.outputs / place.channels).step_by(2).enumerate() {
+                let from = point_row * place.row + place.group(group);
+                let range = from + left * place.column..from + right * place.column;
+                if range.end <= output.len() {
+                    ahead[1 + half] = &output[range.clone()];
+                    ahead[3 + half] = finish.tensor().map_or(&[], |tensor| &tensor[range]);
+                }
+            }
+        }
+        ahead
     }
 
     /// The runs of the batch, in order.
@@ -333,10 +374,12 @@ unsafe fn multiply<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     batch: &Batch<'_>,
     point_row: usize,
     buffers: &mut Buffers<'_>,
+    ahead: [&[f32]; 5],
 ) {
     let inputs = batch.weights.inputs;
     let (padded, outputs) = (batch.weights.padded_inputs(), batch.weights.padded_outputs());
     let panel = COLUMNS * S::LANES;
+    let mut ahead = Ahead::new(ahead, POINTS * (outputs / panel) * batch.count.div_ceil(ROWS));
     for point in 0..POINTS {
         let filled = point * batch.sizes.inputs + batch.count * padded;
         let missing = batch.count.next_multiple_of(ROWS) - batch.count;
@@ -346,6 +389,7 @@ unsafe fn multiply<S: Simd, const ROWS: usize, const COLUMNS: usize>(
             let right_at = ((p * POINTS + point_row) * POINTS + point) * inputs * panel;
             let b = Operand { data: batch.weights.packed.as_slice(), at: right_at, row: 0, step: panel };
             for tile in (0..batch.count).step_by(ROWS) {
+                ahead.fetch();
                 let at = point * batch.sizes.inputs + tile * padded;
                 let a = Operand { data: buffers.inputs, at, row: padded, step: 1 };
                 // SAFETY: both buffers have room for `MOST_ROWS` tiles more than the batch has (what is read
