@@ -78,7 +78,15 @@ impl<D: Domain> Image<D> {
     /// # Panics
     /// When `f` makes a finite value non-finite: a broken invariant of the caller.
     pub fn map_values<E: Domain>(&self, f: impl Fn(f32) -> f32 + Sync + Send) -> Image<E> {
-        let mut planes = self.planes.clone();
+        self.clone().map_in_place(f)
+    }
+
+    /// As [`map_values`](Self::map_values), in the memory of this image.
+    ///
+    /// # Panics
+    /// As [`map_values`](Self::map_values).
+    pub fn map_in_place<E: Domain>(self, f: impl Fn(f32) -> f32 + Sync + Send) -> Image<E> {
+        let mut planes = self.planes;
         planes.par_mapv_inplace(f);
         debug_assert!(planes.iter().all(|v| v.is_finite()), "a value map must keep values finite");
         Image { planes, domain: PhantomData }

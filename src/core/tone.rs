@@ -67,9 +67,19 @@ impl ToneCurve {
         image.map_values(|x| self.compress(x))
     }
 
+    /// As [`tone_map`](Self::tone_map), in the memory of the image.
+    pub fn tone_map_in_place(&self, image: LinearImage) -> ToneMappedImage {
+        image.map_in_place(|x| self.compress(x))
+    }
+
     /// Maps tone-mapped values back to linear irradiance.
     pub fn inverse_tone_map(&self, image: &ToneMappedImage) -> LinearImage {
         image.map_values(|y| self.expand(y))
+    }
+
+    /// As [`inverse_tone_map`](Self::inverse_tone_map), in the memory of the image.
+    pub fn inverse_tone_map_in_place(&self, image: ToneMappedImage) -> LinearImage {
+        image.map_in_place(|y| self.expand(y))
     }
 }
 

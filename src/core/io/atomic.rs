@@ -1,6 +1,6 @@
 //! Writes whole files or nothing: to a temporary name in the same folder, flushed, then renamed.
 
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Seek, Write};
 use std::path::Path;
 
 use tempfile::{Builder, NamedTempFile};
@@ -9,6 +9,11 @@ use crate::core::error::{Error, Result};
 
 /// Large enough that a frame is written in few system calls.
 const BUFFER_BYTES: usize = 1 << 20;
+
+/// What files are written to: tables in front of what they list are filled in later.
+pub trait WriteSeek: Write + Seek {}
+
+impl<W: Write + Seek> WriteSeek for W {}
 
 /// Writes a whole file or nothing: to a temporary name in the same folder, flushed, then renamed.
 ///
@@ -21,7 +26,7 @@ const BUFFER_BYTES: usize = 1 << 20;
 pub fn write_atomically(
     path: &Path,
     overwrite: bool,
-    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+    write: impl FnOnce(&mut dyn WriteSeek) -> io::Result<()>,
 ) -> Result<()> {
     check_output(path, overwrite)?;
     let fail = |source| Error::io("write", path, source);

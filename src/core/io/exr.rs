@@ -24,7 +24,7 @@ use crate::core::bayer::BayerPattern;
 use crate::core::error::{Error, Result};
 use crate::core::provenance::Provenance;
 
-pub(super) use write::encode;
+pub(super) use write::Encoder;
 
 /// The attribute that says the domain of an image.
 const DOMAIN_ATTRIBUTE: &str = "udc:domain";

@@ -21,6 +21,7 @@ mod npy;
 mod plain;
 mod planes;
 mod raster;
+mod shared_file;
 mod tiff_directory;
 
 use std::path::Path;
@@ -34,7 +35,7 @@ use super::provenance::Provenance;
 use super::psf::Psf;
 
 pub use array::{read_array, write_array};
-pub use atomic::{check_output, write_atomically};
+pub use atomic::{WriteSeek, check_output, write_atomically};
 pub use bank::{
     bank_sha256, bank_sha256_of, encode_bank, read_bank, read_bank_codes, write_bank, write_published_bank,
 };
@@ -48,6 +49,7 @@ pub use folder::{AppendFile, LineLog, create_folder, publish_folder, remove};
 pub use format::{Encoding, Format};
 pub use inputs::expand_inputs;
 pub use plain::{list_folder, read_bytes, read_code, read_text};
+pub use shared_file::SharedFile;
 
 /// The largest number of pixels an image may have: 16384 × 16384, four times the largest panorama in use.
 pub const MAX_PIXELS: usize = 1 << 28;
@@ -290,7 +292,11 @@ fn write_contents(path: &Path, contents: &Contents<'_>, options: PixelOptions) -
     let format = Format::of_extension(path)?;
     check_output(path, options.overwrite)?;
     let encoded = match format {
-        Format::Exr => exr::encode(contents, options.half),
+        Format::Exr => {
+            let encoder = exr::Encoder::new(contents, options.half);
+            let encoder = encoder.map_err(|reason| Error::format(path, reason))?;
+            return write_atomically(path, options.overwrite, |file| encoder.write(file));
+        }
         Format::Npy => npy::encode_image(&contents.planes, options.half),
         _ => raster::encode(&contents.planes, format, options),
     };

@@ -1,6 +1,6 @@
 //! Encodes planes as a scan-line OpenEXR file, the same bytes for any number of threads.
 
-use std::io::Cursor;
+use std::io::{self, Seek, Write};
 
 use ::exr::block::chunk::{Chunk, CompressedBlock};
 use ::exr::block::writer::{ChunkWriter, ChunksWriter};
@@ -11,34 +11,50 @@ use ::exr::meta::attribute::{AttributeValue, ChannelDescription, LineOrder, Samp
 use ::exr::meta::header::{Header, ImageAttributes, LayerAttributes};
 use ::exr::meta::{BlockDescription, MetaData};
 use half::f16;
-use ndarray::ArrayView3;
+use ndarray::{ArrayView3, Axis, concatenate, s};
 use rayon::prelude::*;
 
 use super::{DOMAIN_ATTRIBUTE, PROVENANCE_ATTRIBUTE, WAVE};
 use crate::core::io::Contents;
 use crate::core::io::npy::check_half;
 
-/// Blocks that are compressed on trial.
-const SAMPLE_BLOCKS: usize = 4;
+/// Windows that are compressed on trial, and the most rows (those of a block) and columns of each: deflating takes long.
+const SAMPLES: usize = 4;
+const SAMPLE_ROWS: usize = 16;
+const SAMPLE_COLUMNS: usize = 128;
 /// Compression must save this share to be worth its time: computed floats hardly shrink, and deflating them takes
 /// twenty times longer than writing them.
 const WORTHWHILE_SAVING: f64 = 0.2;
 
-/// Encodes one grey (`Y`) or three colour planes.
-pub(in crate::core::io) fn encode(contents: &Contents<'_>, half: bool) -> Result<Vec<u8>, String> {
-    if half {
-        check_half(&contents.planes)?;
+/// One grey (`Y`) or three colour planes, checked, with how they will be stored.
+pub(in crate::core::io) struct Encoder<'a> {
+    header: Header,
+    planes: ArrayView3<'a, f32>,
+}
+
+impl<'a> Encoder<'a> {
+    /// Checks the planes and chooses their compression.
+    pub(in crate::core::io) fn new(contents: &Contents<'a>, half: bool) -> Result<Self, String> {
+        if half {
+            check_half(&contents.planes)?;
+        }
+        let mut header = header_of(contents, half)?;
+        if !compresses_well(contents, half)? {
+            header = with_compression(header, Compression::Uncompressed);
+        }
+        Ok(Self { header, planes: contents.planes })
     }
-    let mut header = header_of(contents, half)?;
-    if !compresses_well(&header, &contents.planes).map_err(cannot_encode)? {
-        header = with_compression(header, Compression::Uncompressed);
+
+    /// Writes the file, a few blocks at a time.
+    pub(in crate::core::io) fn write(self, file: impl Write + Seek) -> io::Result<()> {
+        ::exr::block::write(file, [self.header].into_iter().collect(), true, |meta, writer| {
+            write_blocks(&meta, writer, &self.planes)
+        })
+        .map_err(|error| match error {
+            ::exr::error::Error::Io(error) => error,
+            other => io::Error::other(cannot_encode(other)),
+        })
     }
-    let mut file = Cursor::new(Vec::new());
-    ::exr::block::write(&mut file, [header].into_iter().collect(), true, |meta, writer| {
-        write_blocks(&meta, writer, &contents.planes)
-    })
-    .map_err(cannot_encode)?;
-    Ok(file.into_inner())
 }
 
 #[expect(clippy::needless_pass_by_value, reason = "an adapter for `map_err`")]
@@ -66,19 +82,27 @@ fn with_compression(header: Header, compression: Compression) -> Header {
     header.with_encoding(compression, BlockDescription::ScanLines, LineOrder::Increasing)
 }
 
-/// Whether a few blocks, spread over the image, shrink enough.
-fn compresses_well(header: &Header, planes: &ArrayView3<'_, f32>) -> ::exr::error::Result<bool> {
-    let headers = std::slice::from_ref(header);
-    let indices: Vec<_> = ::exr::block::enumerate_ordered_header_block_indices(headers).collect();
-    let sizes = indices
-        .par_iter()
-        .step_by(indices.len().div_ceil(SAMPLE_BLOCKS))
+/// Whether a few windows along the image's diagonal shrink enough.
+fn compresses_well(contents: &Contents<'_>, half: bool) -> Result<bool, String> {
+    let (_, height, width) = contents.planes.dim();
+    let (rows, columns) = (height.min(SAMPLE_ROWS), width.min(SAMPLE_COLUMNS));
+    let windows: Vec<_> = (0..SAMPLES)
+        .map(|k| (k * (height - rows) / (SAMPLES - 1), k * (width - columns) / (SAMPLES - 1)))
+        .map(|(top, left)| contents.planes.slice(s![.., top..top + rows, left..left + columns]))
+        .collect();
+    let planes = concatenate(Axis(1), &windows).map_err(|error| error.to_string())?;
+    let sample = Contents { planes: planes.view(), ..*contents };
+    let headers = [header_of(&sample, half)?];
+    let sizes = ::exr::block::enumerate_ordered_header_block_indices(&headers)
+        .collect::<Vec<_>>()
+        .into_par_iter()
         .map(|(_, index)| {
-            let block = block_of(*index, header, planes);
+            let block = block_of(index, &headers[0], &sample.planes);
             let before = block.data.len();
-            Ok((before, compressed_length(&block.compress_to_chunk(headers)?)))
+            Ok((before, compressed_length(&block.compress_to_chunk(&headers)?)))
         })
-        .collect::<::exr::error::Result<Vec<_>>>()?;
+        .collect::<::exr::error::Result<Vec<_>>>()
+        .map_err(cannot_encode)?;
     let (before, after) = sizes.iter().fold((0, 0), |sum, size| (sum.0 + size.0, sum.1 + size.1));
     Ok(after as f64 <= (1.0 - WORTHWHILE_SAVING) * before as f64)
 }
@@ -115,7 +139,7 @@ fn image_attributes(contents: &Contents<'_>, width: usize, height: usize) -> Ima
 
 fn write_blocks(
     meta: &MetaData,
-    writer: &mut ChunkWriter<&mut Cursor<Vec<u8>>>,
+    writer: &mut ChunkWriter<impl Write + Seek>,
     planes: &ArrayView3<'_, f32>,
 ) -> ::exr::error::Result<()> {
     let indices: Vec<(usize, BlockIndex)> = meta.enumerate_ordered_header_block_indices().collect();
@@ -139,11 +163,11 @@ fn block_of(index: BlockIndex, header: &Header, planes: &ArrayView3<'_, f32>) ->
     let mut data = Vec::with_capacity(width * height * channels.bytes_per_pixel);
     for y in top..top + height {
         for channel in (0..planes.dim().0).rev() {
-            let line = (left..left + width).map(|x| planes[[channel, y, x]]);
+            let line = planes.slice(s![channel, y, left..left + width]);
             if channels.list[0].sample_type == SampleType::F16 {
-                data.extend(line.flat_map(|v| f16::from_f32(v).to_ne_bytes()));
+                line.iter().for_each(|v| data.extend_from_slice(&f16::from_f32(*v).to_ne_bytes()));
             } else {
-                data.extend(line.flat_map(f32::to_ne_bytes));
+                line.iter().for_each(|v| data.extend_from_slice(&v.to_ne_bytes()));
             }
         }
     }
