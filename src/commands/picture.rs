@@ -54,13 +54,13 @@ impl AnyImage {
     pub(crate) fn into_linear(self, curve: ToneCurve) -> LinearImage {
         match self {
             Self::Linear(image) => image,
-            Self::ToneMapped(image) => curve.inverse_tone_map(&image),
+            Self::ToneMapped(image) => curve.inverse_tone_map_in_place(image),
         }
     }
 
     pub(crate) fn into_tone_mapped(self, curve: ToneCurve) -> ToneMappedImage {
         match self {
-            Self::Linear(image) => curve.tone_map(&image),
+            Self::Linear(image) => curve.tone_map_in_place(image),
             Self::ToneMapped(image) => image,
         }
     }

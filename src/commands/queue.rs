@@ -28,6 +28,8 @@ pub(crate) trait Stages: Sync {
     fn output<'a>(&self, job: &'a Self::Job) -> &'a Path;
     /// Everything that decides what it becomes, as far as it is known before the inputs are read.
     fn describe(&self, job: &Self::Job) -> Value;
+    /// Makes what all jobs need, while the first is read.
+    fn prepare(&self) {}
     /// Reads what the job needs.
     fn read(&self, job: &Self::Job) -> Result<Self::Input>;
     /// Computes the result.
@@ -85,6 +87,9 @@ pub(crate) fn run_all<S: Stages>(stages: &S, jobs: &[S::Job], session: &Session)
         let (computed, outputs) = sync_channel(0);
         scope.spawn(move || read_jobs(stages, jobs, session, &read));
         let writer = scope.spawn(|| write_jobs(stages, outputs, jobs.len() > 1, session, || bar.inc(1)));
+        if !jobs.is_empty() {
+            stages.prepare();
+        }
         let stopped = compute_jobs(stages, inputs, &computed);
         drop(computed);
         let failures = writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;

@@ -143,6 +143,10 @@ impl Stages for Restoration<'_> {
         })
     }
 
+    fn prepare(&self) {
+        self.engine.prepare();
+    }
+
     fn read(&self, job: &Job) -> Result<Capture> {
         let capture = self.args.read_capture(job, self.session)?;
         let domain = self.args.output_domain.unwrap_or(capture.pixels.domain());

@@ -97,8 +97,9 @@ impl Inference {
         let mut restored = Array3::zeros((CHANNELS, height, width));
         let sink = |y: usize, row: &[f32]| {
             if y < height {
-                for (x, pixel) in row.chunks_exact(CHANNELS).take(width).enumerate() {
-                    (0..CHANNELS).for_each(|c| restored[[c, y, x]] = pixel[c]);
+                for (c, mut plane) in restored.axis_iter_mut(Axis(0)).enumerate() {
+                    let pixels = row.chunks_exact(CHANNELS);
+                    plane.row_mut(y).iter_mut().zip(pixels).for_each(|(to, pixel)| *to = pixel[c]);
                 }
             }
         };

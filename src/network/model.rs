@@ -61,6 +61,11 @@ impl Model {
         &self.weights
     }
 
+    /// Packs the weights for whole images; the first that is restored or asked about does it otherwise.
+    pub fn prepare(&self) {
+        self.inference();
+    }
+
     /// Restores an image of any size; `code` describes its PSF, and is not looked at by networks that need
     /// none.
     ///

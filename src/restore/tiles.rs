@@ -167,8 +167,15 @@ pub fn restore_tiled(
     restorer: &dyn Restorer,
     progress: &Progress,
 ) -> Result<ToneMappedImage> {
-    let mut restored = Array3::zeros(image.planes().dim());
     let bar = progress.bar(tiling.len() as u64, "restoring");
+    if tiling.len() == 1 {
+        progress.check()?;
+        let restored = restorer.restore(image, 0, 0)?;
+        assert_eq!(restored.planes().dim(), image.planes().dim());
+        bar.finish_and_clear();
+        return Ok(restored);
+    }
+    let mut restored = Array3::zeros(image.planes().dim());
     for row in &tiling.rows {
         for column in &tiling.columns {
             progress.check()?;

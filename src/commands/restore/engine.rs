@@ -97,6 +97,13 @@ impl Engine {
         Ok(Self { kind, max_memory: args.max_memory, queued_frames, highlights })
     }
 
+    /// Packs a network's weights.
+    pub(super) fn prepare(&self) {
+        if let Kind::Network { model, .. } = &self.kind {
+            model.prepare();
+        }
+    }
+
     /// Restores one capture; says beforehand what memory that takes.
     pub(super) fn restore(
         &self,

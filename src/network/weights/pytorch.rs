@@ -6,7 +6,7 @@ use std::path::Path;
 use burn::store::pytorch_reader::{DType, PytorchError, PytorchReader};
 use safetensors::Dtype;
 
-use super::tensors::{TensorFile, to_f32};
+use super::tensors::{TensorFile, extend};
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
 use crate::network::architecture::{Architecture, Condition, Scales};
@@ -41,7 +41,8 @@ pub(super) fn read(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<TensorF
             return Err(Error::format(path, reason));
         };
         let bytes = tensor.read().map_err(|error| Error::format(path, error.to_string()))?;
-        let values = to_f32(dtype, &bytes).expect("every float type converts");
+        let mut values = Vec::with_capacity(tensor.shape().iter().product());
+        extend(&mut values, dtype, &bytes);
         file.tensors.insert(name.to_owned(), Values { shape: tensor.shape().to_vec(), values });
     }
     if let Some(key) = key {

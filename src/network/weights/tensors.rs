@@ -1,16 +1,27 @@
 //! Turns safetensors files of floats of any width into named 32-bit tensors.
+//!
+//! The tensors are read and converted on all threads, each from its place in the file: no copy of the whole file is made.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use half::{bf16, f16};
 use rayon::prelude::*;
-use safetensors::tensor::TensorView;
-use safetensors::{Dtype, SafeTensors};
+use safetensors::Dtype;
+use safetensors::tensor::{Metadata, TensorInfo};
 
 use crate::core::error::{Error, Result};
-use crate::core::io;
+use crate::core::io::SharedFile;
 use crate::network::parameters::Values;
+
+/// The bytes in front of the header: its length.
+const LENGTH_BYTES: usize = size_of::<u64>();
+
+/// Longer headers are not believed, as in other programs.
+const LONGEST_HEADER: u64 = 100_000_000;
+
+/// Bytes read at once, which the second-level cache holds.
+const CHUNK: usize = 1 << 16;
 
 /// Tensors and metadata of a file.
 #[derive(Clone, Debug, Default)]
@@ -26,31 +37,69 @@ pub(crate) struct TensorFile {
 /// # Errors
 /// [`Error::Io`] when it cannot be read; [`Error::Format`] when it is damaged or holds other than floats.
 pub(crate) fn read(path: &Path) -> Result<TensorFile> {
-    let bytes = io::read_bytes(path)?;
-    let damaged = |error| Error::format(path, format!("is no safetensors file, or is damaged: {error}"));
-    let file = SafeTensors::deserialize(&bytes).map_err(damaged)?;
-    let (_, header) = SafeTensors::read_metadata(&bytes).map_err(damaged)?;
+    let file = SharedFile::open(path)?;
+    let damaged =
+        |reason: &str| Error::format(path, format!("is no safetensors file, or is damaged: {reason}"));
+    let mut length = [0; LENGTH_BYTES];
+    if file.len() < LENGTH_BYTES as u64 {
+        return Err(damaged("it is too short"));
+    }
+    file.read_at(0, &mut length)?;
+    let length = u64::from_le_bytes(length);
+    let data = length.saturating_add(LENGTH_BYTES as u64);
+    if length > LONGEST_HEADER || data > file.len() {
+        return Err(damaged("its header is cut off, or none"));
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "at most LONGEST_HEADER")]
+    let mut header = vec![0; length as usize];
+    file.read_at(LENGTH_BYTES as u64, &mut header)?;
+    let header: Metadata = serde_json::from_slice(&header).map_err(|error| damaged(&error.to_string()))?;
+    if data + header.data_len() as u64 != file.len() {
+        return Err(damaged("its tensors are cut off, or something follows them"));
+    }
     let metadata = header.metadata().clone().unwrap_or_default().into_iter().collect();
-    let convert = |(name, view): (&str, TensorView<'_>)| {
-        let Some(values) = to_f32(view.dtype(), view.data()) else {
-            let reason = format!("tensor {name} holds {:?}; expected floats", view.dtype());
+    let convert = |chunk: &mut Vec<u8>, (name, info): (String, &TensorInfo)| {
+        if !is_float(info.dtype) {
+            let reason = format!("tensor {name} holds {:?}; expected floats", info.dtype);
             return Err(Error::format(path, reason));
-        };
-        Ok((name.to_owned(), Values { shape: view.shape().to_vec(), values }))
+        }
+        let values = read_values(&file, data, info, chunk)?;
+        Ok((name, Values { shape: info.shape.clone(), values }))
     };
-    let views: Vec<_> = file.iter().collect();
-    let tensors = views.into_par_iter().map(convert).collect::<Result<_>>()?;
+    let tensors: Vec<_> = header.tensors().into_iter().collect();
+    let tensors = tensors.into_par_iter().map_init(|| vec![0; CHUNK], convert).collect::<Result<_>>()?;
     Ok(TensorFile { tensors, metadata })
 }
 
-/// Converts little-endian floats of any width; `None` for other types.
-pub(super) fn to_f32(dtype: Dtype, bytes: &[u8]) -> Option<Vec<f32>> {
-    Some(match dtype {
-        Dtype::F32 => bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect(),
-        Dtype::F16 => bytes.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b).to_f32()).collect(),
-        Dtype::BF16 => bytes.as_chunks().0.iter().map(|b| bf16::from_le_bytes(*b).to_f32()).collect(),
+/// Reads the values of a tensor, whose place is counted from `data`, a chunk at a time.
+fn read_values(file: &SharedFile, data: u64, info: &TensorInfo, chunk: &mut [u8]) -> Result<Vec<f32>> {
+    let (start, end) = info.data_offsets;
+    let mut values = Vec::with_capacity(info.shape.iter().product());
+    for at in (start..end).step_by(chunk.len()) {
+        let len = chunk.len().min(end - at);
+        let bytes = &mut chunk[..len];
+        file.read_at(data + at as u64, bytes)?;
+        extend(&mut values, info.dtype, bytes);
+    }
+    Ok(values)
+}
+
+/// Whether [`extend`] converts a type.
+pub(super) fn is_float(dtype: Dtype) -> bool {
+    matches!(dtype, Dtype::F16 | Dtype::BF16 | Dtype::F32 | Dtype::F64)
+}
+
+/// Converts little-endian floats of any width and appends them.
+///
+/// # Panics
+/// When the type is another.
+pub(super) fn extend(values: &mut Vec<f32>, dtype: Dtype, bytes: &[u8]) {
+    match dtype {
+        Dtype::F32 => values.extend(bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b))),
+        Dtype::F16 => values.extend(bytes.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b).to_f32())),
+        Dtype::BF16 => values.extend(bytes.as_chunks().0.iter().map(|b| bf16::from_le_bytes(*b).to_f32())),
         #[expect(clippy::cast_possible_truncation, reason = "weights are computed with as 32-bit floats")]
-        Dtype::F64 => bytes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b) as f32).collect(),
-        _ => return None,
-    })
+        Dtype::F64 => values.extend(bytes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b) as f32)),
+        _ => panic!("{dtype:?} is no float"),
+    }
 }
