@@ -60,7 +60,7 @@ pub(crate) enum Bayer {
 /// The pictures of a bracket as they were read.
 pub(crate) struct Pictures {
     pub(crate) planes: Vec<Array3<f32>>,
-    /// The exposure times of the files relative to the longest, where all of them tell.
+    /// The exposures of the files relative to the longest, where all of them tell their time.
     pub(crate) times: Option<Vec<f64>>,
     /// How to fuse them, the levels in the units of the planes.
     pub(crate) config: FuseConfig,
@@ -113,7 +113,7 @@ impl BracketArgs {
         let mut config = self.config()?;
         let mut raw: Option<RawMetadata> = None;
         let mut largest = None;
-        let (mut planes, mut times) = (Vec::with_capacity(files.len()), Vec::with_capacity(files.len()));
+        let (mut planes, mut times, mut isos) = (Vec::with_capacity(files.len()), Vec::new(), Vec::new());
         for (index, file) in files.iter().enumerate() {
             let (pixels, encoding) = self.read_picture(file)?;
             if index == 0 {
@@ -129,6 +129,7 @@ impl BracketArgs {
             }
             planes.push(pixels.planes);
             times.push(pixels.exposure_s);
+            isos.push(pixels.iso);
         }
         if let (true, Some(Some(largest))) = (self.in_integers(raw.as_ref()), largest) {
             (config.white, config.black) = (config.white / largest, config.black / largest);
@@ -141,8 +142,8 @@ impl BracketArgs {
                 config.white_balance = gains;
             }
         }
-        let times: Option<Vec<f64>> = times.into_iter().collect();
-        Ok(Pictures { planes, times: times.map(relative_to_longest), config })
+        let times = exposures(times, isos).map(relative_to_longest);
+        Ok(Pictures { planes, times, config })
     }
 
     fn read_picture(&self, file: &Path) -> Result<(Pixels, Encoding)> {
@@ -184,6 +185,16 @@ impl BracketArgs {
         }
         Ok(())
     }
+}
+
+/// What brightness grows with: the times, times the sensitivities where every file says its own.
+fn exposures(times: Vec<Option<f64>>, isos: Vec<Option<f64>>) -> Option<Vec<f64>> {
+    let times: Option<Vec<f64>> = times.into_iter().collect();
+    let isos: Option<Vec<f64>> = isos.into_iter().collect();
+    Some(match isos {
+        Some(isos) => times?.iter().zip(isos).map(|(time, iso)| time * iso).collect(),
+        None => times?,
+    })
 }
 
 /// White of the longest exposure is 1, whatever its time in seconds.

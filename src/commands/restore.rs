@@ -55,7 +55,7 @@ pub(crate) struct RestoreArgs {
     method: MethodArgs,
     #[command(flatten)]
     code: CodeArgs,
-    /// The files are one bracket, and each folder is one, with exposure times that the files tell
+    /// The files are one bracket, and each folder is one, with the exposure times and ISO that the files tell
     #[arg(long)]
     bracket: bool,
     #[command(flatten)]

@@ -133,6 +133,7 @@ const MASKED: usize = 8;
 struct Negative {
     compression: u16,
     seconds: (u32, u32),
+    iso: u16,
     /// Added to each photosite of a cell, and to its black level.
     offsets: [u16; 4],
     /// How much of the light is captured.
@@ -141,12 +142,12 @@ struct Negative {
 
 impl Default for Negative {
     fn default() -> Self {
-        Self { compression: 1, seconds: (1, 50), offsets: [0; 4], share: 1.0 }
+        Self { compression: 1, seconds: (1, 50), iso: 200, offsets: [0; 4], share: 1.0 }
     }
 }
 
 /// A digital negative: a preview in its first directory, the mosaic inside of it, the exposure time beside.
-fn negative(Negative { compression, seconds, offsets, share }: Negative) -> Vec<u8> {
+fn negative(Negative { compression, seconds, iso, offsets, share }: Negative) -> Vec<u8> {
     let [height, width] = SIDES;
     let columns = width + MASKED;
     let sample = |index: usize| {
@@ -170,7 +171,8 @@ fn negative(Negative { compression, seconds, offsets, share }: Negative) -> Vec<
         (50829, Field::Shorts(vec![0, left, bottom, right])),
     ]);
     let raw = file.directory(raw);
-    let exif = file.directory(vec![(33434, Field::Rationals(vec![seconds]))]);
+    let exif =
+        file.directory(vec![(33434, Field::Rationals(vec![seconds])), (34855, Field::Shorts(vec![iso]))]);
     let mut root = file.image(2, &[9000; 4 * 5 * 3], [4, 5]);
     root.extend([
         (330, Field::Longs(vec![raw])),
@@ -194,7 +196,7 @@ fn a_negative_says_its_pattern_levels_gains_and_time() {
     let read = read_negative(scratch.path(), Negative::default());
     assert_eq!(read.planes.dim(), (1, SIDES[0], SIDES[1]));
     assert!(read.planes.indexed_iter().all(|((_, y, x), v)| *v == f32::from(photosite(y, x)) / 65535.0));
-    assert_eq!(read.exposure_s, Some(0.02));
+    assert_eq!((read.exposure_s, read.iso), (Some(0.02), Some(200.0)));
     let raw = read.raw.unwrap();
     assert_eq!(raw.bayer, Some(BayerPattern::Grbg));
     assert_eq!((raw.black * 65535.0, raw.white * 65535.0), (64.0, 1023.0));
@@ -238,12 +240,14 @@ fn a_negative_needs_no_flags_and_flags_override_it() {
 }
 
 #[test]
-fn negatives_are_a_bracket_by_their_own_times() {
+fn negatives_are_a_bracket_by_their_own_times_and_sensitivities() {
     let scratch = scratch();
     let folder = scratch.path().join("scene");
     fs::create_dir(&folder).unwrap();
-    for (name, seconds, share) in [("1", (1, 10), 1.0), ("2", (1, 40), 0.25), ("3", (1, 160), 0.0625)] {
-        let change = Negative { seconds, share, ..Negative::default() };
+    for (name, seconds, iso, share) in
+        [("1", (1, 10), 200, 1.0), ("2", (1, 40), 200, 0.25), ("3", (1, 40), 50, 0.0625)]
+    {
+        let change = Negative { seconds, iso, share, ..Negative::default() };
         fs::write(folder.join(format!("{name}.dng")), negative(change)).unwrap();
     }
     succeed(scratch.path(), &["fuse", "scene", "-o", "fused.exr"]);
@@ -252,6 +256,12 @@ fn negatives_are_a_bracket_by_their_own_times() {
     // Nothing is saturated, so that the longest exposure is the image, and its white is one.
     let near = |(a, b): (&f32, &f32)| (a - b).abs() < 1e-5;
     assert!(single.as_slice().iter().zip(fused.as_slice()).all(near));
+    // The mean of all shows whether the others are scaled rightly, but for their rounding.
+    let said = succeed(scratch.path(), &["fuse", "scene", "--merge", "weighted", "-o", "mean.exr"]);
+    assert!(!said.contains("as bright"), "{said}");
+    let mean = io::read_image::<Linear>(&scratch.path().join("mean.exr")).unwrap();
+    let longest = io::read_image::<Linear>(&scratch.path().join("fused.exr")).unwrap();
+    assert!(mean.as_slice().iter().zip(longest.as_slice()).all(|(a, b)| (a - b).abs() < 5e-3));
 }
 
 #[test]

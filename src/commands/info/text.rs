@@ -32,6 +32,9 @@ fn render_image(text: &mut String, image: &ImageDescription) -> std::fmt::Result
     if let Some(seconds) = image.exposure_s {
         writeln!(text, "  exposure  {} s", number(seconds))?;
     }
+    if let Some(iso) = image.iso {
+        writeln!(text, "  ISO       {}", number(iso))?;
+    }
     writeln!(
         text,
         "  channel {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10}",

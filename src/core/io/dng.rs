@@ -18,6 +18,7 @@ const SUB_DIRECTORIES: u16 = 330;
 const CFA_REPEAT: u16 = 33421;
 const CFA_PATTERN: u16 = 33422;
 const EXPOSURE_TIME: u16 = 33434;
+const ISO: u16 = 34855;
 const EXIF: u16 = 34665;
 const DNG_VERSION: u16 = 50706;
 const LINEARIZATION_TABLE: u16 = 50712;
@@ -61,9 +62,11 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
     let metadata = levelled(&mut planes, &raw, largest).map_err(damaged)?;
     let bayer = is_mosaic.then(|| pattern_of(&raw)).transpose().map_err(damaged)?;
     let white_balance = gains_of(&raw).or_else(|| gains_of(&root));
-    let exposure_s = exposure_of(&root).or_else(|| root.inner(EXIF).find_map(|exif| exposure_of(&exif)));
+    let in_exif =
+        |tag| positive(&root, tag).or_else(|| root.inner(EXIF).find_map(|exif| positive(&exif, tag)));
     let raw = Some(RawMetadata { bayer, white_balance, ..metadata });
-    Ok((Pixels { exposure_s, raw, ..Pixels::of_planes(planes) }, encoding))
+    let (exposure_s, iso) = (in_exif(EXPOSURE_TIME), in_exif(ISO));
+    Ok((Pixels { exposure_s, iso, raw, ..Pixels::of_planes(planes) }, encoding))
 }
 
 /// The widest raw image; a file may hold smaller versions of it.
@@ -170,7 +173,8 @@ fn gains_of(directory: &Directory<'_>) -> Option<[f64; 3]> {
     is_positive.then(|| neutral.map(|value| neutral[1] / value))
 }
 
-fn exposure_of(directory: &Directory<'_>) -> Option<f64> {
-    let seconds = *directory.reals(EXPOSURE_TIME)?.first()?;
-    (seconds.is_finite() && seconds > 0.0).then_some(seconds)
+/// The first number of a field, where it is positive.
+fn positive(directory: &Directory<'_>, tag: u16) -> Option<f64> {
+    let value = *directory.reals(tag)?.first()?;
+    (value.is_finite() && value > 0.0).then_some(value)
 }

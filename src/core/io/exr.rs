@@ -51,6 +51,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], packed: Option<BayerPattern>) ->
     let pixels = Pixels {
         domain: text_attribute(header, DOMAIN_ATTRIBUTE).and_then(|name| DomainTag::from_name(&name)),
         exposure_s: exposure_of(header),
+        iso: header.own_attributes.iso_speed.map(f64::from).filter(is_positive),
         provenance: text_attribute(header, PROVENANCE_ATTRIBUTE)
             .and_then(|json| serde_json::from_str(&json).ok()),
         ..Pixels::of_planes(planes)
@@ -105,5 +106,9 @@ fn exposure_of(header: &Header) -> Option<f64> {
         AttributeValue::Text(text) => utf8(text).trim().parse().ok(),
         _ => None,
     });
-    exposure.filter(|seconds| seconds.is_finite() && *seconds > 0.0)
+    exposure.filter(is_positive)
+}
+
+fn is_positive(value: &f64) -> bool {
+    value.is_finite() && *value > 0.0
 }

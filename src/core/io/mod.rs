@@ -94,6 +94,8 @@ pub struct Pixels {
     pub domain: Option<DomainTag>,
     /// The exposure time that the file declares, in seconds.
     pub exposure_s: Option<f64>,
+    /// The sensitivity (ISO) that the file declares: values grow with it as with the exposure time.
+    pub iso: Option<f64>,
     /// The provenance that the file carries.
     pub provenance: Option<Provenance>,
     /// What a camera's raw file says of its values.
@@ -116,7 +118,7 @@ pub struct RawMetadata {
 impl Pixels {
     /// Takes planes over that a file says nothing about.
     pub fn of_planes(planes: Array3<f32>) -> Self {
-        Self { planes, domain: None, exposure_s: None, provenance: None, raw: None }
+        Self { planes, domain: None, exposure_s: None, iso: None, provenance: None, raw: None }
     }
 }
 
@@ -246,6 +248,7 @@ pub fn write_image<D: Domain>(path: &Path, image: &Image<D>, options: &WriteOpti
         planes: image.planes(),
         domain: DomainTag::from_name(D::NAME),
         exposure_s: None,
+        iso: None,
         provenance: options.provenance.as_ref(),
     };
     let clip = D::NAME == ToneMapped::NAME;
@@ -275,6 +278,7 @@ pub fn write_pixels(path: &Path, pixels: &Pixels, options: PixelOptions) -> Resu
         planes: pixels.planes.view(),
         domain: pixels.domain,
         exposure_s: pixels.exposure_s,
+        iso: pixels.iso,
         provenance: pixels.provenance.as_ref(),
     };
     write_contents(path, &contents, options)
@@ -285,6 +289,7 @@ struct Contents<'a> {
     planes: ArrayView3<'a, f32>,
     domain: Option<DomainTag>,
     exposure_s: Option<f64>,
+    iso: Option<f64>,
     provenance: Option<&'a Provenance>,
 }
 

@@ -21,6 +21,8 @@ pub struct ImageDescription {
     pub domain: Option<&'static str>,
     /// The exposure time that the file declares.
     pub exposure_s: Option<f64>,
+    /// The sensitivity (ISO) that the file declares.
+    pub iso: Option<f64>,
     /// Number of values that are NaN or infinite.
     pub non_finite: usize,
     /// Number of values below zero.
@@ -59,6 +61,7 @@ pub(super) fn describe_image(pixels: Pixels, encoding: Encoding) -> ImageDescrip
         height,
         domain: pixels.domain.map(DomainTag::name),
         exposure_s: pixels.exposure_s,
+        iso: pixels.iso,
         non_finite: pixels.planes.iter().filter(|value| !value.is_finite()).count(),
         negative: pixels.planes.iter().filter(|value| **value < 0.0).count(),
         channels: channel_statistics(&pixels.planes),

@@ -115,9 +115,10 @@ fn compressed_length(chunk: &Chunk) -> usize {
 }
 
 fn layer_attributes(contents: &Contents<'_>) -> LayerAttributes {
-    #[expect(clippy::cast_possible_truncation, reason = "the attribute is a 32-bit float")]
-    let exposure = contents.exposure_s.map(|seconds| seconds as f32);
-    let mut attributes = LayerAttributes { exposure, ..LayerAttributes::default() };
+    #[expect(clippy::cast_possible_truncation, reason = "the attributes are 32-bit floats")]
+    let [exposure, iso_speed] =
+        [contents.exposure_s, contents.iso].map(|value| value.map(|value| value as f32));
+    let mut attributes = LayerAttributes { exposure, iso_speed, ..LayerAttributes::default() };
     if let Some(domain) = contents.domain {
         attributes
             .other

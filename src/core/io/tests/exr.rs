@@ -86,7 +86,8 @@ fn encode(contents: &Contents<'_>) -> Vec<u8> {
 #[test]
 fn sub_sampled_channels_are_refused_with_a_reason() {
     let grey = Array3::zeros((1, 8, 8));
-    let contents = Contents { planes: grey.view(), domain: None, exposure_s: None, provenance: None };
+    let contents =
+        Contents { planes: grey.view(), domain: None, exposure_s: None, iso: None, provenance: None };
     let mut bytes = encode(&contents);
     let list = bytes.windows(7).position(|window| window == b"chlist\0").unwrap();
     // The kind is followed by the size (4), the name `Y` and its zero (2), type (4), flags (4), then the steps.
@@ -139,14 +140,15 @@ fn domain_exposure_and_provenance_travel_with_the_image() {
     let pixels = Pixels {
         domain: Some(DomainTag::ToneMapped),
         exposure_s: Some(0.03125),
+        iso: Some(400.0),
         provenance: Some(provenance),
         ..Pixels::of_planes(Array3::zeros((3, 4, 5)))
     };
     write_pixels(&path, &pixels, PixelOptions::default()).unwrap();
     let read = read_pixels(&path).unwrap();
     assert_eq!(
-        (read.domain, read.exposure_s, read.provenance),
-        (pixels.domain, pixels.exposure_s, pixels.provenance)
+        (read.domain, read.exposure_s, read.iso, read.provenance),
+        (pixels.domain, pixels.exposure_s, pixels.iso, pixels.provenance)
     );
 }
 
@@ -154,7 +156,8 @@ fn domain_exposure_and_provenance_travel_with_the_image() {
 #[test]
 fn compresses_only_what_shrinks() {
     let bytes = |planes: &Array3<f32>| {
-        let contents = Contents { planes: planes.view(), domain: None, exposure_s: None, provenance: None };
+        let contents =
+            Contents { planes: planes.view(), domain: None, exposure_s: None, iso: None, provenance: None };
         encode(&contents)
     };
     let flat = Array3::from_elem((3, 64, 64), 0.25);
@@ -175,6 +178,7 @@ fn the_same_image_gives_the_same_bytes_on_any_number_of_threads() {
         planes: planes.view(),
         domain: Some(DomainTag::Linear),
         exposure_s: Some(1.0),
+        iso: None,
         provenance: Some(&provenance),
     };
     let on_threads = |threads| {
