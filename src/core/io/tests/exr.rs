@@ -77,7 +77,7 @@ fn several_coloured_parts_are_refused_by_name() {
 
 /// The bytes of a file of ours.
 fn encode(contents: &Contents<'_>) -> Vec<u8> {
-    let mut file = std::io::Cursor::new(Vec::new());
+    let mut file = Cursor::new(Vec::new());
     crate::core::io::exr::Encoder::new(contents, false).unwrap().write(&mut file).unwrap();
     file.into_inner()
 }
