@@ -5,6 +5,8 @@
 //! the outer two, and columns alike: four classes of pixels, each a dense product of its own. All pixels of
 //! a class in one row make the rows of register tiles, two pixels apart in memory.
 
+use rayon::prelude::*;
+
 use super::forward::{Geometry, Target, copy_columns, finish_tile};
 use crate::kernels::finish::Leak;
 use crate::kernels::gemm::{MOST_ROWS, Operand, multiply_add, panel_vectors, with_register_tile, zero_tile};
@@ -28,12 +30,13 @@ impl Weights {
         let panel = vectors * isa.lanes();
         let padded = inputs.next_multiple_of(panel);
         let mut packed = AlignedBuffer::zeros(9 * padded * outputs);
-        let to = packed.as_mut_slice();
-        for (i, value) in weight.iter().enumerate() {
-            let (output, input, tap) = (i / 9 / inputs, i / 9 % inputs, i % 9);
-            let panel_start = (tap * (padded / panel) + input / panel) * outputs * panel;
-            to[panel_start + output * panel + input % panel] = *value;
-        }
+        packed.as_mut_slice().par_chunks_mut(panel * outputs).enumerate().for_each(|(place, to)| {
+            let (tap, first) = (place / (padded / panel), place % (padded / panel) * panel);
+            for (output, to) in to.chunks_exact_mut(panel).enumerate() {
+                let from = weight[(output * inputs + first) * 9 + tap..].iter().step_by(9);
+                to[..panel.min(inputs - first)].iter_mut().zip(from).for_each(|(to, from)| *to = *from);
+            }
+        });
         Self { geometry, vectors, packed }
     }
 }
@@ -97,46 +100,81 @@ unsafe fn input_line<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     parity: usize,
     line: &mut Line<'_, '_>,
 ) {
+    let panels = line.weights.geometry.inputs.div_ceil(COLUMNS * S::LANES);
+    let pixels = (line.width - parity).div_ceil(2);
+    for panel in 0..panels {
+        let mut first = 0;
+        while first < pixels {
+            let run = Run { parity, panel, first, count: pixels - first };
+            // SAFETY: passed on to the caller.
+            unsafe {
+                if run.count.next_multiple_of(FEW) < ROWS {
+                    input_tile::<S, FEW, COLUMNS>(simd, run, line);
+                    first += FEW;
+                } else {
+                    input_tile::<S, ROWS, COLUMNS>(simd, run, line);
+                    first += ROWS;
+                }
+            }
+        }
+    }
+}
+
+/// Pixels of the register tiles that end a row, where a whole one would be mostly empty.
+const FEW: usize = 4;
+
+/// Pixels of one parity, counted without the others, and a panel of their channels.
+#[derive(Clone, Copy)]
+struct Run {
+    parity: usize,
+    panel: usize,
+    first: usize,
+    count: usize,
+}
+
+/// Computes the first `ROWS` pixels of a run, or as many as it has.
+#[inline(always)]
+unsafe fn input_tile<S: Simd, const ROWS: usize, const COLUMNS: usize>(
+    simd: S,
+    run: Run,
+    line: &mut Line<'_, '_>,
+) {
+    let Run { parity, panel: p, first, count } = run;
     let weights = line.weights;
     let Geometry { inputs, outputs, .. } = weights.geometry;
     let panel = COLUMNS * S::LANES;
     let panels = inputs.div_ceil(panel);
-    let pixels = (line.width - parity).div_ceil(2);
     let columns = weights.geometry.output_extent(line.width);
-    // Column l of the weights and how far right of pixel j's number the output that it is multiplied with is.
+    // Column l of the weights and how far right of a pixel's number the output that it is multiplied with is.
     let taps: &[(usize, usize)] = if parity == 0 { &[(1, 0)] } else { &[(0, 1), (2, 0)] };
-    for p in 0..panels {
-        for j in (0..pixels).step_by(ROWS) {
-            let inside = j + ROWS < columns;
-            if !inside {
-                for (k, row) in line.rows.iter().enumerate() {
-                    if let Some(row) = row {
-                        let to = &mut line.edge[k * line.edge_row..][..(ROWS + 1) * outputs];
-                        copy_columns(row, j.cast_signed(), outputs, to);
-                    }
-                }
+    let inside = first + ROWS < columns;
+    if !inside {
+        for (k, row) in line.rows.iter().enumerate() {
+            if let Some(row) = row {
+                let to = &mut line.edge[k * line.edge_row..][..(ROWS + 1) * outputs];
+                copy_columns(row, first.cast_signed(), outputs, to);
             }
-            let mut tile = zero_tile::<S, ROWS, COLUMNS>(simd);
-            for (k, row) in line.rows.iter().enumerate() {
-                let Some(row) = row else { continue };
-                for (l, right) in taps {
-                    let (data, start) = if inside { (*row, j) } else { (&*line.edge, 0) };
-                    let at = (start + right) * outputs + if inside { 0 } else { k * line.edge_row };
-                    let a = Operand { data, at, row: outputs, step: 1 };
-                    let at = ((k * 3 + l) * panels + p) * outputs * panel;
-                    let b = Operand { data: weights.packed.as_slice(), at, row: 0, step: panel };
-                    // SAFETY: inside, pixels `j … j + ROWS` exist; otherwise the copy holds `ROWS + 1`.
-                    tile = unsafe { multiply_add::<S, ROWS, COLUMNS>(simd, tile, outputs, a, b) };
-                }
-            }
-            let target = Target {
-                at: line.at + (2 * j + parity) * inputs + p * panel,
-                pixels: ROWS.min(pixels - j),
-                pixel: 2 * inputs,
-                channels: panel.min(inputs - p * panel),
-            };
-            // SAFETY: the wanted pixels of this parity lie within the row, their channels too.
-            unsafe { finish_tile(simd, &tile, Leak(1.0), line.to, target) };
         }
     }
+    let mut tile = zero_tile::<S, ROWS, COLUMNS>(simd);
+    for (k, row) in line.rows.iter().enumerate() {
+        let Some(row) = row else { continue };
+        for (l, right) in taps {
+            let (data, start) = if inside { (*row, first) } else { (&*line.edge, 0) };
+            let at = (start + right) * outputs + if inside { 0 } else { k * line.edge_row };
+            let a = Operand { data, at, row: outputs, step: 1 };
+            let at = ((k * 3 + l) * panels + p) * outputs * panel;
+            let b = Operand { data: weights.packed.as_slice(), at, row: 0, step: panel };
+            // SAFETY: inside, pixels `first … first + ROWS` exist; otherwise the copy holds `ROWS + 1`.
+            tile = unsafe { multiply_add::<S, ROWS, COLUMNS>(simd, tile, outputs, a, b) };
+        }
+    }
+    let target = Target {
+        at: line.at + (2 * first + parity) * inputs + p * panel,
+        pixels: ROWS.min(count),
+        pixel: 2 * inputs,
+        channels: panel.min(inputs - p * panel),
+    };
+    // SAFETY: the wanted pixels of this parity lie within the row, their channels too.
+    unsafe { finish_tile(simd, &tile, Leak(1.0), line.to, target) };
 }
