@@ -7,34 +7,40 @@
 use super::scratch::LINE;
 use super::simd::prefetch;
 
-/// Runs of floats of which equal shares are asked for in turn.
+/// Runs of floats that are asked for one after another, in equal shares.
 pub(crate) struct Ahead<'a, const RUNS: usize> {
     /// What has not been asked for.
     runs: [&'a [f32]; RUNS],
-    /// Floats per share of each.
-    shares: [usize; RUNS],
+    /// The run that is next.
+    current: usize,
+    /// Floats per share.
+    share: usize,
 }
 
 impl<'a, const RUNS: usize> Ahead<'a, RUNS> {
     /// Divides the runs into as many shares.
     #[inline(always)]
     pub(crate) fn new(runs: [&'a [f32]; RUNS], shares: usize) -> Self {
-        let mut lengths = [0; RUNS];
-        for (length, run) in lengths.iter_mut().zip(&runs) {
-            *length = run.len().div_ceil(shares).next_multiple_of(LINE);
+        let mut floats = 0;
+        for run in &runs {
+            floats += run.len().next_multiple_of(LINE);
         }
-        Self { runs, shares: lengths }
+        Self { runs, current: 0, share: floats.div_ceil(shares).next_multiple_of(LINE) }
     }
 
-    /// Asks for the next share of each run; there may be none left.
+    /// Asks for the next share; there may be none left.
     #[inline(always)]
     pub(crate) fn fetch(&mut self) {
-        for (run, share) in self.runs.iter_mut().zip(self.shares) {
-            let (now, later) = run.split_at(share.min(run.len()));
+        let mut left = self.share;
+        while left > 0 && self.current < RUNS {
+            let run = &mut self.runs[self.current];
+            let (now, later) = run.split_at(left.min(run.len()));
             for at in (0..now.len()).step_by(LINE) {
                 prefetch(now, at);
             }
             *run = later;
+            left -= now.len().next_multiple_of(LINE).min(left);
+            self.current += usize::from(later.is_empty());
         }
     }
 }
@@ -44,15 +50,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_of_every_run_is_asked_for_by_the_last_share() {
+    fn every_run_is_asked_for_by_the_last_share_and_a_share_at_a_time() {
         let memory = vec![0.0; 1000];
         for (lengths, shares) in [([1000, 0], 7), ([5, 640], 18), ([16, 17], 1)] {
             let mut ahead = Ahead::new(lengths.map(|len| &memory[..len]), shares);
-            for share in 0..shares {
-                assert!(share == 0 || ahead.runs.iter().any(|run| run.len() < memory.len()));
+            let left = |ahead: &Ahead<'_, 2>| ahead.runs.iter().map(|run| run.len()).sum::<usize>();
+            for _ in 0..shares {
+                let before = left(&ahead);
                 ahead.fetch();
+                assert!(before - left(&ahead) <= ahead.share, "{lengths:?} in {shares}");
             }
-            assert_eq!(ahead.runs, [&[0.0f32; 0][..]; 2], "{lengths:?} in {shares}");
+            assert_eq!(left(&ahead), 0, "{lengths:?} in {shares}");
             ahead.fetch();
         }
     }
