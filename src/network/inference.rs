@@ -12,8 +12,8 @@ use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::kernels::stream::{Network, Plan, Source, Tensor};
 use crate::kernels::{Convolution, Geometry};
 
-/// Bytes of packed weights per weight: Winograd's 36 points for 9 taps.
-const PACKING: u64 = 4 * size_of::<f32>() as u64;
+/// Bytes per weight: itself, and Winograd's 36 points for 9 taps.
+const WEIGHT_BYTES: u64 = 5 * size_of::<f32>() as u64;
 
 /// Some channels of a network's input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,10 +69,10 @@ impl Inference {
         Self { network, inputs, multiple: architecture.side_multiple(), derived_weights }
     }
 
-    /// Estimates the bytes that a run on an image takes, packed weights included, the image's own not.
+    /// Estimates the bytes that a run on an image takes, the weights included, the image's own and the result's not.
     pub(super) fn bytes(&self, architecture: &Architecture, height: usize, width: usize) -> u64 {
         let rows = self.plan(height, width).bytes();
-        rows as u64 + (architecture.parameters() + self.derived_weights as u64) * PACKING
+        rows as u64 + (architecture.parameters() + self.derived_weights as u64) * WEIGHT_BYTES
     }
 
     /// The schedule for an image, which is continued by repetition to sides that the network can halve.

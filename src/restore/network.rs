@@ -4,7 +4,7 @@ use ndarray::{Array3, s};
 
 use super::tiles::{ALIGNMENT, Restorer};
 use crate::core::error::{Error, Result};
-use crate::core::image::{CHANNELS, ToneMappedImage};
+use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
 use crate::network::Model;
 
@@ -63,9 +63,7 @@ impl Restorer for NetworkRestorer<'_> {
     }
 
     fn window_bytes(&self, height: usize, width: usize) -> u64 {
-        // The window is copied out of the image and restored to another copy.
-        let copies = 2 * (CHANNELS * size_of::<f32>() * height * width) as u64;
-        copies + self.model.working_bytes(height, width)
+        self.model.working_bytes(height, width)
     }
 
     fn restore(&self, image: &ToneMappedImage, top: usize, left: usize) -> Result<ToneMappedImage> {

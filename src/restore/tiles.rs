@@ -13,9 +13,8 @@ pub const ALIGNMENT: usize = 4;
 /// The shortest side of a tile that is chosen by itself: below it most of the work is halo.
 const SHORTEST_TILE: usize = 64;
 
-/// Copies of an RGB frame of 32-bit floats that exist at once around a restoration: the capture and its
-/// tone-mapped form, the result and the bytes of its file.
-const FRAMES_IN_MEMORY: u64 = 4;
+/// RGB frames of 32-bit floats that exist at once around a restoration: the capture, the result and the bytes of a file.
+const FRAMES_IN_MEMORY: u64 = 3;
 
 /// Restores one window of an image on its own.
 pub trait Restorer {
@@ -25,7 +24,7 @@ pub trait Restorer {
     /// What tiles and windows start at multiples of, itself one of [`ALIGNMENT`].
     fn alignment(&self) -> usize;
 
-    /// Bytes that it takes to restore one window, the window itself included.
+    /// Bytes that it takes to restore one window beside the window itself and the result.
     fn window_bytes(&self, height: usize, width: usize) -> u64;
 
     /// Restores `image`, which starts at (`top`, `left`) of the whole image and ends before it or with it.
@@ -118,9 +117,12 @@ impl Tiling {
     /// Bytes that the restoration of the whole image takes, the image and the result included.
     pub fn bytes(&self, restorer: &dyn Restorer) -> u64 {
         let (height, width) = self.window();
-        let sides = |spans: &[Span]| spans.last().map_or(0, |span| span.end) as u64;
-        let frame = sides(&self.rows) * sides(&self.columns) * (CHANNELS * size_of::<f32>()) as u64;
-        FRAMES_IN_MEMORY * frame + restorer.window_bytes(height, width)
+        let side = |spans: &[Span]| spans.last().map_or(0, |span| span.end);
+        let rgb = |height: usize, width: usize| (CHANNELS * size_of::<f32>() * height * width) as u64;
+        // The only window is the image; one of several is copied out of it and restored to another copy.
+        let copies = if self.len() == 1 { 0 } else { 2 * rgb(height, width) };
+        let frames = FRAMES_IN_MEMORY * rgb(side(&self.rows), side(&self.columns));
+        frames + copies + restorer.window_bytes(height, width)
     }
 
     /// Pixels that are computed, halos included.

@@ -71,6 +71,9 @@ pub(super) struct Engine {
 /// these, and an image that is written, with its file.
 const QUEUED_FRAMES: u64 = 3;
 
+/// The program's code and data, its threads' working memory, and the tables of transforms.
+const PROGRAM_BYTES: u64 = 24 << 20;
+
 enum Kind {
     Network { path: String, model: Box<Model>, code: KnownCode, tile: Option<usize> },
     Deconvolution { path: String, psf: Psf, config: DeconvolutionConfig },
@@ -136,8 +139,8 @@ impl Engine {
                     Conditioning::Map(map) => (map.len() * size_of::<f32>()) as u64,
                     Conditioning::None | Conditioning::Code(_) => 0,
                 };
-                let queued = map + self.queued_bytes([image.height(), image.width()]);
-                let restorer = Beside { restorer: NetworkRestorer::new(model, conditioning)?, bytes: queued };
+                let others = map + self.other_bytes([image.height(), image.width()]);
+                let restorer = Beside { restorer: NetworkRestorer::new(model, conditioning)?, bytes: others };
                 let tiling = self.tiling(image.height(), image.width(), *tile, &restorer)?;
                 let (height, width) = tiling.window();
                 session.detail(format_args!(
@@ -154,7 +157,7 @@ impl Engine {
             Kind::Deconvolution { psf, config, .. } => {
                 let image = image.into_linear(curve);
                 let (size, of_psf) = ([image.height(), image.width()], [psf.height(), psf.width()]);
-                let bytes = deconvolution_bytes(size, of_psf, config) + self.queued_bytes(size);
+                let bytes = deconvolution_bytes(size, of_psf, config) + self.other_bytes(size);
                 session.detail(format_args!("{} × {}: {}", size[0], size[1], format_bytes(bytes)));
                 self.require(bytes, size)?;
                 let config = DeconvolutionConfig { saturation, ..*config };
@@ -203,10 +206,10 @@ impl Engine {
         Ok(tiling)
     }
 
-    /// What the queue holds meanwhile, if all images are of this size.
-    fn queued_bytes(&self, [height, width]: [usize; 2]) -> u64 {
+    /// What the program and the queue hold meanwhile, if all images are of this size.
+    fn other_bytes(&self, [height, width]: [usize; 2]) -> u64 {
         let frame = (CHANNELS * size_of::<f32>() * height * width) as u64;
-        self.queued_frames.unwrap_or(0) * frame
+        PROGRAM_BYTES + self.queued_frames.unwrap_or(0) * frame
     }
 
     fn require(&self, bytes: u64, [height, width]: [usize; 2]) -> Result<()> {

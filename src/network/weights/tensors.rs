@@ -38,8 +38,9 @@ pub(crate) struct TensorFile {
 /// [`Error::Io`] when it cannot be read; [`Error::Format`] when it is damaged or holds other than floats.
 pub(crate) fn read(path: &Path) -> Result<TensorFile> {
     let file = SharedFile::open(path)?;
-    let damaged =
-        |reason: &str| Error::format(path, format!("is no safetensors file, or is damaged: {reason}"));
+    let damaged = |reason: &str| {
+        Error::format(path, format!("is no safetensors file, or is damaged: {reason}; copy it again"))
+    };
     let mut length = [0; LENGTH_BYTES];
     if file.len() < LENGTH_BYTES as u64 {
         return Err(damaged("it is too short"));
@@ -48,7 +49,7 @@ pub(crate) fn read(path: &Path) -> Result<TensorFile> {
     let length = u64::from_le_bytes(length);
     let data = length.saturating_add(LENGTH_BYTES as u64);
     if length > LONGEST_HEADER || data > file.len() {
-        return Err(damaged("its header is cut off, or none"));
+        return Err(damaged("it has no whole header"));
     }
     #[expect(clippy::cast_possible_truncation, reason = "at most LONGEST_HEADER")]
     let mut header = vec![0; length as usize];
