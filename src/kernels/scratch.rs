@@ -28,9 +28,11 @@ impl AlignedBuffer {
         Self { floats, start, len }
     }
 
-    /// Makes the buffer at least `len` long; what it holds is left as it is.
-    fn grow(&mut self, len: usize) {
+    /// Makes the buffer `len` long; it holds anything.
+    pub(crate) fn grow(&mut self, len: usize) {
         if self.floats.len() < len + LINE {
+            // The old memory goes back before new is asked for.
+            *self = Self::default();
             *self = Self::zeros(len);
         }
         self.len = len;

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::convert::Infallible;
+use std::sync::{Mutex, PoisonError};
 
 use ndarray::{Array3, ArrayView3, Axis};
 
@@ -9,7 +10,7 @@ use super::architecture::{Architecture, Kind};
 use super::parameters::Parameters;
 use super::{de_unet, discnet, sftmd, srmdnf};
 use crate::core::image::{CHANNELS, ToneMappedImage};
-use crate::kernels::stream::{Network, Plan, Source, Tensor};
+use crate::kernels::stream::{Arena, Network, Plan, Source, Tensor};
 use crate::kernels::{Convolution, Geometry};
 
 /// Bytes per weight: itself, and Winograd's 36 points for 9 taps.
@@ -42,6 +43,8 @@ pub(super) struct Inference {
     multiple: usize,
     /// Number of weights that were made of the named ones, to be packed in their place.
     derived_weights: usize,
+    /// The memory of the last run.
+    arena: Mutex<Arena>,
 }
 
 impl std::fmt::Debug for Inference {
@@ -66,7 +69,13 @@ impl Inference {
             Kind::DeUnet => de_unet::stream(&mut build),
         }
         let StreamBuilder { network, inputs, derived_weights, .. } = build;
-        Self { network, inputs, multiple: architecture.side_multiple(), derived_weights }
+        Self {
+            network,
+            inputs,
+            multiple: architecture.side_multiple(),
+            derived_weights,
+            arena: Mutex::default(),
+        }
     }
 
     /// Estimates the bytes that a run on an image takes, the weights included, the image's own and the result's not.
@@ -103,9 +112,13 @@ impl Inference {
                 }
             }
         };
-        match self.plan(height, width).run(&sources, sink, |_| Ok::<(), Infallible>(())) {
-            Ok(()) => restored,
-        }
+        // Who restores at the same time finds none, and makes another.
+        let kept = || self.arena.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut arena = std::mem::take(&mut *kept());
+        let plan = self.plan(height, width);
+        let Ok(()) = plan.run(&mut arena, &sources, sink, |_| Ok::<(), Infallible>(()));
+        *kept() = arena;
+        restored
     }
 }
 

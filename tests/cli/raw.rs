@@ -257,8 +257,7 @@ fn negatives_are_a_bracket_by_their_own_times_and_sensitivities() {
     let near = |(a, b): (&f32, &f32)| (a - b).abs() < 1e-5;
     assert!(single.as_slice().iter().zip(fused.as_slice()).all(near));
     // The mean of all shows whether the others are scaled rightly, but for their rounding.
-    let said = succeed(scratch.path(), &["fuse", "scene", "--merge", "weighted", "-o", "mean.exr"]);
-    assert!(!said.contains("as bright"), "{said}");
+    succeed(scratch.path(), &["fuse", "scene", "--merge", "weighted", "-o", "mean.exr"]);
     let mean = io::read_image::<Linear>(&scratch.path().join("mean.exr")).unwrap();
     let longest = io::read_image::<Linear>(&scratch.path().join("fused.exr")).unwrap();
     assert!(mean.as_slice().iter().zip(longest.as_slice()).all(|(a, b)| (a - b).abs() < 5e-3));

@@ -7,6 +7,8 @@ use udc::codes::make_rotated_bank;
 use udc::core::image::{Linear, LinearImage, ToneMapped, ToneMappedImage};
 use udc::core::io::{self, WriteOptions};
 use udc::core::psf::Psf;
+#[cfg(target_os = "linux")]
+use udc::network::{Architecture, Initialisation, Model, Origin, Parameters, weights::Weights};
 
 #[cfg(unix)]
 use super::common::interrupt_after;
@@ -261,6 +263,40 @@ fn asks_for_the_domain_where_the_file_is_silent() {
         1,
     );
     assert!(said.contains("--domain tone-mapped"), "{said}");
+}
+
+/// In MiB: what `-v` says that a restoration will take, and what the process took in the end.
+#[cfg(target_os = "linux")]
+fn memory_of(folder: &Path, how: &[&str]) -> (u64, u64) {
+    let output =
+        udc(folder, &[&["-v", "restore", "scene.exr", "-o", "o.exr", "--overwrite"][..], how].concat());
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{said}");
+    let mib = |line: &str| line.strip_suffix(" MiB")?.rsplit(' ').next()?.parse().ok();
+    let estimated = said.lines().find(|line| line.contains(" × ")).and_then(mib);
+    let taken = said.lines().find(|line| line.contains("peak memory")).and_then(mib);
+    (estimated.expect(&said), taken.expect(&said))
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn takes_no_more_memory_than_it_said() {
+    let scratch = scratch();
+    let architecture = Architecture::default();
+    let parameters = Parameters::random(&architecture, Initialisation::Released, 1);
+    let weights = Weights { architecture, parameters, origin: Origin::default() };
+    Model::new(weights).save(&scratch.path().join("model.safetensors"), false).unwrap();
+    let code = code();
+    let network = ["--model", "model.safetensors", "--code", &code];
+    let (tiled, wiener) =
+        ([&network[..], &["--tile", "128"]].concat(), ["--method", "wiener", "--psf", "psf.exr"]);
+    for (side, how) in [(64, &network[..]), (384, &network), (384, &tiled), (768, &wiener)] {
+        write_scene(&scratch.path().join("large.exr"), side, side);
+        std::fs::rename(scratch.path().join("large.exr"), scratch.path().join("scene.exr")).unwrap();
+        let (estimated, taken) = memory_of(scratch.path(), how);
+        assert!(taken <= estimated, "{side}² {how:?}: {taken} MiB, {estimated} expected");
+        assert!(taken * 3 > estimated * 2, "{side}² {how:?}: only {taken} MiB, {estimated} expected");
+    }
 }
 
 #[test]

@@ -71,8 +71,11 @@ pub(super) struct Engine {
 /// these, and an image that is written, with its file.
 const QUEUED_FRAMES: u64 = 3;
 
-/// The program's code and data, its threads' working memory, and the tables of transforms.
-const PROGRAM_BYTES: u64 = 24 << 20;
+/// The program's code and data, and the tables of transforms.
+const PROGRAM_BYTES: u64 = 20 << 20;
+
+/// Stack and working memory of a thread.
+const THREAD_BYTES: u64 = 2 << 20;
 
 enum Kind {
     Network { path: String, model: Box<Model>, code: KnownCode, tile: Option<usize> },
@@ -209,7 +212,8 @@ impl Engine {
     /// What the program and the queue hold meanwhile, if all images are of this size.
     fn other_bytes(&self, [height, width]: [usize; 2]) -> u64 {
         let frame = (CHANNELS * size_of::<f32>() * height * width) as u64;
-        PROGRAM_BYTES + self.queued_frames.unwrap_or(0) * frame
+        let threads = rayon::current_num_threads() as u64;
+        PROGRAM_BYTES + threads * THREAD_BYTES + self.queued_frames.unwrap_or(0) * frame
     }
 
     fn require(&self, bytes: u64, [height, width]: [usize; 2]) -> Result<()> {

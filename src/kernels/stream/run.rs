@@ -23,8 +23,12 @@ use crate::kernels::slots::Slots;
 /// Writes one input row, given its number: `width · channels` floats.
 pub type Source<'a> = &'a (dyn Fn(usize, &mut [f32]) + Sync);
 
+/// Memory for all slots of a plan, to be used for one run after another.
+#[derive(Default)]
+pub struct Arena(AlignedBuffer);
+
 impl Plan<'_> {
-    /// Runs the network: `sources` fill the rows of each input in turn, `sink` is given each row of the last
+    /// Runs the network in an arena: `sources` fill the rows of each input in turn, `sink` is given each row of the last
     /// tensor, from the first to the last.
     ///
     /// # Errors
@@ -34,23 +38,25 @@ impl Plan<'_> {
     /// When there is not one source for each input of the network.
     pub fn run<E: Send>(
         &self,
+        arena: &mut Arena,
         sources: &[Source<'_>],
         sink: impl FnMut(usize, &[f32]) + Send,
         proceed: impl FnMut(usize) -> Result<(), E> + Send,
     ) -> Result<(), E> {
         // On a thread of the pool, which shares the work without being woken for it.
-        rayon::scope(|_| self.run_here(sources, sink, proceed))
+        rayon::scope(|_| self.run_here(arena, sources, sink, proceed))
     }
 
     fn run_here<E>(
         &self,
+        Arena(arena): &mut Arena,
         sources: &[Source<'_>],
         mut sink: impl FnMut(usize, &[f32]),
         mut proceed: impl FnMut(usize) -> Result<(), E>,
     ) -> Result<(), E> {
         let network = self.network;
         assert_eq!(sources.len(), network.inputs.len(), "sources for the network's inputs");
-        let mut arena = AlignedBuffer::zeros(self.arena_len());
+        arena.grow(self.arena_len());
         let slots = Slots::new(arena.as_mut_slice(), &self.memory.slots, slot_space);
         let mut schedule = Schedule::new(self);
         let result = network.steps.last().map(|step| step.output);
@@ -283,6 +289,10 @@ mod tests {
     }
 
     fn run(plan: &Plan<'_>, input: &[f32]) -> Vec<f32> {
+        run_in(&mut Arena::default(), plan, input)
+    }
+
+    fn run_in(arena: &mut Arena, plan: &Plan<'_>, input: &[f32]) -> Vec<f32> {
         let row_len = plan.width * 3;
         let mut output = Vec::new();
         let source = |y: usize, row: &mut [f32]| row.copy_from_slice(&input[y * row_len..][..row_len]);
@@ -290,7 +300,7 @@ mod tests {
             assert_eq!(output.len(), y * row_len, "rows come in order");
             output.extend_from_slice(row);
         };
-        plan.run(&[&source], sink, |_| Ok::<(), ()>(())).unwrap();
+        plan.run(arena, &[&source], sink, |_| Ok::<(), ()>(())).unwrap();
         output
     }
 
@@ -322,6 +332,20 @@ mod tests {
         let expected = with(1);
         for threads in [2, 3, 8] {
             assert_eq!(with(threads), expected, "{threads} threads");
+        }
+    }
+
+    #[test]
+    fn the_result_does_not_depend_on_what_the_arena_held() {
+        let network = network();
+        let mut arena = Arena::default();
+        for (height, width) in [(26, 22), (70, 38), (26, 22)] {
+            let input = Values::new(2).take(height * width * 3);
+            let plan = Plan::with_portion(&network, height, width, 16);
+            let expected = run(&plan, &input);
+            arena.0.grow(plan.arena_len());
+            arena.0.as_mut_slice().fill(f32::NAN);
+            assert_eq!(run_in(&mut arena, &plan, &input), expected, "{height} × {width}");
         }
     }
 
