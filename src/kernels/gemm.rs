@@ -5,8 +5,33 @@
 //! B and broadcasts `ROWS` floats of A for `ROWS·COLUMNS` multiply-adds. With the 32 registers of AVX-512
 //! 12 × 2 and 6 × 4 fill 24 as sums, enough to hide the latency of 4 cycles at 2 a cycle; with the 16 of AVX2
 //! and SSE, 6 × 2 fill 12.
+//!
+//! # Registers
+//! Sums stay in registers only where every index into their array is a constant, which loops leave to the compiler's
+//! choice: it changes with code elsewhere, and a loop that writes each sum to the stack takes 2.5 times as long. So tiles
+//! are walked by [`unrolled`].
 
-use super::simd::{Simd, load_strided, store_strided};
+use super::simd::Simd;
+
+/// Repeats an expression for `index` from 0 to a constant number, of which there are at most 4 or 12, without a loop:
+/// `unrolled!(4, number, index => expression)`.
+macro_rules! unrolled {
+    (4, $count:expr, $index:ident => $body:expr) => {
+        unrolled!(@ $count, $index => $body; 0 1 2 3)
+    };
+    (12, $count:expr, $index:ident => $body:expr) => {
+        unrolled!(@ $count, $index => $body; 0 1 2 3 4 5 6 7 8 9 10 11)
+    };
+    (@ $count:expr, $index:ident => $body:expr; $($value:literal)*) => {
+        $(
+            if $value < $count {
+                let $index: usize = $value;
+                $body;
+            }
+        )*
+    };
+}
+pub(crate) use unrolled;
 
 /// Sums of one register tile.
 pub(crate) type Tile<S, const ROWS: usize, const COLUMNS: usize> = [[<S as Simd>::Vector; COLUMNS]; ROWS];
@@ -46,14 +71,13 @@ pub(crate) unsafe fn multiply_add<S: Simd, const ROWS: usize, const COLUMNS: usi
     for d in 0..depth {
         // SAFETY: the caller promises that both operands stay within their slices.
         unsafe {
-            let b_vectors: [S::Vector; COLUMNS] = load_strided(simd, b.data, b.at + d * b.step, S::LANES);
+            let mut b_vectors = [simd.splat(0.0); COLUMNS];
+            unrolled!(4, COLUMNS, j => b_vectors[j] = simd.load(b.data, b.at + d * b.step + j * S::LANES));
             let a_column = a.data.as_ptr().add(a.at + d * a.step);
-            for (i, sums) in tile.iter_mut().enumerate() {
+            unrolled!(12, ROWS, i => {
                 let broadcast = simd.splat(*a_column.add(i * a.row));
-                for (sum, b_vector) in sums.iter_mut().zip(&b_vectors) {
-                    *sum = simd.mul_add(broadcast, *b_vector, *sum);
-                }
-            }
+                unrolled!(4, COLUMNS, j => tile[i][j] = simd.mul_add(broadcast, b_vectors[j], tile[i][j]));
+            });
         }
     }
     tile
@@ -119,10 +143,10 @@ pub(crate) unsafe fn load_tile<S: Simd, const ROWS: usize, const COLUMNS: usize>
     row: usize,
 ) -> Tile<S, ROWS, COLUMNS> {
     let mut tile = zero_tile::<S, ROWS, COLUMNS>(simd);
-    for (i, vectors) in tile.iter_mut().enumerate() {
+    unrolled!(12, ROWS, i => {
         // SAFETY: passed on to the caller.
-        *vectors = unsafe { load_strided(simd, from, at + i * row, S::LANES) };
-    }
+        unrolled!(4, COLUMNS, j => tile[i][j] = unsafe { simd.load(from, at + i * row + j * S::LANES) });
+    });
     tile
 }
 
@@ -138,10 +162,10 @@ pub(crate) unsafe fn store_tile<S: Simd, const ROWS: usize, const COLUMNS: usize
     at: usize,
     row: usize,
 ) {
-    for (i, vectors) in tile.iter().enumerate() {
+    unrolled!(12, ROWS, i => {
         // SAFETY: passed on to the caller.
-        unsafe { store_strided(simd, to, at + i * row, S::LANES, vectors) };
-    }
+        unrolled!(4, COLUMNS, j => unsafe { simd.store(to, at + i * row + j * S::LANES, tile[i][j]) });
+    });
 }
 
 /// The most rows of any register tile: how far products may read past the last row of A, less one.

@@ -1,7 +1,9 @@
 //! Inputs and packed weights to outputs, a few output rows per task.
 
 use crate::kernels::finish::{Finish, Finisher, with_finisher};
-use crate::kernels::gemm::{MOST_ROWS, Operand, Tile, multiply_add, panel_vectors, with_register_tile};
+use crate::kernels::gemm::{
+    MOST_ROWS, Operand, Tile, multiply_add, panel_vectors, unrolled, with_register_tile,
+};
 use crate::kernels::rows::Rows;
 use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines};
 use crate::kernels::simd::{Extent as _, First, Isa, Kernel, Simd, Whole, load_strided};
@@ -239,19 +241,19 @@ pub(crate) unsafe fn finish_tile<S: Simd, const ROWS: usize, const COLUMNS: usiz
     output: &mut [f32],
     target: Target,
 ) {
-    for (i, row) in tile.iter().enumerate().take(target.pixels) {
-        let at = target.at + i * target.pixel;
-        for (j, sum) in row.iter().enumerate() {
-            let (at, left) = (at + j * S::LANES, target.channels.saturating_sub(j * S::LANES));
+    unrolled!(12, ROWS, i => if i < target.pixels {
+        unrolled!(4, COLUMNS, j => {
+            let at = target.at + i * target.pixel + j * S::LANES;
+            let left = target.channels.saturating_sub(j * S::LANES);
             // SAFETY: the caller promises that the wanted channels lie within both.
             unsafe {
                 if left >= S::LANES {
-                    Whole.store(simd, output, at, finisher.vector(simd, Whole, *sum, at));
+                    Whole.store(simd, output, at, finisher.vector(simd, Whole, tile[i][j], at));
                 } else if left > 0 {
                     let extent = First(left);
-                    extent.store(simd, output, at, finisher.vector(simd, extent, *sum, at));
+                    extent.store(simd, output, at, finisher.vector(simd, extent, tile[i][j], at));
                 }
             }
-        }
-    }
+        });
+    });
 }

@@ -5,7 +5,9 @@ use rayon::prelude::*;
 use super::tile_pixels;
 use crate::kernels::ahead::Ahead;
 use crate::kernels::convolution::BLOCK_ROWS;
-use crate::kernels::gemm::{MOST_ROWS, Operand, Tile, multiply_add, panel_vectors, with_register_tile};
+use crate::kernels::gemm::{
+    MOST_ROWS, Operand, Tile, multiply_add, panel_vectors, unrolled, with_register_tile,
+};
 use crate::kernels::rows::Rows;
 use crate::kernels::scratch::{AlignedBuffer, Scratch, lend, whole_lines};
 use crate::kernels::shape::Shape;
@@ -246,20 +248,19 @@ unsafe fn add_taps<S: Simd, const ROWS: usize, const COLUMNS: usize, const TAPS:
             // SAFETY: as the caller promises.
             unsafe {
                 let sums = filter_sums::<S, ROWS, COLUMNS>(simd, filter, view, (tap, channel, first), TAPS);
-                for (i, sums) in sums.iter().enumerate() {
-                    for j in 0..vectors {
-                        let c = channel + j * S::LANES;
-                        let at = (first + i) * filter.padded + c;
-                        let mut output = simd.load(outputs, at);
-                        for (t, (features, features_at)) in features.iter().enumerate() {
-                            let sum = sums[t * vectors + j];
-                            let seen = features_at + (first + i) * view.feature_pixel + c;
-                            let feature = simd.load(features, seen);
-                            output = simd.mul_add(simd.leak(sum, sum, slope), feature, output);
-                        }
-                        simd.store(outputs, at, output);
-                    }
-                }
+                unrolled!(12, ROWS, i => unrolled!(4, COLUMNS / TAPS, j => {
+                    let c = channel + j * S::LANES;
+                    let at = (first + i) * filter.padded + c;
+                    let mut output = simd.load(outputs, at);
+                    unrolled!(4, TAPS, t => {
+                        let sum = sums[i][t * (COLUMNS / TAPS) + j];
+                        let (features, features_at) = features[t];
+                        let seen = features_at + (first + i) * view.feature_pixel + c;
+                        let feature = simd.load(features, seen);
+                        output = simd.mul_add(simd.leak(sum, sum, slope), feature, output);
+                    });
+                    simd.store(outputs, at, output);
+                }));
             }
         }
     }
