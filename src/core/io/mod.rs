@@ -21,7 +21,7 @@ mod npy;
 mod plain;
 mod planes;
 mod raster;
-mod shared_file;
+mod shared_input;
 mod tiff_directory;
 
 use std::path::Path;
@@ -49,7 +49,7 @@ pub use folder::{AppendFile, LineLog, create_folder, publish_folder, remove};
 pub use format::{Encoding, Format};
 pub use inputs::expand_inputs;
 pub use plain::{list_folder, read_bytes, read_code, read_text};
-pub use shared_file::SharedFile;
+pub use shared_input::SharedInput;
 
 /// The largest number of pixels an image may have: 16384 × 16384, four times the largest panorama in use.
 pub const MAX_PIXELS: usize = 1 << 28;

@@ -11,7 +11,7 @@ use safetensors::Dtype;
 use safetensors::tensor::{Metadata, TensorInfo};
 
 use crate::core::error::{Error, Result};
-use crate::core::io::SharedFile;
+use crate::core::io::SharedInput;
 use crate::network::parameters::Values;
 
 /// The bytes in front of the header: its length.
@@ -37,7 +37,7 @@ pub(crate) struct TensorFile {
 /// # Errors
 /// [`Error::Io`] when it cannot be read; [`Error::Format`] when it is damaged or holds other than floats.
 pub(crate) fn read(path: &Path) -> Result<TensorFile> {
-    let file = SharedFile::open(path)?;
+    let file = SharedInput::open(path)?;
     let damaged = |reason: &str| {
         Error::format(path, format!("is no safetensors file, or is damaged: {reason}; copy it again"))
     };
@@ -73,7 +73,7 @@ pub(crate) fn read(path: &Path) -> Result<TensorFile> {
 }
 
 /// Reads the values of a tensor, whose place is counted from `data`, a chunk at a time.
-fn read_values(file: &SharedFile, data: u64, info: &TensorInfo, chunk: &mut [u8]) -> Result<Vec<f32>> {
+fn read_values(file: &SharedInput, data: u64, info: &TensorInfo, chunk: &mut [u8]) -> Result<Vec<f32>> {
     let (start, end) = info.data_offsets;
     let mut values = Vec::with_capacity(info.shape.iter().product());
     for at in (start..end).step_by(chunk.len()) {

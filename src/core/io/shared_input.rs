@@ -8,13 +8,13 @@ use crate::core::error::{Error, Result};
 
 /// An open file of which any part can be read by any thread: all of one version, should it be replaced meanwhile.
 #[derive(Debug)]
-pub struct SharedFile {
+pub struct SharedInput {
     file: File,
     path: PathBuf,
     len: u64,
 }
 
-impl SharedFile {
+impl SharedInput {
     /// Opens a file.
     ///
     /// # Errors
@@ -77,7 +77,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("file");
         std::fs::write(&path, b"0123456789").unwrap();
-        let file = SharedFile::open(&path).unwrap();
+        let file = SharedInput::open(&path).unwrap();
         let other = folder.path().join("other");
         std::fs::write(&other, b"abc").unwrap();
         std::fs::rename(other, &path).unwrap();
@@ -85,6 +85,6 @@ mod tests {
         file.read_at(4, &mut part).unwrap();
         assert_eq!((part, file.len(), file.is_empty()), (*b"456", 10, false));
         assert!(matches!(file.read_at(8, &mut part), Err(Error::Io { .. })), "two bytes are left");
-        assert!(matches!(SharedFile::open(&folder.path().join("absent")), Err(Error::Io { .. })));
+        assert!(matches!(SharedInput::open(&folder.path().join("absent")), Err(Error::Io { .. })));
     }
 }
