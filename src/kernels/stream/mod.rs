@@ -13,7 +13,7 @@
 //! when they are computed to when they were last read. From the next step but one on, another tensor may have it,
 //! the slot that was given back last before the others, so that most of what a step writes and reads still lies in a
 //! cache. What all slots take is known before the run and grows with the image's width, not with its height. It is kept
-//! for the next image ([`Arena`]): fresh pages of the system cost as much as some 5 % of the work.
+//! for the next image ([`Arena`]), which then needs no fresh pages of the system.
 
 mod pixelwise;
 mod plan;
