@@ -187,7 +187,7 @@ impl BracketArgs {
     }
 }
 
-/// What brightness grows with: the times, times the sensitivities where every file says its own.
+/// What brightness grows with: the times, multiplied by the sensitivities where every file says its own.
 fn exposures(times: Vec<Option<f64>>, isos: Vec<Option<f64>>) -> Option<Vec<f64>> {
     let times: Option<Vec<f64>> = times.into_iter().collect();
     let isos: Option<Vec<f64>> = isos.into_iter().collect();

@@ -11,7 +11,7 @@ use crate::core::error::{Error, Result};
 pub struct SharedInput {
     file: File,
     path: PathBuf,
-    len: u64,
+    size: u64,
 }
 
 impl SharedInput {
@@ -22,20 +22,15 @@ impl SharedInput {
     pub fn open(path: &Path) -> Result<Self> {
         let open = || {
             let file = File::open(path)?;
-            let len = file.metadata()?.len();
-            Ok(Self { file, path: path.to_owned(), len })
+            let size = file.metadata()?.len();
+            Ok(Self { file, path: path.to_owned(), size })
         };
         open().map_err(|error| Error::io("read", path, error))
     }
 
-    /// Counts its bytes.
-    pub fn len(&self) -> u64 {
-        self.len
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.len == 0
+    /// Its size in bytes.
+    pub fn size(&self) -> u64 {
+        self.size
     }
 
     /// Fills `bytes` with those from `offset` on.
@@ -83,7 +78,7 @@ mod tests {
         std::fs::rename(other, &path).unwrap();
         let mut part = [0; 3];
         file.read_at(4, &mut part).unwrap();
-        assert_eq!((part, file.len(), file.is_empty()), (*b"456", 10, false));
+        assert_eq!((part, file.size()), (*b"456", 10));
         assert!(matches!(file.read_at(8, &mut part), Err(Error::Io { .. })), "two bytes are left");
         assert!(matches!(SharedInput::open(&folder.path().join("absent")), Err(Error::Io { .. })));
     }

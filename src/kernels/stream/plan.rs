@@ -51,7 +51,8 @@ pub(super) struct Memory {
     pub(super) places: Vec<Vec<usize>>,
     /// Slots that nobody needs, in a list for each length; the one used last is given out first, as it may lie in a cache.
     free: Vec<(usize, Vec<usize>)>,
-    /// Slots that the step before gave back, each with its length, which the next step must not write: it may begin before that one ends.
+    /// Slots that the step before gave back, each with its length. The next step must not write them: it may begin
+    /// before that one ends.
     in_use: Vec<(usize, usize)>,
     /// Units of each tensor that were given back.
     given_back: Vec<usize>,

@@ -6,7 +6,7 @@ use std::path::Path;
 use burn::store::pytorch_reader::{DType, PytorchError, PytorchReader};
 use safetensors::Dtype;
 
-use super::tensors::{TensorFile, extend};
+use super::tensors::{TensorFile, converter};
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
 use crate::network::architecture::{Architecture, Condition, Scales};
@@ -42,7 +42,7 @@ pub(super) fn read(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<TensorF
         };
         let bytes = tensor.read().map_err(|error| Error::format(path, error.to_string()))?;
         let mut values = Vec::with_capacity(tensor.shape().iter().product());
-        extend(&mut values, dtype, &bytes);
+        converter(dtype).expect("every float type converts")(&mut values, &bytes);
         file.tensors.insert(name.to_owned(), Values { shape: tensor.shape().to_vec(), values });
     }
     if let Some(key) = key {

@@ -42,29 +42,29 @@ pub(crate) fn read(path: &Path) -> Result<TensorFile> {
         Error::format(path, format!("is no safetensors file, or is damaged: {reason}; copy it again"))
     };
     let mut length = [0; LENGTH_BYTES];
-    if file.len() < LENGTH_BYTES as u64 {
+    if file.size() < LENGTH_BYTES as u64 {
         return Err(damaged("it is too short"));
     }
     file.read_at(0, &mut length)?;
     let length = u64::from_le_bytes(length);
     let data = length.saturating_add(LENGTH_BYTES as u64);
-    if length > LONGEST_HEADER || data > file.len() {
+    if length > LONGEST_HEADER || data > file.size() {
         return Err(damaged("it has no whole header"));
     }
     #[expect(clippy::cast_possible_truncation, reason = "at most LONGEST_HEADER")]
     let mut header = vec![0; length as usize];
     file.read_at(LENGTH_BYTES as u64, &mut header)?;
     let header: Metadata = serde_json::from_slice(&header).map_err(|error| damaged(&error.to_string()))?;
-    if data + header.data_len() as u64 != file.len() {
+    if data + header.data_len() as u64 != file.size() {
         return Err(damaged("its tensors are cut off, or something follows them"));
     }
     let metadata = header.metadata().clone().unwrap_or_default().into_iter().collect();
     let convert = |chunk: &mut Vec<u8>, (name, info): (String, &TensorInfo)| {
-        if !is_float(info.dtype) {
+        let Some(append) = converter(info.dtype) else {
             let reason = format!("tensor {name} holds {:?}; expected floats", info.dtype);
             return Err(Error::format(path, reason));
-        }
-        let values = read_values(&file, data, info, chunk)?;
+        };
+        let values = read_values(&file, data, info, append, chunk)?;
         Ok((name, Values { shape: info.shape.clone(), values }))
     };
     let tensors: Vec<_> = header.tensors().into_iter().collect();
@@ -73,34 +73,41 @@ pub(crate) fn read(path: &Path) -> Result<TensorFile> {
 }
 
 /// Reads the values of a tensor, whose place is counted from `data`, a chunk at a time.
-fn read_values(file: &SharedInput, data: u64, info: &TensorInfo, chunk: &mut [u8]) -> Result<Vec<f32>> {
+fn read_values(
+    file: &SharedInput,
+    data: u64,
+    info: &TensorInfo,
+    append: Append,
+    chunk: &mut [u8],
+) -> Result<Vec<f32>> {
     let (start, end) = info.data_offsets;
     let mut values = Vec::with_capacity(info.shape.iter().product());
     for at in (start..end).step_by(chunk.len()) {
         let len = chunk.len().min(end - at);
         let bytes = &mut chunk[..len];
         file.read_at(data + at as u64, bytes)?;
-        extend(&mut values, info.dtype, bytes);
+        append(&mut values, bytes);
     }
     Ok(values)
 }
 
-/// Whether [`extend`] converts a type.
-pub(super) fn is_float(dtype: Dtype) -> bool {
-    matches!(dtype, Dtype::F16 | Dtype::BF16 | Dtype::F32 | Dtype::F64)
-}
+/// Converts little-endian floats of one width and appends them.
+pub(super) type Append = fn(&mut Vec<f32>, &[u8]);
 
-/// Converts little-endian floats of any width and appends them.
-///
-/// # Panics
-/// When the type is another.
-pub(super) fn extend(values: &mut Vec<f32>, dtype: Dtype, bytes: &[u8]) {
-    match dtype {
-        Dtype::F32 => values.extend(bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b))),
-        Dtype::F16 => values.extend(bytes.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b).to_f32())),
-        Dtype::BF16 => values.extend(bytes.as_chunks().0.iter().map(|b| bf16::from_le_bytes(*b).to_f32())),
+/// What converts floats of a type; `None` for other types.
+pub(super) fn converter(dtype: Dtype) -> Option<Append> {
+    Some(match dtype {
+        Dtype::F32 => |to, bytes| to.extend(bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b))),
+        Dtype::F16 => {
+            |to, bytes| to.extend(bytes.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b).to_f32()))
+        }
+        Dtype::BF16 => {
+            |to, bytes| to.extend(bytes.as_chunks().0.iter().map(|b| bf16::from_le_bytes(*b).to_f32()))
+        }
         #[expect(clippy::cast_possible_truncation, reason = "weights are computed with as 32-bit floats")]
-        Dtype::F64 => values.extend(bytes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b) as f32)),
-        _ => panic!("{dtype:?} is no float"),
-    }
+        Dtype::F64 => {
+            |to, bytes| to.extend(bytes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b) as f32))
+        }
+        _ => return None,
+    })
 }
