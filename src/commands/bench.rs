@@ -109,11 +109,17 @@ fn time_network(session: &Session, side: usize, patience: Duration) -> Result<()
     let weights = Weights { architecture, parameters, origin: Origin::default() };
     let model = Model::new(weights);
     let image = ToneMappedImage::from_planes(Array3::from_elem((3, side, side), 0.5))?;
-    model.restore(&image, Some(&code))?;
-    let seconds = benchmark::best_time(patience, || {
-        model.restore(&image, Some(&code)).expect("the same image was restored before");
-    });
-    let speed = 2.0 * macs as f64 / seconds / 1e9;
-    let memory = model.working_bytes(side, side) >> 20;
-    session.say(format!("network @{side}²: {:.1} ms, {speed:.0} GFLOP/s, {memory} MiB", seconds * 1e3))
+    let rounded = model.with_bf16_products();
+    for model in std::iter::once(model).chain(rounded) {
+        model.restore(&image, Some(&code))?;
+        let seconds = benchmark::best_time(patience, || {
+            model.restore(&image, Some(&code)).expect("the same image was restored before");
+        });
+        let speed = 2.0 * macs as f64 / seconds / 1e9;
+        let memory = model.working_bytes(side, side) >> 20;
+        let products = if model.has_bf16_products() { " --precision bf16" } else { "" };
+        let ms = seconds * 1e3;
+        session.say(format!("network @{side}²{products}: {ms:.1} ms, {speed:.0} GFLOP/s, {memory} MiB"))?;
+    }
+    Ok(())
 }

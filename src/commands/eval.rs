@@ -19,6 +19,7 @@ use udc::core::error;
 use udc::core::io::DomainTag;
 use udc::core::metrics::Measure;
 use udc::eval::{EvalConfig, Evaluation, Matrix};
+use udc::network::Model;
 use udc::restore::Highlights;
 
 use super::Session;
@@ -26,6 +27,7 @@ use super::domain::DomainArg;
 use super::highlights::HighlightsArg;
 use super::method::MethodArg;
 use super::metrics::MetricArgs;
+use super::precision::PrecisionArg;
 use comparison::{Comparison, Extras};
 use folders::Folders;
 use ldr::Ldr;
@@ -58,6 +60,9 @@ pub(crate) struct EvalArgs {
     /// What to do where the capture is saturated; a row for each of several [default: network]
     #[arg(long, value_enum, value_name = "WHAT", value_delimiter = ',', requires = "dataset")]
     highlights: Vec<HighlightsArg>,
+    /// What the models multiply; a row for each of several [default: f32]
+    #[arg(long, value_enum, value_name = "PRECISION", value_delimiter = ',', requires = "model")]
+    precision: Vec<PrecisionArg>,
     /// Folder of restored images, instead of a dataset
     #[arg(long, value_name = "DIR", requires = "gt")]
     restored: Option<PathBuf>,
@@ -127,7 +132,7 @@ impl EvalArgs {
         }
         let datasets: Vec<Dataset> =
             self.dataset.iter().map(|root| Dataset::open(root)).collect::<error::Result<_>>()?;
-        let restorers = self.restorers()?;
+        let restorers = self.restorers(session)?;
         let comparisons: Vec<Comparison<'_>> = datasets
             .iter()
             .map(|dataset| {
@@ -176,13 +181,18 @@ impl EvalArgs {
         }
     }
 
-    fn restorers(&self) -> Result<Vec<Restorer>> {
+    fn restorers(&self, session: &Session) -> Result<Vec<Restorer>> {
         let mut restorers = vec![Restorer::Nothing];
         let asked: Vec<Highlights> = self.highlights.iter().map(|&highlights| highlights.into()).collect();
         let treatments = if asked.is_empty() { vec![Highlights::default()] } else { asked };
+        let precisions = if self.precision.is_empty() { &[PrecisionArg::F32][..] } else { &self.precision };
         for path in &self.model {
-            for &highlights in &treatments {
-                restorers.push(Restorer::network(path, highlights)?);
+            let model = Model::load(path)?;
+            for &precision in precisions {
+                let (name, model) =
+                    (precision.name_of(&name_of(path)), precision.apply(model.clone(), session));
+                let of = |&highlights| Restorer::Network(name.clone(), Box::new(model.clone()), highlights);
+                restorers.extend(treatments.iter().map(of));
             }
         }
         for &method in &self.method {

@@ -18,6 +18,7 @@ mod man;
 mod method;
 mod metrics;
 mod picture;
+mod precision;
 mod psf;
 mod queue;
 mod report;

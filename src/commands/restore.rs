@@ -20,6 +20,7 @@ use super::bracket::BracketArgs;
 use super::domain::DomainArg;
 use super::highlights::HighlightsArg;
 use super::picture::{AnyImage, check_domain_of_output};
+use super::precision::PrecisionArg;
 use super::queue::{Stages, remaining, run_all};
 use code::CodeArgs;
 use engine::{Engine, MethodArgs};
@@ -75,6 +76,9 @@ pub(crate) struct RestoreArgs {
     /// Keep the images that are there and go on with the others
     #[arg(long)]
     resume: bool,
+    /// What the network multiplies
+    #[arg(long, value_enum, value_name = "PRECISION", default_value_t = PrecisionArg::F32, conflicts_with = "method")]
+    precision: PrecisionArg,
     /// Side of the tiles, a multiple of 4 (of 16 for de-unet) [default: chosen by --max-memory]
     #[arg(long, value_name = "N", conflicts_with = "method")]
     tile: Option<usize>,

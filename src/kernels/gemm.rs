@@ -2,7 +2,8 @@
 //!
 //! One call multiplies `ROWS` rows of A by a panel of B that is `COLUMNS` vectors wide and keeps the
 //! `ROWS × COLUMNS` sums in registers over the whole depth. Each step of the depth loads `COLUMNS` vectors of
-//! B and broadcasts `ROWS` floats of A for `ROWS·COLUMNS` multiply-adds. With the 32 registers of AVX-512
+//! B and broadcasts `ROWS` floats of A for `ROWS·COLUMNS` multiply-adds ([`Simd::dot`]s: where a float's place holds two
+//! numbers, a step is two deep). With the 32 registers of AVX-512
 //! 12 × 2 and 6 × 4 fill 24 as sums, enough to hide the latency of 4 cycles at 2 a cycle; with the 16 of AVX2
 //! and SSE, 6 × 2 fill 12.
 //!
@@ -76,7 +77,7 @@ pub(crate) unsafe fn multiply_add<S: Simd, const ROWS: usize, const COLUMNS: usi
             let a_column = a.data.as_ptr().add(a.at + d * a.step);
             unrolled!(12, ROWS, i => {
                 let broadcast = simd.splat(*a_column.add(i * a.row));
-                unrolled!(4, COLUMNS, j => tile[i][j] = simd.mul_add(broadcast, b_vectors[j], tile[i][j]));
+                unrolled!(4, COLUMNS, j => tile[i][j] = simd.dot(broadcast, b_vectors[j], tile[i][j]));
             });
         }
     }

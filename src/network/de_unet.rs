@@ -28,7 +28,7 @@ use super::operations::{
     to_layout,
 };
 use crate::core::image::CHANNELS;
-use crate::kernels::{self, Isa, stream};
+use crate::kernels::{self, stream};
 
 /// Number of resolutions.
 pub(super) const LEVELS: usize = 5;
@@ -156,7 +156,7 @@ pub(super) fn stream(build: &mut StreamBuilder<'_>) {
         let (weight, bias) = enlarging_weights(weight, bias);
         build.derived_weights += weight.len();
         let inputs = weight.len() / bias.len() / 9;
-        let up = kernels::Convolution::up(Isa::current(), inputs, &weight, &bias);
+        let up = kernels::Convolution::up(build.isa, inputs, &weight, &bias);
         x = build.network.convolution(x, up, LEAKY_SLOPE, Some(skip));
         x = pair(build, &format!("decoder.{level}"), (x, 1));
     }

@@ -11,7 +11,7 @@ use super::parameters::Parameters;
 use super::{de_unet, discnet, sftmd, srmdnf};
 use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::kernels::stream::{Arena, Network, Plan, Source, Tensor};
-use crate::kernels::{Convolution, Geometry};
+use crate::kernels::{Convolution, Geometry, Isa};
 
 /// Bytes per weight: itself, and Winograd's 36 points for 9 taps.
 const WEIGHT_BYTES: u64 = 5 * size_of::<f32>() as u64;
@@ -54,10 +54,11 @@ impl std::fmt::Debug for Inference {
 }
 
 impl Inference {
-    /// Packs the weights.
-    pub(super) fn new(architecture: &Architecture, parameters: &Parameters) -> Self {
+    /// Packs the weights for an instruction set.
+    pub(super) fn new(architecture: &Architecture, parameters: &Parameters, isa: Isa) -> Self {
         let mut build = StreamBuilder {
             values: parameters.iter().map(|p| (p.name.as_str(), p.values.as_slice())).collect(),
+            isa,
             network: Network::default(),
             inputs: Vec::new(),
             derived_weights: 0,
@@ -139,6 +140,7 @@ fn fill_row(parts: &[ArrayView3<'_, f32>], y: usize, row: &mut [f32]) {
 /// Appends layers of named weights.
 pub(super) struct StreamBuilder<'a> {
     values: HashMap<&'a str, &'a [f32]>,
+    pub(super) isa: Isa,
     pub(super) network: Network,
     inputs: Vec<Vec<Part>>,
     /// Number of weights that were made of the named ones.
@@ -171,7 +173,8 @@ impl<'a> StreamBuilder<'a> {
     pub(super) fn pack_sized(&self, name: &str, side: usize, stride: usize) -> Convolution {
         let (weight, bias) = self.layer(name);
         let inputs = weight.len() / bias.len() / (side * side);
-        Convolution::new(Geometry { inputs, outputs: bias.len(), side, stride }, weight, bias)
+        let geometry = Geometry { inputs, outputs: bias.len(), side, stride };
+        Convolution::for_isa(self.isa, geometry, weight, bias)
     }
 
     /// Appends a 3 × 3 convolution of stride 1, a leaky rectifier, and the addition of a tensor.

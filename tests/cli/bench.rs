@@ -7,7 +7,8 @@ fn times_operations_the_network_and_a_training_step() {
     let folder = tempfile::tempdir().unwrap();
     let only = ["--only", "to weights 8→32", "--patience", "0"];
     let printed = succeed(folder.path(), &[&["bench", "--size", "8", "--train", "1x8"], &only[..]].concat());
-    let lines: Vec<&str> = printed.lines().collect();
+    // Only some CPUs have products of the other precision.
+    let lines: Vec<&str> = printed.lines().filter(|line| !line.contains("--precision")).collect();
     assert_eq!(lines.len(), 4, "{printed}");
     let isa = lines[0].split(',').next().unwrap();
     assert!(["avx512", "avx2", "portable"].contains(&isa), "{printed}");

@@ -278,14 +278,19 @@ fn memory_of(folder: &Path, how: &[&str]) -> (u64, u64) {
     (estimated.expect(&said), taken.expect(&said))
 }
 
+/// The full network, with random weights.
+fn write_full_model(path: &Path) {
+    let architecture = Architecture::default();
+    let parameters = Parameters::random(&architecture, Initialisation::Released, 1);
+    let weights = Weights { architecture, parameters, origin: Origin::default() };
+    Model::new(weights).save(path, false).unwrap();
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn takes_no_more_memory_than_it_said() {
     let scratch = scratch();
-    let architecture = Architecture::default();
-    let parameters = Parameters::random(&architecture, Initialisation::Released, 1);
-    let weights = Weights { architecture, parameters, origin: Origin::default() };
-    Model::new(weights).save(&scratch.path().join("model.safetensors"), false).unwrap();
+    write_full_model(&scratch.path().join("model.safetensors"));
     let code = code();
     let network = ["--model", "model.safetensors", "--code", &code];
     let (tiled, wiener) =
@@ -476,6 +481,48 @@ fn an_interrupt_leaves_finished_files_only() {
     let said = succeed(scratch.path(), &[&restore[..], &["--resume"]].concat());
     assert!(said.contains(&format!("{} of {count} images are there", names.len())), "{said}");
     assert_eq!(io::list_folder(&scratch.path().join("out")).unwrap().len(), count);
+}
+
+/// Where the CPU has no such products nothing changes, and the user is told.
+#[test]
+fn multiplies_as_precisely_as_told_and_says_what_it_did() {
+    let scratch = scratch();
+    write_full_model(&scratch.path().join("model.safetensors"));
+    let code = code();
+    let common = ["restore", "scene.exr", "--model", "model.safetensors", "--code", &code];
+    let run = |more: &[&str]| {
+        let output = udc(scratch.path(), &[&common[..], more].concat());
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8(output.stderr).unwrap()
+    };
+    run(&["--output-domain", "tone-mapped", "-o", "f32.exr"]);
+    let said = run(&["--output-domain", "tone-mapped", "-o", "bf16.exr", "--precision", "bf16"]);
+    let read = |name: &str| io::read_image::<ToneMapped>(&scratch.path().join(name)).unwrap();
+    let (exact, rounded) = (read("f32.exr"), read("bf16.exr"));
+    let pairs = exact.as_slice().iter().zip(rounded.as_slice());
+    let largest = pairs.map(|(a, b)| (a - b).abs()).fold(0.0f32, f32::max);
+    let recorded = succeed(scratch.path(), &["info", "bf16.exr"]);
+    if said.contains("no products in bfloat16") {
+        assert_eq!((largest, recorded.contains("\"precision\":\"f32\"")), (0.0, true), "{recorded}");
+    } else {
+        assert!(
+            largest > 0.0 && largest < 1e-2 && recorded.contains("\"precision\":\"bf16\""),
+            "{largest}: {recorded}"
+        );
+    }
+    let method = [
+        "restore",
+        "scene.exr",
+        "--method",
+        "wiener",
+        "--psf",
+        "psf.exr",
+        "--precision",
+        "bf16",
+        "-o",
+        "o.exr",
+    ];
+    assert!(fail(scratch.path(), &method, 2).contains("--precision"));
 }
 
 #[test]

@@ -1,7 +1,5 @@
 //! What `udc eval` compares: the degraded image itself, networks, deconvolutions.
 
-use std::path::Path;
-
 use anyhow::{Result, bail};
 
 use udc::core::dataset::Dataset;
@@ -40,10 +38,6 @@ pub(super) struct Degraded<'a> {
 }
 
 impl Restorer {
-    pub(in crate::commands) fn network(path: &Path, highlights: Highlights) -> error::Result<Self> {
-        Ok(Self::Network(super::name_of(path), Box::new(Model::load(path)?), highlights))
-    }
-
     pub(super) fn method(&self) -> Method {
         match self {
             Self::Nothing => Method::baseline("degraded"),

@@ -86,7 +86,7 @@ impl Engine {
     pub(super) fn new(args: &RestoreArgs, curve: ToneCurve, jobs: &[Job], session: &Session) -> Result<Self> {
         let kind = match (&args.model, args.method.method, &args.code.psf) {
             (Some(path), ..) => {
-                let model = Box::new(Model::load(path)?);
+                let model = Box::new(args.precision.load(path, session)?);
                 let code = args.code.resolve(&model, session)?;
                 NetworkRestorer::new(&model, code.example())?;
                 Kind::Network { path: text(path), model, code, tile: args.tile }
@@ -174,7 +174,7 @@ impl Engine {
     /// The method with every setting resolved, for provenance.
     pub(super) fn describe(&self) -> Value {
         match &self.kind {
-            Kind::Network { path, code, tile, .. } => {
+            Kind::Network { path, model, code, tile } => {
                 let code = match code {
                     KnownCode::Fixed(Conditioning::Code(code)) => Some(json!(code.to_vec())),
                     KnownCode::Fixed(Conditioning::None | Conditioning::Map(_)) => None,
@@ -184,8 +184,8 @@ impl Engine {
                     }
                 };
                 json!({
-                    "model": path, "code": code, "tile": tile, "max-memory": self.max_memory,
-                    "highlights": self.highlights,
+                    "model": path, "precision": if model.has_bf16_products() { "bf16" } else { "f32" },
+                    "code": code, "tile": tile, "max-memory": self.max_memory, "highlights": self.highlights,
                 })
             }
             Kind::Deconvolution { path, config, .. } => {

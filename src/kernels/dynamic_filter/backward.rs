@@ -56,6 +56,7 @@ impl DynamicFilter {
         shape: Shape,
         gradient: &[f32],
     ) -> DynamicFilterGradients {
+        assert_eq!(self.isa.per_lane(), 1, "gradients are made of products of 32-bit floats");
         let transposed = self.transposed_weights();
         let per_image = UNITS.div_ceil(shape.images);
         let unit_rows = shape.height.div_ceil(per_image);
@@ -242,7 +243,7 @@ impl Kernel for UnitBackward<'_, '_> {
                 let range = first * channels..(first + tile.pixels) * channels;
                 widen(&gradient[range.clone()], channels, output_gradient, padded);
                 condition_gradient.fill(0.0);
-                let view = inputs.view(filter, unit.condition, unit.features, tile);
+                let view = inputs.view(simd, filter, unit.condition, unit.features, tile);
                 for tap in 0..filter.size * filter.size {
                     let (dy, dx) = (tap / filter.size, tap % filter.size);
                     let at = (r + dy) * margin.row_len + (first + dx) * padded;

@@ -11,7 +11,7 @@ use crate::kernels::gemm::{
 use crate::kernels::rows::Rows;
 use crate::kernels::scratch::{AlignedBuffer, Scratch, lend, whole_lines};
 use crate::kernels::shape::Shape;
-use crate::kernels::simd::{Isa, Kernel, Simd};
+use crate::kernels::simd::{Isa, Kernel, Simd, put_factor};
 
 /// The filters' weights, packed, ready to be applied any number of times.
 pub struct DynamicFilter {
@@ -24,7 +24,7 @@ pub struct DynamicFilter {
     pub(super) vectors: usize,
     /// Taps whose filters one register tile holds.
     taps_together: usize,
-    /// `[group of taps][panel][input][tap of the group][channel of the panel]`.
+    /// `[group of taps][panel][input][tap of the group][channel of the panel]`; in bfloat16 two inputs share a place.
     pub(super) packed: AlignedBuffer,
     pub(super) bias: AlignedBuffer,
 }
@@ -40,14 +40,16 @@ impl DynamicFilter {
         let channels = bias.len() / taps;
         assert!(size % 2 == 1 && channels * taps == bias.len(), "{} biases for size {size}", bias.len());
         assert_eq!(weight.len(), taps * channels * channels, "weights for {channels} channels, size {size}");
+        let isa = isa.for_sums_over(channels);
         let vectors = panel_vectors(isa.lanes(), channels);
         let panel = vectors * isa.lanes();
         let padded = channels.next_multiple_of(panel);
+        let (per_lane, depth) = (isa.per_lane(), channels / isa.per_lane());
         // Panels of two vectors leave room for a second tap: outputs are read and written half as often.
         let taps_together = if (isa.lanes(), vectors) == (16, 2) { 2 } else { 1 };
-        let mut packed = AlignedBuffer::zeros(taps * padded * channels);
+        let mut packed = AlignedBuffer::zeros(taps * padded * depth);
         let mut bias_buffer = AlignedBuffer::zeros(taps * padded);
-        let groups = packed.as_mut_slice().par_chunks_mut(taps_together * padded * channels);
+        let groups = packed.as_mut_slice().par_chunks_mut(taps_together * padded * depth);
         groups.zip(bias_buffer.as_mut_slice().par_chunks_mut(taps_together * padded)).enumerate().for_each(
             |(group, (to, to_bias))| {
                 let count = to_bias.len() / padded;
@@ -55,9 +57,13 @@ impl DynamicFilter {
                     let output = c * taps + group * taps_together + t;
                     to_bias[t * padded + c] = bias[output];
                     let from = &weight[output * channels..][..channels];
-                    let first = (c / panel * channels * count + t) * panel + c % panel;
-                    let to = to[first..].iter_mut().step_by(count * panel);
-                    to.zip(from).for_each(|(to, from)| *to = *from);
+                    let first = (c / panel * depth * count + t) * panel + c % panel;
+                    let steps = to[first..].iter_mut().step_by(count * panel);
+                    for (step, from) in steps.zip(from.chunks(per_lane)) {
+                        for (index, number) in from.iter().enumerate() {
+                            put_factor(step, per_lane, index, *number);
+                        }
+                    }
                 }
             },
         );
@@ -74,8 +80,13 @@ impl DynamicFilter {
         let panel = self.vectors * self.isa.lanes();
         let first = tap - tap % self.taps_together;
         let count = self.group_len(first);
-        let at = (first * self.padded + channel * count) * self.channels + (tap - first) * panel;
+        let at = (first * self.padded + channel * count) * self.depth() + (tap - first) * panel;
         Operand { data: self.packed.as_slice(), at, row: 0, step: count * panel }
+    }
+
+    /// Floats that a pixel's conditions take as a factor of products.
+    pub(super) fn depth(&self) -> usize {
+        self.channels / self.isa.per_lane()
     }
 
     /// Rows and columns of the filters.
@@ -117,7 +128,7 @@ impl DynamicFilter {
 
     /// Computes a block of output rows, on this thread.
     pub(crate) fn compute_block(&self, block: FilterBlock<'_>) {
-        self.isa.run(FilterRows { filter: self, block });
+        self.isa.run_products(FilterRows { filter: self, block });
     }
 }
 
@@ -170,7 +181,7 @@ impl Kernel for FilterRows<'_> {
                 let next = if first + pixels < width { (row, first + pixels) } else { (row + 1, 0) };
                 let mut ahead = Ahead::new(block.fresh_runs(filter, next, pixels), groups);
                 let tile = PixelTile { row: block.first + row, first, pixels: pixels.min(width - first) };
-                let view = inputs.view(filter, block.condition, block.features, tile);
+                let view = inputs.view(simd, filter, block.condition, block.features, tile);
                 outputs.fill(0.0);
                 for tap in (0..filter.size * filter.size).step_by(filter.taps_together) {
                     let vectors = filter.vectors;
@@ -280,9 +291,9 @@ pub(super) unsafe fn filter_sums<S: Simd, const ROWS: usize, const COLUMNS: usiz
     taps: usize,
 ) -> Tile<S, ROWS, COLUMNS> {
     let (tap, channel, pixel) = place;
-    let inputs = filter.channels;
-    let at = view.condition_at + pixel * inputs;
-    let a = Operand { data: view.condition, at, row: inputs, step: 1 };
+    let depth = filter.channels / S::PER_LANE;
+    let at = view.condition_at + pixel * depth;
+    let a = Operand { data: view.condition, at, row: depth, step: 1 };
     // SAFETY: bias and weights hold whole panels; the caller promises the conditions.
     unsafe {
         let mut bias = [simd.splat(0.0); COLUMNS];
@@ -292,7 +303,7 @@ pub(super) unsafe fn filter_sums<S: Simd, const ROWS: usize, const COLUMNS: usiz
             *bias = simd.load(filter.bias.as_slice(), at);
         }
         let weights = filter.weights(tap, channel);
-        multiply_add::<S, ROWS, COLUMNS>(simd, [bias; ROWS], inputs, a, weights)
+        multiply_add::<S, ROWS, COLUMNS>(simd, [bias; ROWS], depth, a, weights)
     }
 }
 
@@ -306,6 +317,7 @@ pub(super) struct PixelTile {
 
 /// Where a tile's conditions and features can be read: in the image, or in a copy that continues it.
 pub(super) struct TileView<'a> {
+    /// As a factor of products.
     pub(super) condition: &'a [f32],
     pub(super) condition_at: usize,
     /// The features' rows, one for each row of the filter.
@@ -355,8 +367,9 @@ impl<'a> TileInputs<'a> {
 
     /// Makes a tile's inputs readable for whole register tiles.
     #[inline(always)]
-    pub(super) fn view<'b>(
+    pub(super) fn view<'b, S: Simd>(
         &'b mut self,
+        simd: S,
         filter: &DynamicFilter,
         condition: Rows<'b>,
         features: Rows<'b>,
@@ -365,24 +378,28 @@ impl<'a> TileInputs<'a> {
         let (channels, half) = (filter.channels, filter.size / 2);
         let width = features.row_len() / channels;
         let whole = tile.pixels.next_multiple_of(MOST_ROWS);
-        let condition = condition.nearest_row(tile.row.cast_signed());
         let feature_row =
             |dy: usize| features.nearest_row((tile.row + dy).cast_signed() - half.cast_signed());
         let is_inside = tile.first >= half && tile.first + whole + half <= width && filter.padded == channels;
+        let condition = condition.nearest_row(tile.row.cast_signed());
+        let (condition, condition_at) = if is_inside && S::PER_LANE == 1 {
+            (condition, tile.first * channels)
+        } else {
+            let from = &condition[tile.first * channels..][..tile.pixels * channels];
+            pack_numbers(simd, from, &mut self.condition[..whole * filter.depth()]);
+            (&*self.condition, 0)
+        };
+        let mut rows = [&[][..]; MOST_TAPS];
         if is_inside {
-            let mut rows = [&[][..]; MOST_TAPS];
             (0..filter.size).for_each(|dy| rows[dy] = feature_row(dy));
             return TileView {
                 condition,
-                condition_at: tile.first * channels,
+                condition_at,
                 features: rows,
                 features_at: (tile.first - half) * channels,
                 feature_pixel: channels,
             };
         }
-        let from = &condition[tile.first * channels..][..tile.pixels * channels];
-        self.condition[..from.len()].copy_from_slice(from);
-        self.condition[from.len()..whole * channels].fill(0.0);
         for dy in 0..filter.size {
             let row = feature_row(dy);
             let to = &mut self.features[dy * self.feature_row..][..(whole + 2 * half) * filter.padded];
@@ -392,24 +409,63 @@ impl<'a> TileInputs<'a> {
                 to[channels..].fill(0.0);
             }
         }
-        let mut rows = [&[][..]; MOST_TAPS];
         for (to, from) in rows.iter_mut().zip(self.features.chunks_exact(self.feature_row)) {
             *to = from;
         }
-        TileView {
-            condition: self.condition,
-            condition_at: 0,
-            features: rows,
-            features_at: 0,
-            feature_pixel: filter.padded,
+        TileView { condition, condition_at, features: rows, features_at: 0, feature_pixel: filter.padded }
+    }
+}
+
+/// Copies numbers as a factor of products, and zeros behind them.
+#[inline(always)]
+fn pack_numbers<S: Simd>(simd: S, from: &[f32], to: &mut [f32]) {
+    let len = from.len() / S::PER_LANE;
+    if S::PER_LANE == 1 {
+        to[..len].copy_from_slice(from);
+    } else {
+        assert!(len.is_multiple_of(S::LANES) && len <= to.len(), "{len} floats of whole vectors");
+        for at in (0..len).step_by(S::LANES) {
+            // SAFETY: `from` is two vectors long for each one of `to`, and the last one begins before `len`.
+            unsafe {
+                let first = simd.load(from, 2 * at);
+                let second = simd.load(from, 2 * at + S::LANES);
+                simd.store(to, at, simd.pack(first, second));
+            }
         }
     }
+    to[len..].fill(0.0);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::kernels::testing::{Values, assert_close, naive};
+
+    /// Conditions and weights of 8 bits: nothing is rounded, and what is left is the order of the sums.
+    #[test]
+    fn products_in_bfloat16_of_numbers_that_it_has_are_exact() {
+        for isa in Isa::available().into_iter().filter_map(Isa::with_bf16_products) {
+            for (size, channels) in [(5, 32), (3, 64), (3, 128), (3, 48)] {
+                for (height, width) in [(1, 1), (3, 2), (2, 130)] {
+                    let shape = Shape::new(1, height, width, channels);
+                    let mut values = Values::new(5);
+                    let coarse =
+                        |v: Vec<f32>| v.into_iter().map(|v| (v * 32.0).round() / 32.0).collect::<Vec<_>>();
+                    let taps = size * size;
+                    let weight = coarse(values.take(taps * channels * channels));
+                    let bias = values.take(taps * channels);
+                    let (condition, features) = (coarse(values.take(shape.len())), values.take(shape.len()));
+                    let filter = DynamicFilter::new(isa, size, &weight, &bias, -0.3);
+                    let mut output = vec![f32::NAN; shape.len()];
+                    filter.forward(&condition, &features, shape, &mut output);
+                    let head = naive::FilterHead { size, weight: &weight, bias: &bias, slope: -0.3 };
+                    let expected = head.apply(&condition, &features, shape);
+                    let what = format!("{} size {size} {shape:?}", isa.name());
+                    assert_close(&output, &expected, 3e-6, &what);
+                }
+            }
+        }
+    }
 
     #[test]
     fn agrees_with_the_equation_for_every_size() {

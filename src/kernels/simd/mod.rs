@@ -13,7 +13,7 @@ use std::sync::OnceLock;
 
 pub(crate) use portable::Portable;
 #[cfg(target_arch = "x86_64")]
-pub(crate) use x86::{Avx2, Avx512};
+pub(crate) use x86::{Avx2, Avx512, Avx512Bf16};
 
 /// The environment variable that forces an instruction set: `avx512`, `avx2` or `portable`.
 const FORCE_VARIABLE: &str = "UDC_SIMD";
@@ -22,6 +22,8 @@ const FORCE_VARIABLE: &str = "UDC_SIMD";
 pub(crate) trait Simd: Copy + Send + Sync + 'static {
     /// Floats per vector.
     const LANES: usize;
+    /// Numbers that a lane holds of a factor of [`Simd::dot`]: one float, or two in bfloat16.
+    const PER_LANE: usize = 1;
     /// One vector.
     type Vector: Copy;
 
@@ -63,6 +65,19 @@ pub(crate) trait Simd: Copy + Send + Sync + 'static {
 
     /// Computes `a·b + c`, rounded once where the CPU can.
     fn mul_add(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector;
+
+    /// Adds to `c` what the numbers in each lane of `a` and `b` give multiplied one by one.
+    #[inline(always)]
+    fn dot(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector {
+        self.mul_add(a, b, c)
+    }
+
+    /// Rounds the numbers of two vectors, one after the other, to those of a factor of [`Simd::dot`]; where a lane holds
+    /// one number, the first vector is the factor.
+    #[inline(always)]
+    fn pack(self, first: Self::Vector, _second: Self::Vector) -> Self::Vector {
+        first
+    }
 
     /// Computes `c − a·b`, rounded once where the CPU can.
     fn sub_mul(self, c: Self::Vector, a: Self::Vector, b: Self::Vector) -> Self::Vector;
@@ -194,6 +209,19 @@ pub(crate) unsafe fn store_strided<S: Simd>(
     }
 }
 
+/// Puts number `index` of a column of factors into its lane, which holds `per_lane` of them and began as zero.
+#[inline(always)]
+pub(crate) fn put_factor(lane: &mut f32, per_lane: usize, index: usize, number: f32) {
+    if per_lane == 1 {
+        *lane = number;
+    } else {
+        // Half of what is cut off, and less by one where that would round a tie to an odd number.
+        let bits = number.to_bits();
+        let rounded = bits.wrapping_add(0x7fff + (bits >> 16 & 1)) >> 16;
+        *lane = f32::from_bits(lane.to_bits() | rounded << (16 * (index % 2)));
+    }
+}
+
 /// A computation that can be compiled for every instruction set.
 ///
 /// Implementations mark `run` and all that it calls `#[inline(always)]`: a function that stays out of line
@@ -211,6 +239,8 @@ pub struct Isa(Path);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Path {
+    #[cfg(target_arch = "x86_64")]
+    Avx512Bf16(Avx512Bf16),
     #[cfg(target_arch = "x86_64")]
     Avx512(Avx512),
     #[cfg(target_arch = "x86_64")]
@@ -263,9 +293,36 @@ impl Isa {
         Self::available().into_iter().find(|isa| isa.name() == name)
     }
 
-    /// The name that `UDC_SIMD` accepts.
+    /// This set, but with products of numbers in bfloat16 (8 bits of precision) that are added up in 32 bits, where this
+    /// CPU has instructions for them. Operations that gain nothing by it go on as before.
+    pub fn with_bf16_products(self) -> Option<Self> {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx512(_) => Avx512Bf16::detect().map(|token| Self(Path::Avx512Bf16(token))),
+            _ => None,
+        }
+    }
+
+    /// This set, with products of 32-bit floats.
+    fn with_f32_products(self) -> Self {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx512Bf16(token) => Self(Path::Avx512(token.without())),
+            _ => self,
+        }
+    }
+
+    /// This set, without products that sums over as many numbers do not fill lanes for.
+    pub(crate) fn for_sums_over(self, numbers: usize) -> Self {
+        let fills = numbers.is_multiple_of(self.lanes() * self.per_lane());
+        if fills { self } else { self.with_f32_products() }
+    }
+
+    /// The name: that which `UDC_SIMD` accepts, and the kind of products.
     pub fn name(&self) -> &'static str {
         match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx512Bf16(_) => "avx512, bfloat16 products",
             #[cfg(target_arch = "x86_64")]
             Path::Avx512(_) => "avx512",
             #[cfg(target_arch = "x86_64")]
@@ -278,6 +335,8 @@ impl Isa {
     pub(crate) fn lanes(self) -> usize {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
+            Path::Avx512Bf16(_) => Avx512Bf16::LANES,
+            #[cfg(target_arch = "x86_64")]
             Path::Avx512(_) => Avx512::LANES,
             #[cfg(target_arch = "x86_64")]
             Path::Avx2(_) => Avx2::LANES,
@@ -285,10 +344,35 @@ impl Isa {
         }
     }
 
-    /// Runs a kernel compiled for this set.
+    /// Numbers per lane of a product's factor.
+    pub(crate) fn per_lane(self) -> usize {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx512Bf16(_) => Avx512Bf16::PER_LANE,
+            _ => 1,
+        }
+    }
+
+    /// Runs a kernel compiled for this set, whose products are of 32-bit floats.
     #[inline]
     pub(crate) fn run<K: Kernel>(self, kernel: K) -> K::Output {
         match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx512Bf16(token) => token.without().enter(kernel),
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx512(token) => token.enter(kernel),
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx2(token) => token.enter(kernel),
+            Path::Portable(token) => kernel.run(token),
+        }
+    }
+
+    /// Runs a kernel compiled for this set and its kind of products.
+    #[inline]
+    pub(crate) fn run_products<K: Kernel>(self, kernel: K) -> K::Output {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Path::Avx512Bf16(token) => token.enter(kernel),
             #[cfg(target_arch = "x86_64")]
             Path::Avx512(token) => token.enter(kernel),
             #[cfg(target_arch = "x86_64")]
@@ -341,6 +425,70 @@ mod tests {
             expected.push(expected.iter().map(|value| (1.0 - value) / 2.0).sum());
             expected.extend([-7.0, 0.0, 1.0, 2.0, 3.0, -7.0, -7.0, -7.0, -7.0, 0.0]);
             assert_eq!(isa.run(Probe), expected, "{}", isa.name());
+        }
+    }
+
+    /// Dots of packed vectors, and of factors put one by one, with a vector of ones and minus ones.
+    struct Dots<'a>(&'a [f32]);
+
+    impl Kernel for Dots<'_> {
+        type Output = [Vec<f32>; 2];
+        #[inline(always)]
+        fn run<S: Simd>(self, simd: S) -> [Vec<f32>; 2] {
+            let mut results = [vec![0.0; S::LANES], vec![0.0; S::LANES]];
+            let (mut one_by_one, mut signs) = (vec![0.0; S::LANES], vec![0.0; S::LANES]);
+            for (index, number) in self.0[..S::LANES * S::PER_LANE].iter().enumerate() {
+                put_factor(&mut one_by_one[index / S::PER_LANE], S::PER_LANE, index, *number);
+                let sign = if index % 3 == 0 { -1.0 } else { 1.0 };
+                put_factor(&mut signs[index / S::PER_LANE], S::PER_LANE, index, sign);
+            }
+            // SAFETY: all slices hold whole vectors, the numbers two.
+            unsafe {
+                let packed = simd.pack(simd.load(self.0, 0), simd.load(self.0, S::LANES));
+                let signs = simd.load(&signs, 0);
+                simd.store(&mut results[0], 0, simd.dot(packed, signs, simd.splat(0.5)));
+                let one_by_one = simd.load(&one_by_one, 0);
+                simd.store(&mut results[1], 0, simd.dot(one_by_one, signs, simd.splat(0.5)));
+            }
+            results
+        }
+    }
+
+    #[test]
+    fn lanes_hold_as_many_numbers_as_they_say_rounded_to_nearest() {
+        // Ties between two numbers of 8 bits, numbers beside ties, numbers of few bits, very large and small ones.
+        let mut numbers = vec![1.003_906_25, 1.011_718_75, 1.003_906_4, 1.003_906_1, -2.5, 3e38, -1e-30, 0.1];
+        numbers.extend((1..=24).map(|i| (i as f32 * 0.37).sin()));
+        for isa in
+            Isa::available().into_iter().flat_map(|isa| [Some(isa), isa.with_bf16_products()]).flatten()
+        {
+            let [packed, one_by_one] = isa.run_products(Dots(&numbers));
+            assert_eq!(packed, one_by_one, "{}", isa.name());
+            let per_lane = isa.per_lane();
+            let rounded = |index: usize| {
+                let (number, digit) = (f64::from(numbers[index]), 2f64.powi(-7));
+                let unit = digit * 2f64.powf(number.abs().log2().floor());
+                let rounded = if per_lane == 1 { number } else { (number / unit).round_ties_even() * unit };
+                if index % 3 == 0 { -rounded } else { rounded }
+            };
+            for (lane, found) in packed.iter().enumerate() {
+                let expected = 0.5 + (lane * per_lane..(lane + 1) * per_lane).map(rounded).sum::<f64>();
+                let error = (f64::from(*found) - expected).abs();
+                assert!(
+                    error <= 1e-6 * expected.abs(),
+                    "{} lane {lane}: {found}, not {expected}",
+                    isa.name()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn sums_that_do_not_fill_lanes_keep_their_products() {
+        for isa in Isa::available() {
+            assert_eq!(isa.for_sums_over(48), isa);
+            let Some(rounded) = isa.with_bf16_products() else { continue };
+            assert_eq!((rounded.for_sums_over(48), rounded.for_sums_over(64)), (isa, rounded));
         }
     }
 

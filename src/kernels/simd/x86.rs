@@ -1,14 +1,16 @@
-//! AVX-512 and AVX2 with fused multiply-add, through `std::arch`.
+//! AVX-512, with and without products in bfloat16, and AVX2 with fused multiply-add, through `std::arch`.
 
 use std::arch::x86_64::{
-    __m256, __m256i, __m512, _CMP_GT_OQ, _CMP_NGT_UQ, _MM_HINT_T0, _mm_add_ps, _mm_add_ss, _mm_cvtss_f32,
-    _mm_movehdup_ps, _mm_movehl_ps, _mm_prefetch, _mm256_add_ps, _mm256_blendv_ps, _mm256_castps256_ps128,
-    _mm256_cmp_ps, _mm256_extractf128_ps, _mm256_fmadd_ps, _mm256_fnmadd_ps, _mm256_loadu_ps,
-    _mm256_loadu_si256, _mm256_maskload_ps, _mm256_maskstore_ps, _mm256_mul_ps, _mm256_set1_ps,
-    _mm256_setzero_ps, _mm256_storeu_ps, _mm256_sub_ps, _mm512_add_ps, _mm512_cmp_ps_mask, _mm512_fmadd_ps,
-    _mm512_fnmadd_ps, _mm512_loadu_ps, _mm512_mask_mul_ps, _mm512_mask_storeu_ps, _mm512_maskz_loadu_ps,
-    _mm512_mul_ps, _mm512_reduce_add_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps, _mm512_sub_ps,
+    __m256, __m256i, __m512, __m512bh, _CMP_GT_OQ, _CMP_NGT_UQ, _MM_HINT_T0, _mm_add_ps, _mm_add_ss,
+    _mm_cvtss_f32, _mm_movehdup_ps, _mm_movehl_ps, _mm_prefetch, _mm256_add_ps, _mm256_blendv_ps,
+    _mm256_castps256_ps128, _mm256_cmp_ps, _mm256_extractf128_ps, _mm256_fmadd_ps, _mm256_fnmadd_ps,
+    _mm256_loadu_ps, _mm256_loadu_si256, _mm256_maskload_ps, _mm256_maskstore_ps, _mm256_mul_ps,
+    _mm256_set1_ps, _mm256_setzero_ps, _mm256_storeu_ps, _mm256_sub_ps, _mm512_add_ps, _mm512_cmp_ps_mask,
+    _mm512_cvtne2ps_pbh, _mm512_dpbf16_ps, _mm512_fmadd_ps, _mm512_fnmadd_ps, _mm512_loadu_ps,
+    _mm512_mask_mul_ps, _mm512_mask_storeu_ps, _mm512_maskz_loadu_ps, _mm512_mul_ps, _mm512_reduce_add_ps,
+    _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps, _mm512_sub_ps,
 };
+use std::mem::transmute;
 
 use super::{Kernel, Simd};
 
@@ -22,6 +24,10 @@ pub(super) fn prefetch(line: *const f32) {
 /// Proof that the CPU has AVX-512 F, VL, DQ and BW; sixteen floats per vector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Avx512(());
+
+/// Proof that the CPU has AVX-512 BF16 too: products of two numbers per lane.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Avx512Bf16(());
 
 /// Proof that the CPU has AVX2 and FMA; eight floats per vector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,6 +50,29 @@ impl Avx512 {
     pub(crate) fn enter<K: Kernel>(self, kernel: K) -> K::Output {
         #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma")]
         fn entered<K: Kernel>(kernel: K, token: Avx512) -> K::Output {
+            kernel.run(token)
+        }
+        // SAFETY: the token was made by `detect`, which saw every feature named here.
+        unsafe { entered(kernel, self) }
+    }
+}
+
+impl Avx512Bf16 {
+    /// Asks the CPU.
+    pub(crate) fn detect() -> Option<Self> {
+        (Avx512::detect().is_some() && is_x86_feature_detected!("avx512bf16")).then_some(Self(()))
+    }
+
+    /// Forgets the products of two numbers per lane.
+    pub(crate) fn without(self) -> Avx512 {
+        Avx512(())
+    }
+
+    /// Runs a kernel in a function that has the features enabled.
+    #[inline]
+    pub(crate) fn enter<K: Kernel>(self, kernel: K) -> K::Output {
+        #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx512bf16,avx2,fma")]
+        fn entered<K: Kernel>(kernel: K, token: Avx512Bf16) -> K::Output {
             kernel.run(token)
         }
         // SAFETY: the token was made by `detect`, which saw every feature named here.
@@ -147,52 +176,79 @@ unsafe fn first_of_eight(count: usize) -> __m256i {
     unsafe { _mm256_loadu_si256(ONES_THEN_ZEROS.get_unchecked(8 - count..).as_ptr().cast()) }
 }
 
-impl Simd for Avx512 {
-    arithmetic!(
-        __m512,
-        16,
-        _mm512_set1_ps,
-        _mm512_loadu_ps,
-        _mm512_storeu_ps,
-        _mm512_add_ps,
-        _mm512_sub_ps,
-        _mm512_mul_ps,
-        _mm512_fmadd_ps,
-        _mm512_fnmadd_ps
-    );
+/// Implements [`Simd`] for a token that proves AVX-512, with what `$products` adds.
+macro_rules! avx512 {
+    ($token:ty, { $($products:item)* }) => {
+        impl Simd for $token {
+            $($products)*
 
-    #[inline(always)]
-    unsafe fn load_part(self, from: &[f32], at: usize, count: usize) -> __m512 {
-        // SAFETY: the token proves the instruction; the caller promises that `count` floats begin at `at`, and
-        // lanes that the mask leaves out are not read.
-        unsafe { _mm512_maskz_loadu_ps(first_lanes(count), from.get_unchecked(at..at + count).as_ptr()) }
-    }
+            arithmetic!(
+                __m512,
+                16,
+                _mm512_set1_ps,
+                _mm512_loadu_ps,
+                _mm512_storeu_ps,
+                _mm512_add_ps,
+                _mm512_sub_ps,
+                _mm512_mul_ps,
+                _mm512_fmadd_ps,
+                _mm512_fnmadd_ps
+            );
 
-    #[inline(always)]
-    unsafe fn store_part(self, to: &mut [f32], at: usize, count: usize, value: __m512) {
-        // SAFETY: the token proves the instruction; the caller promises room for `count` floats at `at`, and
-        // lanes that the mask leaves out are not written.
-        unsafe {
-            let to = to.get_unchecked_mut(at..at + count).as_mut_ptr();
-            _mm512_mask_storeu_ps(to, first_lanes(count), value);
+            #[inline(always)]
+            unsafe fn load_part(self, from: &[f32], at: usize, count: usize) -> __m512 {
+                // SAFETY: the token proves the instruction; the caller promises that `count` floats begin at `at`, and
+                // lanes that the mask leaves out are not read.
+                unsafe { _mm512_maskz_loadu_ps(first_lanes(count), from.get_unchecked(at..at + count).as_ptr()) }
+            }
+
+            #[inline(always)]
+            unsafe fn store_part(self, to: &mut [f32], at: usize, count: usize, value: __m512) {
+                // SAFETY: the token proves the instruction; the caller promises room for `count` floats at `at`, and
+                // lanes that the mask leaves out are not written.
+                unsafe {
+                    let to = to.get_unchecked_mut(at..at + count).as_mut_ptr();
+                    _mm512_mask_storeu_ps(to, first_lanes(count), value);
+                }
+            }
+
+            #[inline(always)]
+            fn leak(self, sign: __m512, value: __m512, slope: __m512) -> __m512 {
+                // SAFETY: the token proves the instructions.
+                unsafe {
+                    let others = _mm512_cmp_ps_mask::<_CMP_NGT_UQ>(sign, _mm512_setzero_ps());
+                    _mm512_mask_mul_ps(value, others, slope, value)
+                }
+            }
+
+            #[inline(always)]
+            fn sum(self, a: __m512) -> f32 {
+                // SAFETY: the token proves the instructions.
+                unsafe { _mm512_reduce_add_ps(a) }
+            }
         }
-    }
-
-    #[inline(always)]
-    fn leak(self, sign: __m512, value: __m512, slope: __m512) -> __m512 {
-        // SAFETY: the token proves the instructions.
-        unsafe {
-            let others = _mm512_cmp_ps_mask::<_CMP_NGT_UQ>(sign, _mm512_setzero_ps());
-            _mm512_mask_mul_ps(value, others, slope, value)
-        }
-    }
-
-    #[inline(always)]
-    fn sum(self, a: __m512) -> f32 {
-        // SAFETY: the token proves the instructions.
-        unsafe { _mm512_reduce_add_ps(a) }
-    }
+    };
 }
+
+avx512!(Avx512, {});
+avx512!(Avx512Bf16, {
+    const PER_LANE: usize = 2;
+
+    #[inline(always)]
+    fn dot(self, a: __m512, b: __m512, c: __m512) -> __m512 {
+        // SAFETY: the token proves the instruction. The types have the same size, and any bits are a number of each.
+        unsafe {
+            let (a, b) = (transmute::<__m512, __m512bh>(a), transmute::<__m512, __m512bh>(b));
+            _mm512_dpbf16_ps(c, a, b)
+        }
+    }
+
+    #[inline(always)]
+    fn pack(self, first: __m512, second: __m512) -> __m512 {
+        // SAFETY: as above.
+        unsafe { transmute::<__m512bh, __m512>(_mm512_cvtne2ps_pbh(second, first)) }
+    }
+});
 
 impl Simd for Avx2 {
     arithmetic!(

@@ -120,7 +120,7 @@ impl Sizes {
         let padded_tiles = tiles + MOST_ROWS;
         Self {
             columns: whole_lines((TILE * tiles + 2 * rows) * weights.padded_inputs()) + SKEW,
-            inputs: whole_lines(padded_tiles * weights.padded_inputs()) + SKEW,
+            inputs: whole_lines(padded_tiles * weights.input_floats()) + SKEW,
             products: whole_lines(padded_tiles * weights.padded_outputs()) + SKEW,
             sums: whole_lines(TILE * tiles * weights.padded_outputs()) + SKEW,
             zeros: whole_lines(width * weights.inputs),
@@ -292,14 +292,20 @@ impl Batch<'_> {
         let channels = self.weights.padded_inputs();
         for tile in 0..run.count {
             let from = point_row * self.sizes.columns + (run.column + tile * TILE) * channels;
-            let to = (run.tile + tile) * channels;
-            for c in (0..channels).step_by(S::LANES) {
+            let to = (run.tile + tile) * self.weights.input_floats();
+            for c in (0..channels).step_by(S::LANES * S::PER_LANE) {
                 // SAFETY: a run has two columns more than its tiles have, and each of the six parts of the buffer
-                // room for the batch's tiles.
+                // room for the batch's tiles; where lanes hold two numbers, channels fill them.
                 unsafe {
                     let d = load_strided(simd, buffers.columns, from + c, channels);
-                    let v = transform::input(simd, d);
-                    store_strided(simd, buffers.inputs, to + c, self.sizes.inputs, &v);
+                    let mut v = transform::input(simd, d);
+                    if S::PER_LANE == 2 {
+                        let d = load_strided(simd, buffers.columns, from + c + S::LANES, channels);
+                        for (first, second) in v.iter_mut().zip(transform::input(simd, d)) {
+                            *first = simd.pack(*first, second);
+                        }
+                    }
+                    store_strided(simd, buffers.inputs, to + c / S::PER_LANE, self.sizes.inputs, &v);
                 }
             }
         }
@@ -376,26 +382,26 @@ unsafe fn multiply<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     buffers: &mut Buffers<'_>,
     ahead: [&[f32]; 5],
 ) {
-    let inputs = batch.weights.inputs;
-    let (padded, outputs) = (batch.weights.padded_inputs(), batch.weights.padded_outputs());
+    let depth = batch.weights.inputs / S::PER_LANE;
+    let (row, outputs) = (batch.weights.input_floats(), batch.weights.padded_outputs());
     let panel = COLUMNS * S::LANES;
     let mut ahead = Ahead::new(ahead, POINTS * (outputs / panel) * batch.count.div_ceil(ROWS));
     for point in 0..POINTS {
-        let filled = point * batch.sizes.inputs + batch.count * padded;
+        let filled = point * batch.sizes.inputs + batch.count * row;
         let missing = batch.count.next_multiple_of(ROWS) - batch.count;
         // Stale rows would give right results too, but stale numbers end as subnormals, which are slow.
-        buffers.inputs[filled..filled + missing * padded].fill(0.0);
+        buffers.inputs[filled..filled + missing * row].fill(0.0);
         for p in 0..outputs / panel {
-            let right_at = ((p * POINTS + point_row) * POINTS + point) * inputs * panel;
+            let right_at = ((p * POINTS + point_row) * POINTS + point) * depth * panel;
             let b = Operand { data: batch.weights.packed.as_slice(), at: right_at, row: 0, step: panel };
             for tile in (0..batch.count).step_by(ROWS) {
                 ahead.fetch();
-                let at = point * batch.sizes.inputs + tile * padded;
-                let a = Operand { data: buffers.inputs, at, row: padded, step: 1 };
+                let at = point * batch.sizes.inputs + tile * row;
+                let a = Operand { data: buffers.inputs, at, row, step: 1 };
                 // SAFETY: both buffers have room for `MOST_ROWS` tiles more than the batch has (what is read
                 // and written there is never used); the weights hold 36 points for each of the panels.
                 unsafe {
-                    let sums = multiply_add::<S, ROWS, COLUMNS>(simd, zero_tile(simd), inputs, a, b);
+                    let sums = multiply_add::<S, ROWS, COLUMNS>(simd, zero_tile(simd), depth, a, b);
                     let to = point * batch.sizes.products + tile * outputs + p * panel;
                     store_tile(simd, &sums, buffers.products, to, outputs);
                 }

@@ -2,14 +2,14 @@
 //!
 //! # Layout
 //! `[panel][point 6×6][input][output of the panel]`, a panel being as many outputs as a register tile has columns, so
-//! that a product reads them in one run.
+//! that a product reads them in one run. In bfloat16 two inputs share the place of one.
 
 use rayon::prelude::*;
 
 use super::{POINTS, transform};
 use crate::kernels::gemm::panel_vectors;
 use crate::kernels::scratch::AlignedBuffer;
-use crate::kernels::simd::{Isa, Kernel, Simd};
+use crate::kernels::simd::{Isa, Kernel, Simd, put_factor};
 
 /// Tells whether this method is the fastest: a transform costs as much for a vector with few channels as for a
 /// full one, so that fewer than half a vector on either side are left to the direct sums, but for few inputs whose
@@ -35,6 +35,11 @@ impl Weights {
         self.inputs.next_multiple_of(self.isa.lanes())
     }
 
+    /// Floats that a tile's transformed inputs take in the working memory.
+    pub(super) fn input_floats(&self) -> usize {
+        self.padded_inputs() / self.isa.per_lane()
+    }
+
     /// Outputs of a tile in the working memory: whole panels.
     pub(super) fn padded_outputs(&self) -> usize {
         self.outputs.next_multiple_of(self.vectors * self.isa.lanes())
@@ -47,16 +52,18 @@ impl Weights {
         weight: impl Fn(usize, usize) -> [f32; 9] + Sync,
         bias: impl Fn(usize) -> f32,
     ) -> Self {
+        let isa = isa.for_sums_over(inputs);
         let vectors = panel_vectors(isa.lanes(), outputs);
         let panel = vectors * isa.lanes();
         let padded = outputs.next_multiple_of(panel);
-        let mut packed = AlignedBuffer::zeros(POINTS * POINTS * inputs * padded);
-        let shares = packed.as_mut_slice().par_chunks_mut(PACKED_ROWS * POINTS * inputs * panel);
+        let depth = inputs / isa.per_lane();
+        let mut packed = AlignedBuffer::zeros(POINTS * POINTS * depth * padded);
+        let shares = packed.as_mut_slice().par_chunks_mut(PACKED_ROWS * POINTS * depth * panel);
         shares.enumerate().for_each(|(share, to)| {
             let (p, first) = (share * PACKED_ROWS / POINTS, share * PACKED_ROWS % POINTS);
             // Lanes past the last output repeat it: what they compute is not stored.
             let weight = |lane: usize, input: usize| weight((p * panel + lane).min(outputs - 1), input);
-            isa.run(PackPanel { to, inputs, panel, first, weight });
+            isa.run_products(PackPanel { to, inputs, panel, first, weight });
         });
         let mut bias_buffer = AlignedBuffer::zeros(padded);
         bias_buffer.as_mut_slice()[..outputs].iter_mut().enumerate().for_each(|(o, b)| *b = bias(o));
@@ -84,7 +91,7 @@ impl<W: Fn(usize, usize) -> [f32; 9]> Kernel for PackPanel<'_, W> {
     #[inline(always)]
     fn run<S: Simd>(self, _simd: S) {
         // Sixteen floats make a whole cache line; the panels of short vectors may be narrower.
-        if self.panel.is_multiple_of(16) { self.pack::<16>() } else { self.pack::<4>() }
+        if self.panel.is_multiple_of(16) { self.pack::<S, 16>() } else { self.pack::<S, 4>() }
     }
 }
 
@@ -95,7 +102,7 @@ impl<W: Fn(usize, usize) -> [f32; 9]> PackPanel<'_, W> {
         clippy::needless_range_loop,
         reason = "the loop transposes: an output becomes a lane of each tap"
     )]
-    fn pack<const TOGETHER: usize>(self) {
+    fn pack<S: Simd, const TOGETHER: usize>(self) {
         for lane in (0..self.panel).step_by(TOGETHER) {
             for input in 0..self.inputs {
                 let mut g = [[[0.0f64; TOGETHER]; 3]; 3];
@@ -117,13 +124,16 @@ impl<W: Fn(usize, usize) -> [f32; 9]> PackPanel<'_, W> {
                     }
                     let points = transform::weight(taps);
                     for (point, values) in points.iter().enumerate() {
-                        let at = ((row * POINTS + point) * self.inputs + input) * self.panel + lane;
+                        let step = (row * POINTS + point) * (self.inputs / S::PER_LANE) + input / S::PER_LANE;
+                        let at = step * self.panel + lane;
                         let to = &mut self.to[at..at + TOGETHER];
                         #[expect(
                             clippy::cast_possible_truncation,
                             reason = "rounds to the kernels' precision"
                         )]
-                        to.iter_mut().zip(values).for_each(|(to, value)| *to = *value as f32);
+                        for (to, value) in to.iter_mut().zip(values) {
+                            put_factor(to, S::PER_LANE, input, *value as f32);
+                        }
                     }
                 }
             }

@@ -2,7 +2,7 @@
 
 use super::layers::{LEVELS, condition_channels, filter_generator_name, has_filters};
 use crate::kernels::stream::Tensor;
-use crate::kernels::{Convolution, DynamicFilter, Isa};
+use crate::kernels::{Convolution, DynamicFilter};
 use crate::network::architecture::Architecture;
 use crate::network::inference::{Part, StreamBuilder};
 use crate::network::operations::LEAKY_SLOPE;
@@ -33,7 +33,7 @@ pub(in crate::network) fn stream(build: &mut StreamBuilder<'_>, architecture: &A
 
 fn up_convolution(build: &mut StreamBuilder<'_>, name: &str, input: Tensor, skip: Tensor) -> Tensor {
     let (weight, bias) = build.layer(name);
-    let packed = Convolution::up(Isa::current(), weight.len() / bias.len() / 9, weight, bias);
+    let packed = Convolution::up(build.isa, weight.len() / bias.len() / 9, weight, bias);
     build.network.convolution(input, packed, LEAKY_SLOPE, Some(skip))
 }
 
@@ -68,6 +68,6 @@ fn filter(
     let x = res_blocks(build, &[format!("{name}.1"), format!("{name}.2")], x);
     let (weight, bias) = build.layer(&format!("{name}.3.0"));
     let slope = build.values(&format!("{name}.3.1.weight"))[0];
-    let head = DynamicFilter::new(Isa::current(), size, weight, bias, slope);
+    let head = DynamicFilter::new(build.isa, size, weight, bias, slope);
     build.network.dynamic_filter(x, features, head)
 }
