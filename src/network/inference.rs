@@ -16,6 +16,9 @@ use crate::kernels::{Convolution, Geometry, Isa};
 /// Bytes per weight: itself, and Winograd's 36 points for 9 taps.
 const WEIGHT_BYTES: u64 = 5 * size_of::<f32>() as u64;
 
+/// The threads that a run needs memory for at least. More of them take more rows at a time, where there is memory for it.
+const FEWEST_THREADS: usize = 2;
+
 /// Some channels of a network's input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
@@ -79,20 +82,36 @@ impl Inference {
         }
     }
 
-    /// Estimates the bytes that a run on an image takes, the weights included, the image's own and the result's not.
-    pub(super) fn bytes(&self, architecture: &Architecture, height: usize, width: usize) -> u64 {
-        let rows = self.plan(height, width).bytes();
+    /// Estimates the bytes that a run on an image takes with `room` bytes more than the least to use, the weights
+    /// included, the image's own and the result's not.
+    pub(super) fn bytes(&self, architecture: &Architecture, [height, width]: [usize; 2], room: u64) -> u64 {
+        let rows = self.plan(height, width, room).bytes();
         rows as u64 + (architecture.parameters() + self.derived_weights as u64) * WEIGHT_BYTES
     }
 
-    /// The schedule for an image, which is continued by repetition to sides that the network can halve.
-    fn plan(&self, height: usize, width: usize) -> Plan<'_> {
+    /// The schedule for an image, which is continued by repetition to sides that the network can halve: for all threads,
+    /// or as many as take no more than `room` bytes beyond the least. It does not change what is computed.
+    fn plan(&self, height: usize, width: usize, room: u64) -> Plan<'_> {
         let padded = |side: usize| side.next_multiple_of(self.multiple);
-        Plan::new(&self.network, padded(height), padded(width), rayon::current_num_threads())
+        let plan = |threads| Plan::new(&self.network, padded(height), padded(width), threads);
+        let least = plan(FEWEST_THREADS);
+        let most = (least.bytes() as u64).saturating_add(room);
+        let fewer = |threads: &usize| Some(threads / 2);
+        let fitting = std::iter::successors(Some(rayon::current_num_threads()), fewer)
+            .take_while(|threads| *threads > FEWEST_THREADS)
+            .map(plan)
+            .find(|plan| plan.bytes() as u64 <= most);
+        fitting.unwrap_or(least)
     }
 
-    /// Restores an image; `map` is `[b, height, width]`, or `[b, 1, 1]` for a code that is the same everywhere.
-    pub(super) fn restore(&self, image: &ToneMappedImage, map: Option<ArrayView3<'_, f32>>) -> Array3<f32> {
+    /// Restores an image with `room` bytes more than the least to use; `map` is `[b, height, width]`, or `[b, 1, 1]` for
+    /// a code that is the same everywhere.
+    pub(super) fn restore(
+        &self,
+        image: &ToneMappedImage,
+        map: Option<ArrayView3<'_, f32>>,
+        room: u64,
+    ) -> Array3<f32> {
         let (height, width) = (image.height(), image.width());
         let of_part = |part: Part| match part {
             Part::Image => image.planes(),
@@ -116,7 +135,7 @@ impl Inference {
         // Who restores at the same time finds none, and makes another.
         let kept = || self.arena.lock().unwrap_or_else(PoisonError::into_inner);
         let mut arena = std::mem::take(&mut *kept());
-        let plan = self.plan(height, width);
+        let plan = self.plan(height, width, room);
         let Ok(()) = plan.run(&mut arena, &sources, sink, |_| Ok::<(), Infallible>(()));
         *kept() = arena;
         restored

@@ -21,6 +21,7 @@ pub mod weights;
 pub use crate::kernels::{keep_freed_memory, share_freed_memory};
 pub use architecture::{Architecture, Condition, Kind, Scales};
 pub use backend::Backend;
+pub(crate) use model::map_of_code;
 pub use model::{Model, Origin};
 pub use networks::Network;
 pub use parameters::{Initialisation, Parameter, Parameters, Values};

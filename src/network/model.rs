@@ -92,8 +92,7 @@ impl Model {
     /// [`Error::Config`] when the network needs a code and there is none; [`Error::Shape`] when the code has
     /// another length.
     pub fn restore(&self, image: &ToneMappedImage, code: Option<&KernelCode>) -> Result<ToneMappedImage> {
-        let map = code.map(|code| code.view().insert_axis(Axis(1)).insert_axis(Axis(2)));
-        self.run(image, map)
+        self.restore_in(image, code.map(map_of_code), u64::MAX)
     }
 
     /// Restores an image whose PSF changes from pixel to pixel.
@@ -109,17 +108,30 @@ impl Model {
             let expected = format!("{} × {} as the image has", image.height(), image.width());
             return Err(Error::shape("degradation map", expected, format!("{height} × {width}")));
         }
-        self.run(image, Some(map.view()))
+        self.restore_in(image, Some(map.view()), u64::MAX)
     }
 
-    fn run(&self, image: &ToneMappedImage, map: Option<ArrayView3<'_, f32>>) -> Result<ToneMappedImage> {
+    /// Restores an image with up to `room` bytes more than the least that it takes, which many threads make use of;
+    /// `map` has the image's sides, or is that of one code. The result does not depend on `room`.
+    pub(crate) fn restore_in(
+        &self,
+        image: &ToneMappedImage,
+        map: Option<ArrayView3<'_, f32>>,
+        room: u64,
+    ) -> Result<ToneMappedImage> {
         let map = if self.architecture().condition.uses_code() { Some(self.check_map(map)?) } else { None };
-        ToneMappedImage::from_planes(self.inference().restore(image, map))
+        ToneMappedImage::from_planes(self.inference().restore(image, map, room))
     }
 
-    /// Estimates the bytes of working memory that restoring an image of these sides takes.
+    /// Estimates the bytes of working memory that restoring an image of these sides takes at least, whatever the number
+    /// of threads.
     pub fn working_bytes(&self, height: usize, width: usize) -> u64 {
-        self.inference().bytes(self.architecture(), height, width)
+        self.working_bytes_in(height, width, 0)
+    }
+
+    /// Estimates the bytes that it takes with up to `room` bytes more than the least.
+    pub(crate) fn working_bytes_in(&self, height: usize, width: usize, room: u64) -> u64 {
+        self.inference().bytes(self.architecture(), [height, width], room)
     }
 
     fn inference(&self) -> &Inference {
@@ -144,6 +156,11 @@ impl Model {
         }
         Ok(map)
     }
+}
+
+/// A code as the degradation map of an image of one pixel.
+pub(crate) fn map_of_code(code: &KernelCode) -> ArrayView3<'_, f32> {
+    code.view().insert_axis(Axis(1)).insert_axis(Axis(2))
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use super::tiles::{ALIGNMENT, Restorer};
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
-use crate::network::Model;
+use crate::network::{Model, map_of_code};
 
 /// What a network is told about the PSF.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +24,8 @@ pub enum Conditioning {
 pub struct NetworkRestorer<'a> {
     model: &'a Model,
     conditioning: Conditioning,
+    /// Bytes beyond the least that many threads may take.
+    room: u64,
 }
 
 impl<'a> NetworkRestorer<'a> {
@@ -35,7 +37,7 @@ impl<'a> NetworkRestorer<'a> {
     pub fn new(model: &'a Model, conditioning: Conditioning) -> Result<Self> {
         let architecture = model.architecture();
         if !architecture.condition.uses_code() {
-            return Ok(Self { model, conditioning: Conditioning::None });
+            return Ok(Self { model, conditioning: Conditioning::None, room: u64::MAX });
         }
         let dim = match &conditioning {
             Conditioning::None => {
@@ -49,7 +51,19 @@ impl<'a> NetworkRestorer<'a> {
             let found = format!("{dim}; use the bank that the model was trained with");
             return Err(Error::shape("kernel code", format!("{} numbers", architecture.code_dim), found));
         }
-        Ok(Self { model, conditioning })
+        Ok(Self { model, conditioning, room: u64::MAX })
+    }
+
+    /// Takes no more than `bytes` beyond the least, however many threads there are.
+    #[must_use]
+    pub fn with_room(self, bytes: u64) -> Self {
+        Self { room: bytes, ..self }
+    }
+
+    /// Bytes beyond the least that restoring a window will take.
+    pub fn bytes_beyond_least(&self, height: usize, width: usize) -> u64 {
+        let bytes = self.model.working_bytes_in(height, width, self.room);
+        bytes - self.model.working_bytes(height, width)
     }
 }
 
@@ -67,14 +81,14 @@ impl Restorer for NetworkRestorer<'_> {
     }
 
     fn restore(&self, image: &ToneMappedImage, top: usize, left: usize) -> Result<ToneMappedImage> {
-        match &self.conditioning {
-            Conditioning::None => self.model.restore(image, None),
-            Conditioning::Code(code) => self.model.restore(image, Some(code)),
+        let map = match &self.conditioning {
+            Conditioning::None => None,
+            Conditioning::Code(code) => Some(map_of_code(code)),
             Conditioning::Map(map) => {
-                let window = s![.., top..top + image.height(), left..left + image.width()];
-                self.model.restore_with_map(image, &map.slice(window))
+                Some(map.slice(s![.., top..top + image.height(), left..left + image.width()]))
             }
-        }
+        };
+        self.model.restore_in(image, map, self.room)
     }
 }
 

@@ -24,7 +24,8 @@ pub trait Restorer {
     /// What tiles and windows start at multiples of, itself one of [`ALIGNMENT`].
     fn alignment(&self) -> usize;
 
-    /// Bytes that it takes to restore one window beside the window itself and the result.
+    /// Bytes that it takes at least to restore one window beside the window itself and the result, whatever the number of
+    /// threads: tiles are chosen by them, and results depend on tiles.
     fn window_bytes(&self, height: usize, width: usize) -> u64;
 
     /// Restores `image`, which starts at (`top`, `left`) of the whole image and ends before it or with it.
@@ -74,11 +75,16 @@ impl Tiling {
     pub fn within(height: usize, width: usize, max_bytes: u64, restorer: &dyn Restorer) -> Result<Self> {
         let most = |side: usize| side.div_ceil(SHORTEST_TILE);
         let mut best: Option<(usize, Self)> = None;
+        let mut least = u64::MAX;
         for count in 1..=most(width) {
             let columns = cut_evenly(width, count, restorer);
-            let fitting = (1..=most(height))
-                .map(|count| Self { rows: cut_evenly(height, count, restorer), columns: columns.clone() })
-                .find(|tiling| tiling.bytes(restorer) <= max_bytes);
+            let mut tilings = (1..=most(height))
+                .map(|count| Self { rows: cut_evenly(height, count, restorer), columns: columns.clone() });
+            let fitting = tilings.find(|tiling| {
+                let bytes = tiling.bytes(restorer);
+                least = least.min(bytes);
+                bytes <= max_bytes
+            });
             if let Some(tiling) = fitting
                 && best.as_ref().is_none_or(|(work, _)| tiling.work() < *work)
             {
@@ -86,13 +92,10 @@ impl Tiling {
             }
         }
         best.map(|(_, tiling)| tiling).ok_or_else(|| {
-            let halo = restorer.halo();
-            let cut = |side| cut(side, SHORTEST_TILE, halo);
-            let smallest = Self { rows: cut(height), columns: cut(width) };
             let reason = format!(
                 "{} are too few for an image of {height} × {width}; allow at least {}",
                 format_bytes(max_bytes),
-                format_bytes(smallest.bytes(restorer))
+                format_bytes(least)
             );
             Error::config("max-memory", reason)
         })
@@ -317,7 +320,9 @@ mod tests {
     fn names_the_smallest_limit_and_honours_it() {
         let message = Tiling::within(2448, 3264, 1 << 20, &Corners).unwrap_err().to_string();
         let smallest = message.split("at least ").nth(1).expect("a smallest limit").to_owned();
-        assert!(Tiling::within(2448, 3264, parse_bytes(&smallest).unwrap(), &Corners).is_ok(), "{message}");
+        let smallest = parse_bytes(&smallest).unwrap();
+        assert!(Tiling::within(2448, 3264, smallest, &Corners).is_ok(), "{message}");
+        assert!(Tiling::within(2448, 3264, smallest - (1 << 20), &Corners).is_err(), "{message}");
     }
 
     #[test]

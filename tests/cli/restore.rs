@@ -304,6 +304,32 @@ fn takes_no_more_memory_than_it_said() {
     }
 }
 
+/// Tiles are chosen by the memory that there is, and neither they nor the result depend on the number of threads.
+#[test]
+fn as_many_threads_as_there_are_make_the_same_image_in_the_same_windows() {
+    let scratch = scratch();
+    write_scene(&scratch.path().join("large.exr"), 400, 520);
+    let (model, code) = (model(), code());
+    let mut tilings = Vec::new();
+    for limit in ["37MiB", "38MiB", "39MiB", "41MiB", "60MiB"] {
+        let runs = ["1", "2", "16"].map(|threads| {
+            let output = format!("{limit}-{threads}.npy");
+            let how = ["--model", &model, "--code", &code, "--max-memory", limit, "--threads", threads];
+            let restore = [&["restore", "large.exr", "-v", "-o", &output], &how[..]].concat();
+            let run = udc(scratch.path(), &restore);
+            assert!(run.status.success(), "{run:?}");
+            let said = String::from_utf8(run.stderr).unwrap();
+            let windows = said.lines().find(|line| line.contains("windows of")).unwrap();
+            let tiling = windows.rsplit_once(',').unwrap().0.to_owned();
+            (tiling, std::fs::read(scratch.path().join(output)).unwrap())
+        });
+        assert!(runs.iter().all(|run| *run == runs[0]), "{limit}: {:?}", runs.map(|run| run.0));
+        tilings.push(runs[0].0.clone());
+    }
+    tilings.dedup();
+    assert!(tilings.len() > 1, "{tilings:?}");
+}
+
 #[test]
 fn refuses_too_little_memory_naming_what_would_do() {
     let scratch = scratch();

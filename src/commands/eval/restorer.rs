@@ -140,6 +140,8 @@ impl Degraded<'_> {
         };
         let restorer = NetworkRestorer::new(model, code)?;
         let tiling = Tiling::within(self.image.height(), self.image.width(), self.max_memory, &restorer)?;
+        let room = self.max_memory.saturating_sub(tiling.bytes(&restorer));
+        let restorer = restorer.with_room(room);
         restore_tiled(&curve.tone_map(self.image), &tiling, &restorer, &Progress::default())
     }
 

@@ -142,25 +142,36 @@ impl Engine {
                     Conditioning::Map(map) => (map.len() * size_of::<f32>()) as u64,
                     Conditioning::None | Conditioning::Code(_) => 0,
                 };
-                let others = map + self.other_bytes([image.height(), image.width()]);
-                let restorer = Beside { restorer: NetworkRestorer::new(model, conditioning)?, bytes: others };
+                // Tiles are chosen by what one thread takes: they, and results with them, do not depend on how many there are.
+                let others = map + self.other_bytes([image.height(), image.width()], 1);
+                let mut restorer =
+                    Beside { restorer: NetworkRestorer::new(model, conditioning)?, bytes: others };
                 let tiling = self.tiling(image.height(), image.width(), *tile, &restorer)?;
+                let least = tiling.bytes(&restorer);
+                let room = self.max_memory.saturating_sub(least);
+                let affordable = usize::try_from(room / THREAD_BYTES).unwrap_or(usize::MAX);
+                let more_threads = affordable.min(rayon::current_num_threads() - 1);
+                let thread_bytes = more_threads as u64 * THREAD_BYTES;
+                restorer.restorer = restorer.restorer.with_room(room - thread_bytes);
                 let (height, width) = tiling.window();
                 session.detail(format_args!(
                     "{} × {}: {} windows of up to {height} × {width}, {}",
                     image.height(),
                     image.width(),
                     tiling.len(),
-                    format_bytes(tiling.bytes(&restorer))
+                    format_bytes(least + thread_bytes + restorer.restorer.bytes_beyond_least(height, width))
                 ));
-                let restored = restore_tiled(&image, &tiling, &restorer, &progress)?;
+                let restored = with_threads(1 + more_threads, || {
+                    Ok(restore_tiled(&image, &tiling, &restorer, &progress)?)
+                })?;
                 let level = curve.compress(SATURATED_PART * saturation);
                 Ok(AnyImage::ToneMapped(blend_highlights(restored, &image, level, self.highlights)?))
             }
             Kind::Deconvolution { psf, config, .. } => {
                 let image = image.into_linear(curve);
                 let (size, of_psf) = ([image.height(), image.width()], [psf.height(), psf.width()]);
-                let bytes = deconvolution_bytes(size, of_psf, config) + self.other_bytes(size);
+                let others = self.other_bytes(size, rayon::current_num_threads());
+                let bytes = deconvolution_bytes(size, of_psf, config) + others;
                 session.detail(format_args!("{} × {}: {}", size[0], size[1], format_bytes(bytes)));
                 self.require(bytes, size)?;
                 let config = DeconvolutionConfig { saturation, ..*config };
@@ -209,11 +220,10 @@ impl Engine {
         Ok(tiling)
     }
 
-    /// What the program and the queue hold meanwhile, if all images are of this size.
-    fn other_bytes(&self, [height, width]: [usize; 2]) -> u64 {
+    /// What the program and the queue hold meanwhile with so many threads, if all images are of this size.
+    fn other_bytes(&self, [height, width]: [usize; 2], threads: usize) -> u64 {
         let frame = (CHANNELS * size_of::<f32>() * height * width) as u64;
-        let threads = rayon::current_num_threads() as u64;
-        PROGRAM_BYTES + threads * THREAD_BYTES + self.queued_frames.unwrap_or(0) * frame
+        PROGRAM_BYTES + threads as u64 * THREAD_BYTES + self.queued_frames.unwrap_or(0) * frame
     }
 
     fn require(&self, bytes: u64, [height, width]: [usize; 2]) -> Result<()> {
@@ -227,6 +237,14 @@ impl Engine {
         }
         Ok(())
     }
+}
+
+/// Runs work on so many threads, where there are more.
+fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
+    if threads >= rayon::current_num_threads() {
+        return work();
+    }
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build()?.install(work)
 }
 
 /// The code of the angle that explains a capture best; says what was found.
