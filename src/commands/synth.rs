@@ -58,7 +58,8 @@ pub(crate) struct SynthArgs {
     /// Make only the I-th of N parts; all parts may be made at the same time
     #[arg(long, value_name = "I/N", default_value = "1/1")]
     shard: Shard,
-    /// Go on with a dataset that was begun with the same flags; finished images are checked and kept
+    /// Go on with a dataset that was begun with the same flags; finished images are checked and kept, temporary files
+    /// that killed runs left more than an hour ago are removed
     #[arg(long)]
     resume: bool,
     /// Memory that may be used

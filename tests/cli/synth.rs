@@ -4,6 +4,8 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, SystemTime};
 
 use ndarray::Array3;
 use udc::core::dataset::{Dataset, NoiseConfig, Split};
@@ -148,6 +150,146 @@ fn resumes_where_a_killed_run_left_off() {
     assert_eq!(dataset.triplets, Dataset::open(&folder.path().join("whole")).unwrap().triplets);
     let images = |name: &str| contents(&folder.path().join(name).join("degraded"));
     assert!(images("whole") == images("killed"), "different bytes");
+}
+
+#[test]
+fn overwriting_one_shard_with_other_flags_voids_the_others() {
+    let folder = scratch();
+    let shard = |index: &str, more: &[&str]| {
+        synth(folder.path(), "dataset", &[&["--split", "train", "--shard", index], more].concat())
+    };
+    let made = |said: &str| said.lines().last().unwrap().to_owned();
+    shard("1/2", &[]);
+    shard("2/2", &[]);
+    // With the same flags the other shard stays.
+    shard("1/2", &["--overwrite"]);
+    assert!(shard("2/2", &["--resume"]).contains("0 images made, 6 were there"));
+    shard("1/2", &["--overwrite", "--x-max", "400"]);
+    let said = made(&shard("2/2", &["--resume", "--x-max", "400"]));
+    assert!(said.ends_with("6 images made"), "{said}");
+    synth(folder.path(), "whole", &["--split", "train", "--x-max", "400"]);
+    let images = |name: &str| contents(&folder.path().join(name).join("degraded"));
+    assert!(images("whole") == images("dataset"), "different bytes");
+    // Nor does anything stay of a dataset that cannot be read.
+    fs::write(folder.path().join("dataset/dataset.toml"), "damaged").unwrap();
+    shard("1/2", &["--overwrite", "--x-max", "400"]);
+    let said = made(&shard("2/2", &["--resume", "--x-max", "400"]));
+    assert!(said.ends_with("6 images made"), "{said}");
+}
+
+#[test]
+fn shards_may_start_together_in_a_new_folder() {
+    let folder = scratch();
+    write_field(folder.path(), "field.toml", &["psf.npy", "psf.npy"]);
+    let kernels = [&["--bank", "bank.safetensors"][..], &["--field", "field.toml"]];
+    for (index, (kernels, images)) in kernels.into_iter().zip([15, 5]).enumerate() {
+        let output = format!("dataset{index}");
+        let shards = ["1/4", "2/4", "3/4", "4/4"].map(|shard| {
+            let args = [&["synth", "views", "-o", &output, "--shard", shard][..], kernels].concat();
+            Command::new(env!("CARGO_BIN_EXE_udc"))
+                .args(args)
+                .current_dir(folder.path())
+                .stdout(Stdio::null())
+                .stderr(Stdio::piped())
+                .spawn()
+                .unwrap()
+        });
+        for shard in shards {
+            let ended = shard.wait_with_output().unwrap();
+            assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+        }
+        assert_eq!(Dataset::open(&folder.path().join(output)).unwrap().triplets.len(), images);
+    }
+}
+
+#[test]
+fn a_run_that_was_killed_before_it_described_the_dataset_is_taken_up() {
+    let folder = scratch();
+    write_field(folder.path(), "field.toml", &["psf.npy"]);
+    for (output, more) in
+        [("new", &[][..]), ("resumed", &["--resume"]), ("field", &["--field", "field.toml"])]
+    {
+        let root = folder.path().join(output);
+        synth(folder.path(), output, more);
+        for name in ["triplets.jsonl", "dataset.toml"] {
+            fs::remove_file(root.join(name)).unwrap();
+        }
+        for name in ["gt", "degraded"] {
+            fs::remove_dir_all(root.join(name)).unwrap();
+        }
+        fs::write(root.join(".udc-abcdef.partial"), "half").unwrap();
+        synth(folder.path(), output, more);
+        Dataset::open(&root).unwrap();
+    }
+    // A bank that is not this run's may be somebody's only copy.
+    fs::create_dir(folder.path().join("banks")).unwrap();
+    let bank = folder.path().join("banks/kernels.safetensors");
+    succeed(folder.path(), &["codes", "psf.npy", "--angles=0,9", "--dim", "1", "-o", bank.to_str().unwrap()]);
+    let args = ["synth", "views", "--bank", "bank.safetensors", "-o", "banks"];
+    assert!(fail(folder.path(), &args, 1).contains("holds no dataset"));
+}
+
+#[test]
+fn shards_do_not_share_out_other_scenes_than_they_began_with() {
+    let folder = scratch();
+    let flags = ["--split", "train", "--shard"];
+    let root = folder.path().join("dataset");
+    for shard in ["1/2", "2/2"] {
+        synth(folder.path(), "dataset", &[&flags[..], &[shard]].concat());
+    }
+    // The first by name, so that all others are dealt to the other shard.
+    let views = folder.path().join("views");
+    fs::copy(views.join("park_01.npy"), views.join("arch_01.npy")).unwrap();
+    for shard in ["1/2", "2/2"] {
+        let args = ["synth", "views", "--bank", "bank.safetensors", "-o", "dataset", "--resume"];
+        let said = fail(folder.path(), &[&args[..], &flags, &[shard]].concat(), 1);
+        assert!(said.contains("begun with other scenes") && said.contains("--overwrite"), "{said}");
+    }
+    assert_eq!(Dataset::open(&root).unwrap().triplets.len(), 15);
+    for shard in ["1/2", "2/2"] {
+        synth(folder.path(), "dataset", &[&flags[..], &[shard, "--overwrite"]].concat());
+    }
+    assert_eq!(Dataset::open(&root).unwrap().triplets.len(), 18);
+    // A scene behind all others changes nothing for them.
+    fs::copy(views.join("park_01.npy"), views.join("zoo_01.npy")).unwrap();
+    for shard in ["1/2", "2/2"] {
+        synth(folder.path(), "dataset", &[&flags[..], &[shard, "--resume"]].concat());
+    }
+    assert_eq!(Dataset::open(&root).unwrap().triplets.len(), 21);
+}
+
+#[test]
+fn resuming_makes_damaged_ground_truths_anew() {
+    let folder = scratch();
+    for (output, format) in [("exr", &[][..]), ("npy", &["--format", "npy"])] {
+        synth(folder.path(), output, format);
+        let path = folder.path().join(output).join(format!("gt/hall_02.{output}"));
+        let whole = fs::read(&path).unwrap();
+        fs::write(&path, &whole[..whole.len() - 500]).unwrap();
+        let said = synth(folder.path(), output, &[format, &["--resume"]].concat());
+        assert!(said.contains("3 images made, 12 were there"), "{said}");
+        assert!(fs::read(&path).unwrap() == whole, "different bytes");
+    }
+}
+
+#[test]
+fn temporary_files_of_killed_runs_are_removed_when_they_are_old() {
+    let folder = scratch();
+    synth(folder.path(), "dataset", &[]);
+    let root = folder.path().join("dataset");
+    for flag in ["--resume", "--overwrite"] {
+        let leave = |below: &str, hours: u64| {
+            let path = root.join(below).join(format!(".udc-{hours}.partial"));
+            let file = fs::File::create(&path).unwrap();
+            file.set_modified(SystemTime::now() - Duration::from_secs(3600 * hours)).unwrap();
+            path
+        };
+        let young = ["", "gt", "degraded/r+03"].map(|below| leave(below, 0));
+        let old = ["", "gt", "degraded/r+03"].map(|below| leave(below, 2));
+        synth(folder.path(), "dataset", &[flag]);
+        assert!(young.iter().all(|path| path.exists()), "a run that goes on has lost a file");
+        assert!(!old.iter().any(|path| path.exists()), "an abandoned file is still there");
+    }
 }
 
 #[test]

@@ -35,7 +35,7 @@ use super::provenance::Provenance;
 use super::psf::Psf;
 
 pub use array::{read_array, write_array};
-pub use atomic::{WriteSeek, check_output, write_atomically};
+pub use atomic::{WriteSeek, check_output, remove_abandoned, write_atomically};
 pub use bank::{
     bank_sha256, bank_sha256_of, encode_bank, read_bank, read_bank_codes, write_bank, write_published_bank,
 };
@@ -45,7 +45,7 @@ pub use describe::{
     PsfDescription, Statistics, describe, describe_psf,
 };
 pub use field::{read_field, read_psf_field, write_psf_field};
-pub use folder::{AppendFile, LineLog, create_folder, publish_folder, remove};
+pub use folder::{AppendFile, LineLog, create_folder, lock_folder, publish_folder, remove};
 pub use format::{Encoding, Format};
 pub use inputs::expand_inputs;
 pub use plain::{list_folder, read_bytes, read_code, read_text};
