@@ -73,8 +73,9 @@ impl SynthArgs {
         let needs = synthesis.needs().context("planning the synthesis")?;
         let ([height, width], count) = (needs.size, synthesis.scenes.len());
         session.say(format_args!(
-            "{count} scenes of {height} × {width} through {} kernels: {} images, at most {} on disk and {} of \
+            "{count} scenes of {}{height} × {width} through {} kernels: {} images, at most {} on disk and {} of \
              memory",
+            if needs.sizes_differ { "up to " } else { "" },
             synthesis.bank.len(),
             needs.images,
             format_bytes(needs.disk_bytes),

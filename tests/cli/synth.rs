@@ -514,6 +514,20 @@ fn refuses_a_folder_that_holds_something_else() {
     assert_eq!(files_below(&folder.path().join("views")).len(), 5);
 }
 
+/// The small scene comes first, and fits.
+#[test]
+fn memory_and_disk_are_those_of_the_largest_scene() {
+    let folder = scratch();
+    let image = LinearImage::from_planes(Array3::ones((3, 300, 200))).unwrap();
+    io::write_image(&folder.path().join("views/park_04.npy"), &image, &WriteOptions::default()).unwrap();
+    let args = ["synth", "views", "--bank", "bank.safetensors", "-o", "dataset", "--max-memory", "1MiB"];
+    let said = fail(folder.path(), &args, 1);
+    assert!(said.contains("scenes of 300 × 200 need"), "{said}");
+    assert!(!folder.path().join("dataset").exists(), "partial output");
+    let said = synth(folder.path(), "dataset", &[]);
+    assert!(said.contains("6 scenes of up to 300 × 200 through 3 kernels: 18 images"), "{said}");
+}
+
 #[test]
 fn less_memory_gives_the_same_images() {
     let folder = scratch();

@@ -22,6 +22,7 @@ mod plain;
 mod planes;
 mod raster;
 mod shared_input;
+mod size;
 mod tiff_directory;
 
 use std::path::Path;
@@ -50,6 +51,7 @@ pub use format::{Encoding, Format};
 pub use inputs::expand_inputs;
 pub use plain::{list_folder, read_bytes, read_code, read_text};
 pub use shared_input::SharedInput;
+pub use size::read_image_size;
 
 /// The largest number of pixels an image may have: 16384 × 16384, four times the largest panorama in use.
 pub const MAX_PIXELS: usize = 1 << 28;
