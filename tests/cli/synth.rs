@@ -429,6 +429,8 @@ fn a_dataset_of_a_field_is_not_taken_for_one_of_a_kernel() {
     let folder = scratch();
     write_field(folder.path(), "field.toml", &["psf.npy"]);
     write_field(folder.path(), "short.toml", &["psf.npy"; 0]);
+    let text = "rows = 4294967296\ncolumns = 4294967296\npsfs = []\n";
+    fs::write(folder.path().join("vast.toml"), text).unwrap();
     synth(folder.path(), "dataset", &["--field", "field.toml"]);
     let base = ["synth", "views", "--bank", "bank.safetensors", "-o", "dataset", "--resume"];
     assert!(fail(folder.path(), &base, 1).contains("another bank-sha256, field-sha256"));
@@ -442,6 +444,7 @@ fn a_dataset_of_a_field_is_not_taken_for_one_of_a_kernel() {
     succeed(folder.path(), &["eval", "dataset", "--method", "wiener", "--metrics", "psnr", "-o", "results"]);
     let refused = |file: &str| fail(folder.path(), &["synth", "views", "--field", file, "-o", "other"], 1);
     assert!(refused("short.toml").contains("at least 1 × 1 places"));
+    assert!(refused("vast.toml").contains("as many places as it names PSFs"));
     assert!(refused("missing.toml").contains("missing.toml"));
     assert!(!folder.path().join("other").exists());
 }
