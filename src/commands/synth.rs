@@ -5,7 +5,7 @@ mod options;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
-use clap::Args;
+use clap::{Args, value_parser};
 
 use udc::core::dataset::{BANK_FILE, DatasetConfig, FORMAT, Split, VERSION};
 use udc::core::field::PsfField;
@@ -15,6 +15,9 @@ use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, list_scenes}
 
 use super::Session;
 use options::{FormationArgs, KernelArgs, Kernels, SplitName, StorageArgs};
+
+/// The largest number that `dataset.toml` can hold.
+const MOST_SEED: u64 = i64::MAX.cast_unsigned();
 
 /// Synthesise degraded images of clean scenes by the image formation model
 ///
@@ -47,7 +50,7 @@ pub(crate) struct SynthArgs {
     #[command(flatten)]
     storage: StorageArgs,
     /// Seed of the noise and of the division into training and testing
-    #[arg(long, value_name = "S", default_value_t = 0)]
+    #[arg(long, value_name = "S", default_value_t = 0, value_parser = value_parser!(u64).range(..=MOST_SEED))]
     seed: u64,
     /// Share of the panoramas that is kept for testing
     #[arg(long, value_name = "SHARE", default_value_t = 0.15, conflicts_with = "split")]

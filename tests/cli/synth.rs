@@ -501,12 +501,20 @@ fn says_what_is_wrong_with_its_flags() {
     assert!(with(&["--noise", "sensor:sensor.toml"], 2).contains("full-wel-e"));
     assert!(with(&["--shard", "3/2"], 2).contains("I/N"));
     assert!(with(&["--boundary", "wrap"], 2).contains("replicate"));
+    assert!(with(&["--seed", "9223372036854775808"], 2).contains("9223372036854775807"));
     assert!(with(&["--x-max", "-5"], 2).contains("-5") || with(&["--x-max=-5"], 1).contains("x-max"));
     assert!(with(&["--test-fraction", "1.5"], 1).contains("test-fraction"));
     assert!(with(&["--max-memory", "100kB"], 1).contains("MiB at least"));
     let psf = fail(folder.path(), &["synth", "views", "--bank", "psf.npy", "-o", "out"], 1);
     assert!(psf.contains("psf.npy"), "{psf}");
     assert!(!folder.path().join("out").exists(), "partial output");
+}
+
+#[test]
+fn the_largest_seed_makes_a_dataset_that_opens() {
+    let folder = scratch();
+    synth(folder.path(), "dataset", &["--seed", "9223372036854775807"]);
+    Dataset::open(&folder.path().join("dataset")).unwrap();
 }
 
 #[test]

@@ -32,7 +32,7 @@ pub struct DatasetConfig {
     /// bank then holds the PSF in its middle.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub field_sha256: Option<String>,
-    /// Seed of the noise and of the split.
+    /// Seed of the noise and of the split; TOML holds at most `i64::MAX`.
     pub seed: u64,
     /// How the sources (panoramas) were divided: `test-fraction 0.15`, `all train`; behind it, the splits that were added
     /// since: `all train, test`.
@@ -51,7 +51,7 @@ pub struct DatasetConfig {
 pub struct FormationConfig {
     /// x_max of the clipping C.
     pub x_max: f32,
-    /// α of the tone mapping φ; stored images are linear, so that it only says what was meant.
+    /// α of the tone mapping φ. Stored images are linear; training and evaluation tone-map them with it.
     pub alpha: f32,
     /// What lies beyond the scene's border.
     pub boundary: Boundary,
