@@ -1,6 +1,7 @@
 //! Turns the text of `--angles` into angles.
 
 use crate::core::error::{Error, Result};
+use crate::core::kernel_code::round_angle;
 
 /// More rotations than anybody needs; a larger number is a mistyped step.
 const MOST_ANGLES: usize = 361;
@@ -34,7 +35,7 @@ fn parse_range(text: &str) -> Result<Vec<f64>> {
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to lie in 0..361")]
     let last = steps as usize;
-    Ok((0..=last).map(|i| start + i as f64 * step).collect())
+    Ok((0..=last).map(|i| round_angle(start + i as f64 * step)).collect())
 }
 
 fn parse_list(text: &str, separator: char) -> Result<Vec<f64>> {
@@ -63,7 +64,7 @@ mod tests {
     fn reads_a_range_with_its_stop() {
         let angles = parse_angles("-12:12:3").unwrap();
         assert_eq!(angles, [-12.0, -9.0, -6.0, -3.0, 0.0, 3.0, 6.0, 9.0, 12.0]);
-        assert_eq!(parse_angles("0:1:0.1").unwrap().len(), 11);
+        assert_eq!(parse_angles("0:1:0.1").unwrap(), [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]);
         assert_eq!(parse_angles("4:0:-3").unwrap(), [4.0, 1.0]);
     }
 

@@ -5,7 +5,7 @@ mod options;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
-use clap::Args;
+use clap::{Args, value_parser};
 
 use udc::core::dataset::{BANK_FILE, DatasetConfig, FORMAT, Split, VERSION};
 use udc::core::field::PsfField;
@@ -15,6 +15,9 @@ use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, list_scenes}
 
 use super::Session;
 use options::{FormationArgs, KernelArgs, Kernels, SplitName, StorageArgs};
+
+/// The largest number that `dataset.toml` can hold.
+const MOST_SEED: u64 = i64::MAX.cast_unsigned();
 
 /// Synthesise degraded images of clean scenes by the image formation model
 ///
@@ -47,7 +50,7 @@ pub(crate) struct SynthArgs {
     #[command(flatten)]
     storage: StorageArgs,
     /// Seed of the noise and of the division into training and testing
-    #[arg(long, value_name = "S", default_value_t = 0)]
+    #[arg(long, value_name = "S", default_value_t = 0, value_parser = value_parser!(u64).range(..=MOST_SEED))]
     seed: u64,
     /// Share of the panoramas that is kept for testing
     #[arg(long, value_name = "SHARE", default_value_t = 0.15, conflicts_with = "split")]
@@ -58,7 +61,8 @@ pub(crate) struct SynthArgs {
     /// Make only the I-th of N parts; all parts may be made at the same time
     #[arg(long, value_name = "I/N", default_value = "1/1")]
     shard: Shard,
-    /// Go on with a dataset that was begun with the same flags; finished images are checked and kept
+    /// Go on with a dataset that was begun with the same flags; finished images are checked and kept, temporary files
+    /// that killed runs left more than an hour ago are removed
     #[arg(long)]
     resume: bool,
     /// Memory that may be used
@@ -72,8 +76,9 @@ impl SynthArgs {
         let needs = synthesis.needs().context("planning the synthesis")?;
         let ([height, width], count) = (needs.size, synthesis.scenes.len());
         session.say(format_args!(
-            "{count} scenes of {height} × {width} through {} kernels: {} images, at most {} on disk and {} of \
+            "{count} scenes of {}{height} × {width} through {} kernels: {} images, at most {} on disk and {} of \
              memory",
+            if needs.sizes_differ { "up to " } else { "" },
             synthesis.bank.len(),
             needs.images,
             format_bytes(needs.disk_bytes),

@@ -20,15 +20,15 @@ impl FieldGrid {
     /// Makes a grid; one row or column stands for no variation in that direction.
     ///
     /// # Errors
-    /// [`Error::Config`] when a side is zero.
+    /// [`Error::Config`] when a side is zero, or there are more places than can be counted.
     pub fn new(rows: usize, columns: usize) -> Result<Self> {
-        if rows == 0 || columns == 0 {
-            return Err(Error::config(
-                "field",
-                format!("needs at least 1 × 1 places, found {rows} × {columns}"),
-            ));
+        let refuse =
+            |what: &str| Err(Error::config("field", format!("needs {what}, found {rows} × {columns}")));
+        match rows.checked_mul(columns) {
+            Some(0) => refuse("at least 1 × 1 places"),
+            Some(_) => Ok(Self { rows, columns }),
+            None => refuse("as many places as it names PSFs"),
         }
-        Ok(Self { rows, columns })
     }
 
     /// Number of rows of nodes.
@@ -158,5 +158,14 @@ mod tests {
         assert_eq!(grid.weights(4, [5, 7])[[2, 3]], 1.0);
         assert_eq!(grid.weights(8, [5, 7])[[4, 6]], 1.0);
         assert!(FieldGrid::new(0, 3).is_err());
+    }
+
+    /// The product of these sides is 0 in the integers of a processor.
+    #[test]
+    fn a_grid_of_more_places_than_can_be_counted_is_refused() {
+        let side = 1 << (usize::BITS / 2);
+        let message = FieldGrid::new(side, side).unwrap_err().to_string();
+        assert!(message.contains("as many places as it names PSFs"), "{message}");
+        assert!(FieldGrid::new(usize::MAX, 2).is_err());
     }
 }

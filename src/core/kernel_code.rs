@@ -158,12 +158,20 @@ impl KernelBank {
 
     /// The folder name of kernel `index` in a dataset: `r-12`, `r+03` for rotations, `k01` otherwise.
     pub fn kernel_name(&self, index: usize) -> String {
-        match &self.angles_deg {
-            Some(angles) if angles[index].fract() == 0.0 => format!("r{:+03.0}", angles[index]),
-            Some(angles) => format!("r{:+}", angles[index]),
+        match self.angles_deg.as_ref().map(|angles| round_angle(angles[index])) {
+            Some(angle) if angle.fract() == 0.0 => format!("r{angle:+03.0}"),
+            Some(angle) => format!("r{angle:+}"),
             None => format!("k{:02}", index + 1),
         }
     }
+}
+
+/// Rounds an angle to a billionth of a degree, below which angles are the same: sums of steps such as 3·0.1 become the
+/// numbers that were meant, and no zero is negative.
+pub fn round_angle(angle_deg: f64) -> f64 {
+    const PER_DEGREE: f64 = 1e9;
+    let rounded = (angle_deg * PER_DEGREE).round() / PER_DEGREE + 0.0;
+    if rounded.is_finite() { rounded } else { angle_deg }
 }
 
 #[cfg(test)]
@@ -185,6 +193,13 @@ mod tests {
     fn names_kernels_by_signed_angle() {
         let bank = bank(vec![-3.0, 12.0]).unwrap();
         assert_eq!((bank.kernel_name(0), bank.kernel_name(1)), ("r-03".into(), "r+12".into()));
+    }
+
+    #[test]
+    fn names_have_no_digits_of_rounding() {
+        let bank = bank(vec![3.0 * 0.1, -0.0]).unwrap();
+        assert_eq!((bank.kernel_name(0), bank.kernel_name(1)), ("r+0.3".into(), "r+00".into()));
+        assert!((round_angle(f64::MAX) / f64::MAX - 1.0).abs() < f64::EPSILON);
     }
 
     #[test]

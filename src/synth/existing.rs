@@ -7,7 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use crate::core::dataset::{CONFIG_FILE, DatasetConfig, Split, Triplet, TripletFiles};
+use crate::core::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Split, Triplet, TripletFiles};
 use crate::core::error::{Error, Result};
 use crate::core::io;
 
@@ -34,23 +34,25 @@ pub(super) struct Place {
     added: Option<Split>,
     /// The dataset's description with the added split, where it does not name it yet.
     pub(super) extended: Option<DatasetConfig>,
+    /// Lists that a run which begins anew removes.
+    outdated: Vec<String>,
 }
 
 impl Place {
-    /// Finds the place of a run, and checks that it may write there.
+    /// Finds the place of a run in a folder that is there, and checks that it may write there.
     ///
     /// # Errors
     /// [`Error::Config`] when the folder holds something else, a dataset that `existing` does not allow for, one made
     /// otherwise, or scenes of this run in another split.
     pub(super) fn find(root: &Path, synthesis: &Synthesis, existing: Existing) -> Result<Self> {
-        let mut place = Self { root: root.to_owned(), shard: synthesis.shard, added: None, extended: None };
-        if existing == Existing::Overwrite || !root.is_dir() {
-            return Ok(place);
-        }
-        let names = io::list_folder(root)?;
-        if names.contains(&CONFIG_FILE.to_owned()) {
-            place.join(&DatasetConfig::read(root)?, synthesis, existing, &names)?;
-        } else if names.iter().any(|name| !name.starts_with('.')) {
+        let (root, shard) = (root.to_owned(), synthesis.shard);
+        let mut place = Self { root, shard, added: None, extended: None, outdated: Vec::new() };
+        let names = io::list_folder(&place.root)?;
+        if existing == Existing::Overwrite {
+            place.outdated = place.outdated_lists(synthesis, &names);
+        } else if names.contains(&CONFIG_FILE.to_owned()) {
+            place.join(&DatasetConfig::read(&place.root)?, synthesis, existing, &names)?;
+        } else if names.iter().any(|name| !is_hidden(name)) && !place.is_begun(&synthesis.config, &names) {
             return place
                 .refuse("is not empty and holds no dataset; name another folder, or pass --overwrite");
         }
@@ -99,8 +101,31 @@ impl Place {
         Err(Error::config("output", format!("{} {reason}", self.root.display())))
     }
 
-    /// Refuses scenes and sources that another part of the dataset has, and a split that it has.
+    /// Whether the folder holds nothing but what a run writes before `dataset.toml`: the bank of this run, then its
+    /// field. Another shard may be about to describe the dataset, or a run was killed there.
+    fn is_begun(&self, config: &DatasetConfig, names: &[String]) -> bool {
+        let field = Path::new(FIELD_FILE);
+        let comes_first = |name: &str| {
+            is_hidden(name)
+                || [&config.bank, FIELD_FILE].contains(&name)
+                || field.file_stem().is_some_and(|folder| folder == name)
+        };
+        let bank = io::bank_sha256(&self.root.join(&config.bank));
+        bank.is_ok_and(|found| found == config.bank_sha256) && names.iter().all(|name| comes_first(name))
+    }
+
+    /// Refuses scenes and sources that another part of the dataset has, a split that it has, and scenes that another
+    /// shard was dealt.
     fn check_others(&self, scenes: &[Scene], names: &[String]) -> Result<()> {
+        for name in names.iter().filter(|name| self.is_of_another_shard(name)) {
+            if let Some(Scene { id, .. }) = first_dealt_otherwise(scenes, &listed(&self.root.join(name))?) {
+                let reason = format!(
+                    "was begun with other scenes: {id} of this shard does not fit in beside {name}; give the same \
+                     scenes, make the new ones in another folder, or make every shard anew with --overwrite"
+                );
+                return self.refuse(&reason);
+            }
+        }
         let mut others: Vec<Triplet> = Vec::new();
         for name in names.iter().filter(|name| is_list(name) && !self.is_of_this_part(name)) {
             others.extend(listed(&self.root.join(name))?);
@@ -146,15 +171,48 @@ impl Place {
         (0..count).any(|index| TripletFiles::name(self.added, index, count) == name)
     }
 
-    /// Removes this run's list, those of a dataset with another number of shards, and those of added splits; the lists
-    /// of runs that go on beside this one stay.
-    pub(super) fn remove_lists(&self) -> Result<()> {
-        let own = self.list();
-        let paths = io::list_folder(&self.root)?.into_iter().filter(|name| is_list(name));
-        paths
-            .filter(|name| self.root.join(name) == own || !self.belongs(name))
-            .try_for_each(|name| io::remove(&self.root.join(name)))
+    /// Whether a file lists triplets of the same part, made by another of as many shards.
+    fn is_of_another_shard(&self, name: &str) -> bool {
+        self.belongs(name) && self.root.join(name) != self.list()
     }
+
+    /// The lists that are void when this run begins anew: every list of a dataset that was made otherwise, or that
+    /// nobody can tell from one; else this run's, those of a dataset with another number of shards, those of added
+    /// splits, and those of shards that other scenes were dealt to. Lists of shards that go on beside this run stay.
+    fn outdated_lists(&self, synthesis: &Synthesis, names: &[String]) -> Vec<String> {
+        let is_same = DatasetConfig::read(&self.root).is_ok_and(|found| {
+            let division = first_division(&found.division).to_owned();
+            differing_keys(&DatasetConfig { division, ..found }, &synthesis.config).is_empty()
+        });
+        let stays = |name: &str| {
+            is_same
+                && self.is_of_another_shard(name)
+                && listed(&self.root.join(name))
+                    .is_ok_and(|listed| first_dealt_otherwise(&synthesis.scenes, &listed).is_none())
+        };
+        names.iter().filter(|name| is_list(name) && !stays(name)).cloned().collect()
+    }
+
+    /// Removes the lists of what a run that begins anew replaces.
+    pub(super) fn remove_lists(&self) -> Result<()> {
+        self.outdated.iter().try_for_each(|name| io::remove(&self.root.join(name)))
+    }
+}
+
+/// The first of a shard's scenes that another shard has listed, or whose source has another use there: the scenes that
+/// the shards share out have changed.
+fn first_dealt_otherwise<'a>(scenes: &'a [Scene], listed: &[Triplet]) -> Option<&'a Scene> {
+    let ids: BTreeSet<&str> = listed.iter().map(|triplet| triplet.id.as_str()).collect();
+    let sources: BTreeMap<&str, Split> = listed.iter().map(|t| (t.source.as_str(), t.split)).collect();
+    scenes.iter().find(|scene| {
+        let split = sources.get(scene.source.as_str());
+        ids.contains(scene.id.as_str()) || split.is_some_and(|split| *split != scene.split)
+    })
+}
+
+/// Whether a name is one of those that folder listings leave out; temporary files have such names.
+fn is_hidden(name: &str) -> bool {
+    name.starts_with('.')
 }
 
 const SPLITS: [Split; 3] = [Split::Train, Split::Test, Split::Val];

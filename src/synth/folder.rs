@@ -1,7 +1,8 @@
 //! Writes a dataset folder so that it can be interrupted at any moment and resumed.
 //!
 //! `dataset.toml` and the bank come first, then for every scene its ground truth, its degraded images and, at
-//! last, its lines in the list of triplets: what is listed is there.
+//! last, its lines in the list of triplets: what is listed is there. Temporary files of runs that were killed are
+//! removed when a run takes the folder up or begins anew, and nobody has changed them for an hour.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -11,6 +12,7 @@ use sha2::{Digest, Sha256};
 
 use crate::core::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Triplet};
 use crate::core::error::Result;
+use crate::core::image::Linear;
 use crate::core::io::{self, LineLog};
 use crate::core::psf::hex;
 
@@ -36,14 +38,20 @@ impl DatasetFolder {
     /// otherwise; [`Error::Io`] when the folder cannot be written.
     pub(super) fn prepare(root: &Path, synthesis: &Synthesis, existing: Existing) -> Result<Self> {
         let scenes = &synthesis.scenes;
-        let place = Place::find(root, synthesis, existing)?;
         io::create_folder(root)?;
+        // Shards that start together come here one after the other.
+        let turn = io::lock_folder(root);
+        let place = Place::find(root, synthesis, existing)?;
         if existing == Existing::Overwrite {
             place.remove_lists()?;
         }
         describe(root, synthesis, &place, existing == Existing::Overwrite)?;
         let list = place.list();
         let log = LineLog::open(&list)?;
+        drop(turn);
+        if existing != Existing::Refuse {
+            remove_abandoned(root)?;
+        }
         let mut folder = Self { root: root.to_owned(), list, log, finished: BTreeSet::new() };
         match existing {
             Existing::Resume => folder.resume(scenes)?,
@@ -101,6 +109,15 @@ impl DatasetFolder {
     }
 }
 
+/// Removes the temporary files of killed runs wherever a run writes.
+fn remove_abandoned(root: &Path) -> Result<()> {
+    let degraded = root.join("degraded");
+    let kernels = if degraded.is_dir() { io::list_folder(&degraded)? } else { Vec::new() };
+    let folders = kernels.iter().map(|name| degraded.join(name));
+    let folders = folders.chain([root.to_owned(), root.join("gt"), root.join(FIELD_FILE).with_extension("")]);
+    folders.filter(|folder| folder.is_dir()).try_for_each(|folder| io::remove_abandoned(&folder))
+}
+
 /// SHA-256 of a file, in hexadecimal.
 pub(super) fn sha256_of(path: &Path) -> Result<String> {
     Ok(hex(&Sha256::digest(io::read_bytes(path)?)))
@@ -137,15 +154,23 @@ pub(super) fn listed(list: &Path) -> Result<Vec<Triplet>> {
     Ok(text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect())
 }
 
-/// The triplets of a list whose files are there, the degraded image with the recorded hash.
+/// The triplets of a list whose files are there: the degraded image with the recorded hash, and a ground truth, whose
+/// hash nobody recorded, that can be read.
 fn finished_triplets(root: &Path, list: &Path) -> Result<Vec<Triplet>> {
     if !list.is_file() {
         return Ok(Vec::new());
     }
+    let triplets = listed(list)?;
+    let truths: BTreeSet<&str> = triplets.iter().map(|triplet| triplet.gt.as_str()).collect();
+    let truths: BTreeSet<String> = truths
+        .into_par_iter()
+        .filter(|gt| io::read_image::<Linear>(&root.join(gt)).is_ok())
+        .map(str::to_owned)
+        .collect();
     let intact = |triplet: &Triplet| {
-        root.join(&triplet.gt).is_file()
+        truths.contains(&triplet.gt)
             && sha256_of(&root.join(&triplet.degraded)).ok() == triplet.sha256
             && triplet.sha256.is_some()
     };
-    Ok(listed(list)?.into_par_iter().filter(intact).collect())
+    Ok(triplets.into_par_iter().filter(intact).collect())
 }

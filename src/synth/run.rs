@@ -1,5 +1,7 @@
 //! Synthesises a dataset: every scene through every kernel, into a folder.
 
+use std::cmp::Reverse;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -65,9 +67,11 @@ pub struct Synthesis {
 pub struct Needs {
     /// Number of degraded images.
     pub images: usize,
-    /// The first scene's height and width, which the others are assumed to have.
+    /// Height and width of the largest scenes.
     pub size: [usize; 2],
-    /// Memory and how it is used.
+    /// Whether other scenes have other sizes.
+    pub sizes_differ: bool,
+    /// Memory and how it is used, for the scenes that take the most.
     pub memory: MemoryPlan,
     /// Bytes on disk at most.
     pub disk_bytes: u64,
@@ -91,27 +95,38 @@ pub struct SceneReport {
 }
 
 impl Synthesis {
-    /// Says what the synthesis will take, from the size of the first scene.
+    /// Says what the synthesis will take, from the sizes that the scenes' files declare.
     ///
     /// # Errors
-    /// [`Error::Config`] when the memory does not suffice; [`Error::Io`] or [`Error::Format`] when the scene
-    /// cannot be read.
+    /// [`Error::Config`] when the memory does not suffice for the largest scene; [`Error::Io`] or [`Error::Format`]
+    /// when a scene cannot be read.
     pub fn needs(&self) -> Result<Needs> {
-        let Some(first) = self.scenes.first() else {
+        let mut counts = BTreeMap::new();
+        for scene in &self.scenes {
+            *counts.entry(io::read_image_size::<Linear>(&scene.path)?).or_insert(0) += 1;
+        }
+        // The largest first: it is the one to be refused.
+        let mut sizes: Vec<[usize; 2]> = counts.keys().copied().collect();
+        sizes.sort_by_key(|[height, width]| Reverse(height * width));
+        let plans: Vec<_> = sizes.iter().map(|&size| self.plan(size)).collect::<Result<_>>()?;
+        let (Some(&size), Some(memory)) = (sizes.first(), plans.into_iter().max_by_key(|plan| plan.bytes))
+        else {
             return Err(Error::config("scenes", "this shard has none; use fewer shards"));
         };
-        let first = io::read_image::<Linear>(&first.path)?;
-        let size = [first.height(), first.width()];
+        let sample_bytes = if self.config.half { 2 } else { 4 };
+        let image_bytes =
+            |[height, width]: [usize; 2]| (CHANNELS * height * width * sample_bytes) as u64 + HEADER_BYTES;
+        let truths: u64 = counts.iter().map(|(&size, &scenes)| scenes * image_bytes(size)).sum();
+        let images = self.scenes.len() * self.bank.len();
+        let disk_bytes = truths * (1 + self.bank.len() as u64) + self.bank_file.read()?.len() as u64;
+        Ok(Needs { images, size, sizes_differ: sizes.len() > 1, memory, disk_bytes })
+    }
+
+    /// Plans the work on scenes of one size.
+    fn plan(&self, size: [usize; 2]) -> Result<MemoryPlan> {
         let psf = &self.bank.psfs[0];
         let convolver = self.formation()?.convolver(size, [psf.height(), psf.width()])?;
-        let memory =
-            MemoryPlan::new(&convolver, self.kernels(), rayon::current_num_threads(), self.max_bytes)?;
-        let sample_bytes = if self.config.half { 2 } else { 4 };
-        let image_bytes = (CHANNELS * size[0] * size[1] * sample_bytes) as u64 + HEADER_BYTES;
-        let images = self.scenes.len() * self.bank.len();
-        let disk_bytes =
-            (images + self.scenes.len()) as u64 * image_bytes + self.bank_file.read()?.len() as u64;
-        Ok(Needs { images, size, memory, disk_bytes })
+        MemoryPlan::new(&convolver, self.kernels(), rayon::current_num_threads(), self.max_bytes)
     }
 
     /// Makes the dataset in the folder `root`, telling `on_scene` of each scene as it is done.

@@ -118,9 +118,11 @@ impl<'a> Run<'a> {
 
     /// The kernels' transforms for scenes of `size`: those of the last scene where they fit.
     fn take_kernels(&mut self, size: [usize; 2]) -> Result<Kernels<'a>> {
-        match self.kernels.take() {
-            Some(kernels) if kernels.convolver.image_size() == size => Ok(kernels),
-            _ => Kernels::new(&self.formation, self.synthesis.kernels(), size, self.synthesis.max_bytes),
+        // Those of another size are let go first: memory is planned for one size at a time.
+        let kept = self.kernels.take().filter(|kernels| kernels.convolver.image_size() == size);
+        match kept {
+            Some(kernels) => Ok(kernels),
+            None => Kernels::new(&self.formation, self.synthesis.kernels(), size, self.synthesis.max_bytes),
         }
     }
 

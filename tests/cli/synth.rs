@@ -4,6 +4,8 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, SystemTime};
 
 use ndarray::Array3;
 use udc::core::dataset::{Dataset, NoiseConfig, Split};
@@ -151,6 +153,146 @@ fn resumes_where_a_killed_run_left_off() {
 }
 
 #[test]
+fn overwriting_one_shard_with_other_flags_voids_the_others() {
+    let folder = scratch();
+    let shard = |index: &str, more: &[&str]| {
+        synth(folder.path(), "dataset", &[&["--split", "train", "--shard", index], more].concat())
+    };
+    let made = |said: &str| said.lines().last().unwrap().to_owned();
+    shard("1/2", &[]);
+    shard("2/2", &[]);
+    // With the same flags the other shard stays.
+    shard("1/2", &["--overwrite"]);
+    assert!(shard("2/2", &["--resume"]).contains("0 images made, 6 were there"));
+    shard("1/2", &["--overwrite", "--x-max", "400"]);
+    let said = made(&shard("2/2", &["--resume", "--x-max", "400"]));
+    assert!(said.ends_with("6 images made"), "{said}");
+    synth(folder.path(), "whole", &["--split", "train", "--x-max", "400"]);
+    let images = |name: &str| contents(&folder.path().join(name).join("degraded"));
+    assert!(images("whole") == images("dataset"), "different bytes");
+    // Nor does anything stay of a dataset that cannot be read.
+    fs::write(folder.path().join("dataset/dataset.toml"), "damaged").unwrap();
+    shard("1/2", &["--overwrite", "--x-max", "400"]);
+    let said = made(&shard("2/2", &["--resume", "--x-max", "400"]));
+    assert!(said.ends_with("6 images made"), "{said}");
+}
+
+#[test]
+fn shards_may_start_together_in_a_new_folder() {
+    let folder = scratch();
+    write_field(folder.path(), "field.toml", &["psf.npy", "psf.npy"]);
+    let kernels = [&["--bank", "bank.safetensors"][..], &["--field", "field.toml"]];
+    for (index, (kernels, images)) in kernels.into_iter().zip([15, 5]).enumerate() {
+        let output = format!("dataset{index}");
+        let shards = ["1/4", "2/4", "3/4", "4/4"].map(|shard| {
+            let args = [&["synth", "views", "-o", &output, "--shard", shard][..], kernels].concat();
+            Command::new(env!("CARGO_BIN_EXE_udc"))
+                .args(args)
+                .current_dir(folder.path())
+                .stdout(Stdio::null())
+                .stderr(Stdio::piped())
+                .spawn()
+                .unwrap()
+        });
+        for shard in shards {
+            let ended = shard.wait_with_output().unwrap();
+            assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+        }
+        assert_eq!(Dataset::open(&folder.path().join(output)).unwrap().triplets.len(), images);
+    }
+}
+
+#[test]
+fn a_run_that_was_killed_before_it_described_the_dataset_is_taken_up() {
+    let folder = scratch();
+    write_field(folder.path(), "field.toml", &["psf.npy"]);
+    for (output, more) in
+        [("new", &[][..]), ("resumed", &["--resume"]), ("field", &["--field", "field.toml"])]
+    {
+        let root = folder.path().join(output);
+        synth(folder.path(), output, more);
+        for name in ["triplets.jsonl", "dataset.toml"] {
+            fs::remove_file(root.join(name)).unwrap();
+        }
+        for name in ["gt", "degraded"] {
+            fs::remove_dir_all(root.join(name)).unwrap();
+        }
+        fs::write(root.join(".udc-abcdef.partial"), "half").unwrap();
+        synth(folder.path(), output, more);
+        Dataset::open(&root).unwrap();
+    }
+    // A bank that is not this run's may be somebody's only copy.
+    fs::create_dir(folder.path().join("banks")).unwrap();
+    let bank = folder.path().join("banks/kernels.safetensors");
+    succeed(folder.path(), &["codes", "psf.npy", "--angles=0,9", "--dim", "1", "-o", bank.to_str().unwrap()]);
+    let args = ["synth", "views", "--bank", "bank.safetensors", "-o", "banks"];
+    assert!(fail(folder.path(), &args, 1).contains("holds no dataset"));
+}
+
+#[test]
+fn shards_do_not_share_out_other_scenes_than_they_began_with() {
+    let folder = scratch();
+    let flags = ["--split", "train", "--shard"];
+    let root = folder.path().join("dataset");
+    for shard in ["1/2", "2/2"] {
+        synth(folder.path(), "dataset", &[&flags[..], &[shard]].concat());
+    }
+    // The first by name, so that all others are dealt to the other shard.
+    let views = folder.path().join("views");
+    fs::copy(views.join("park_01.npy"), views.join("arch_01.npy")).unwrap();
+    for shard in ["1/2", "2/2"] {
+        let args = ["synth", "views", "--bank", "bank.safetensors", "-o", "dataset", "--resume"];
+        let said = fail(folder.path(), &[&args[..], &flags, &[shard]].concat(), 1);
+        assert!(said.contains("begun with other scenes") && said.contains("--overwrite"), "{said}");
+    }
+    assert_eq!(Dataset::open(&root).unwrap().triplets.len(), 15);
+    for shard in ["1/2", "2/2"] {
+        synth(folder.path(), "dataset", &[&flags[..], &[shard, "--overwrite"]].concat());
+    }
+    assert_eq!(Dataset::open(&root).unwrap().triplets.len(), 18);
+    // A scene behind all others changes nothing for them.
+    fs::copy(views.join("park_01.npy"), views.join("zoo_01.npy")).unwrap();
+    for shard in ["1/2", "2/2"] {
+        synth(folder.path(), "dataset", &[&flags[..], &[shard, "--resume"]].concat());
+    }
+    assert_eq!(Dataset::open(&root).unwrap().triplets.len(), 21);
+}
+
+#[test]
+fn resuming_makes_damaged_ground_truths_anew() {
+    let folder = scratch();
+    for (output, format) in [("exr", &[][..]), ("npy", &["--format", "npy"])] {
+        synth(folder.path(), output, format);
+        let path = folder.path().join(output).join(format!("gt/hall_02.{output}"));
+        let whole = fs::read(&path).unwrap();
+        fs::write(&path, &whole[..whole.len() - 500]).unwrap();
+        let said = synth(folder.path(), output, &[format, &["--resume"]].concat());
+        assert!(said.contains("3 images made, 12 were there"), "{said}");
+        assert!(fs::read(&path).unwrap() == whole, "different bytes");
+    }
+}
+
+#[test]
+fn temporary_files_of_killed_runs_are_removed_when_they_are_old() {
+    let folder = scratch();
+    synth(folder.path(), "dataset", &[]);
+    let root = folder.path().join("dataset");
+    for flag in ["--resume", "--overwrite"] {
+        let leave = |below: &str, hours: u64| {
+            let path = root.join(below).join(format!(".udc-{hours}.partial"));
+            let file = fs::File::create(&path).unwrap();
+            file.set_modified(SystemTime::now() - Duration::from_secs(3600 * hours)).unwrap();
+            path
+        };
+        let young = ["", "gt", "degraded/r+03"].map(|below| leave(below, 0));
+        let old = ["", "gt", "degraded/r+03"].map(|below| leave(below, 2));
+        synth(folder.path(), "dataset", &[flag]);
+        assert!(young.iter().all(|path| path.exists()), "a run that goes on has lost a file");
+        assert!(!old.iter().any(|path| path.exists()), "an abandoned file is still there");
+    }
+}
+
+#[test]
 fn refuses_to_resume_with_other_flags_or_to_replace_a_dataset() {
     let folder = scratch();
     synth(folder.path(), "dataset", &[]);
@@ -287,6 +429,8 @@ fn a_dataset_of_a_field_is_not_taken_for_one_of_a_kernel() {
     let folder = scratch();
     write_field(folder.path(), "field.toml", &["psf.npy"]);
     write_field(folder.path(), "short.toml", &["psf.npy"; 0]);
+    let text = "rows = 4294967296\ncolumns = 4294967296\npsfs = []\n";
+    fs::write(folder.path().join("vast.toml"), text).unwrap();
     synth(folder.path(), "dataset", &["--field", "field.toml"]);
     let base = ["synth", "views", "--bank", "bank.safetensors", "-o", "dataset", "--resume"];
     assert!(fail(folder.path(), &base, 1).contains("another bank-sha256, field-sha256"));
@@ -300,6 +444,7 @@ fn a_dataset_of_a_field_is_not_taken_for_one_of_a_kernel() {
     succeed(folder.path(), &["eval", "dataset", "--method", "wiener", "--metrics", "psnr", "-o", "results"]);
     let refused = |file: &str| fail(folder.path(), &["synth", "views", "--field", file, "-o", "other"], 1);
     assert!(refused("short.toml").contains("at least 1 × 1 places"));
+    assert!(refused("vast.toml").contains("as many places as it names PSFs"));
     assert!(refused("missing.toml").contains("missing.toml"));
     assert!(!folder.path().join("other").exists());
 }
@@ -356,6 +501,7 @@ fn says_what_is_wrong_with_its_flags() {
     assert!(with(&["--noise", "sensor:sensor.toml"], 2).contains("full-wel-e"));
     assert!(with(&["--shard", "3/2"], 2).contains("I/N"));
     assert!(with(&["--boundary", "wrap"], 2).contains("replicate"));
+    assert!(with(&["--seed", "9223372036854775808"], 2).contains("9223372036854775807"));
     assert!(with(&["--x-max", "-5"], 2).contains("-5") || with(&["--x-max=-5"], 1).contains("x-max"));
     assert!(with(&["--test-fraction", "1.5"], 1).contains("test-fraction"));
     assert!(with(&["--max-memory", "100kB"], 1).contains("MiB at least"));
@@ -365,11 +511,32 @@ fn says_what_is_wrong_with_its_flags() {
 }
 
 #[test]
+fn the_largest_seed_makes_a_dataset_that_opens() {
+    let folder = scratch();
+    synth(folder.path(), "dataset", &["--seed", "9223372036854775807"]);
+    Dataset::open(&folder.path().join("dataset")).unwrap();
+}
+
+#[test]
 fn refuses_a_folder_that_holds_something_else() {
     let folder = scratch();
     let message = fail(folder.path(), &["synth", "views", "--bank", "bank.safetensors", "-o", "views"], 1);
     assert!(message.contains("holds no dataset"), "{message}");
     assert_eq!(files_below(&folder.path().join("views")).len(), 5);
+}
+
+/// The small scene comes first, and fits.
+#[test]
+fn memory_and_disk_are_those_of_the_largest_scene() {
+    let folder = scratch();
+    let image = LinearImage::from_planes(Array3::ones((3, 300, 200))).unwrap();
+    io::write_image(&folder.path().join("views/park_04.npy"), &image, &WriteOptions::default()).unwrap();
+    let args = ["synth", "views", "--bank", "bank.safetensors", "-o", "dataset", "--max-memory", "1MiB"];
+    let said = fail(folder.path(), &args, 1);
+    assert!(said.contains("scenes of 300 × 200 need"), "{said}");
+    assert!(!folder.path().join("dataset").exists(), "partial output");
+    let said = synth(folder.path(), "dataset", &[]);
+    assert!(said.contains("6 scenes of up to 300 × 200 through 3 kernels: 18 images"), "{said}");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use clap::Args;
 use ndarray::{Array1, Axis};
 
 use udc::codes::{interpolate_code, project};
-use udc::core::io::{bank_sha256, read_array, read_bank, read_bank_codes, read_psf};
+use udc::core::io::{is_bank_of_sha256, read_array, read_bank, read_bank_codes, read_psf};
 use udc::core::kernel_code::{KernelBank, KernelCode};
 use udc::network::Model;
 use udc::restore::Conditioning;
@@ -153,7 +153,7 @@ fn projected(bank: &Path, psf: &Path, session: &Session) -> Result<KernelCode> {
 
 fn check_bank(bank: &Path, model: &Model, session: &Session) -> Result<()> {
     let Some(expected) = &model.origin().kernel_bank_sha256 else { return Ok(()) };
-    if bank_sha256(bank)? != *expected {
+    if !is_bank_of_sha256(bank, expected)? {
         session.warn(format_args!(
             "{} is not the bank that the model was trained with (SHA-256 {}…): its codes may mean something else",
             bank.display(),

@@ -47,7 +47,8 @@ pub(super) struct FormationArgs {
     /// Irradiance at which the sensor saturates [default: 500]
     #[arg(long, value_name = "X")]
     x_max: Option<f32>,
-    /// Irradiance that the tone mapping maps to one half; only recorded [default: 0.25]
+    /// Irradiance that the tone mapping maps to one half: stored images stay linear, and training and evaluation
+    /// tone-map them with it [default: 0.25]
     #[arg(long, value_name = "A")]
     alpha: Option<f32>,
     /// What lies beyond the scene's border [default: zero]

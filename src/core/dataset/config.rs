@@ -24,13 +24,15 @@ pub struct DatasetConfig {
     pub program: String,
     /// Kernel bank, relative to the folder.
     pub bank: String,
-    /// SHA-256 of the bank's file.
+    /// Identity of the bank: SHA-256 of its file's header and codes, the header holding the PSFs' own hash
+    /// ([`bank_sha256`](crate::core::io::bank_sha256)). Other software may record the SHA-256 of the whole file: such
+    /// a dataset opens, with the identity in its place.
     pub bank_sha256: String,
     /// SHA-256 of the PSFs of the field file [`FIELD_FILE`](super::FIELD_FILE), where the PSF changes over the frame; the
     /// bank then holds the PSF in its middle.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub field_sha256: Option<String>,
-    /// Seed of the noise and of the split.
+    /// Seed of the noise and of the split; TOML holds at most `i64::MAX`.
     pub seed: u64,
     /// How the sources (panoramas) were divided: `test-fraction 0.15`, `all train`; behind it, the splits that were added
     /// since: `all train, test`.
@@ -49,7 +51,7 @@ pub struct DatasetConfig {
 pub struct FormationConfig {
     /// x_max of the clipping C.
     pub x_max: f32,
-    /// α of the tone mapping φ; stored images are linear, so that it only says what was meant.
+    /// α of the tone mapping φ. Stored images are linear; training and evaluation tone-map them with it.
     pub alpha: f32,
     /// What lies beyond the scene's border.
     pub boundary: Boundary,

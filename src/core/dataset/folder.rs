@@ -20,17 +20,19 @@ pub const BANK_FILE: &str = "kernels.safetensors";
 pub const FIELD_FILE: &str = "field.toml";
 
 pub(super) fn open(root: &Path) -> Result<Dataset> {
-    let config = DatasetConfig::read(root)?;
+    let mut config = DatasetConfig::read(root)?;
     let bank_path = root.join(&config.bank);
     let sha256 = io::bank_sha256(&bank_path)?;
-    if sha256 != config.bank_sha256 {
+    if !io::is_bank_of_sha256(&bank_path, &config.bank_sha256)? {
         let reason = format!(
-            "is not the kernel bank of this dataset (its SHA-256 is {sha256}, {CONFIG_FILE} records {}); put \
-             the original back or synthesise again",
+            "is not the kernel bank of this dataset (the SHA-256 of its header and codes is {sha256}, {CONFIG_FILE} \
+             records {}); put the original back or synthesise again",
             config.bank_sha256
         );
         return Err(Error::format(bank_path, reason));
     }
+    // The identity that models and restorations know a bank by.
+    config.bank_sha256 = sha256;
     let bank = io::read_bank(&bank_path)?;
     let kernels = (0..bank.len()).map(|index| bank.kernel_name(index)).collect();
     let codes = (0..bank.len()).map(|index| bank.code(index).to_owned()).collect();

@@ -1,10 +1,11 @@
 use std::fs;
 
 use ndarray::{Array1, Array3};
+use sha2::{Digest, Sha256};
 
 use super::*;
 use crate::core::io::WriteOptions;
-use crate::core::psf::Psf;
+use crate::core::psf::{Psf, hex};
 
 const NAME: &str = "PANEL_new";
 
@@ -153,6 +154,17 @@ fn refuses_another_bank_and_another_version() {
     assert!(version.contains("version 2; this program reads version 1"), "{version}");
     fs::write(folder.path().join(CONFIG_FILE), "format = \"other\"").unwrap();
     assert!(message(Dataset::open(folder.path())).contains("udc-dataset"));
+}
+
+#[test]
+fn a_bank_may_be_recorded_by_the_hash_of_its_whole_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = own(folder.path());
+    let file = fs::read(folder.path().join(BANK_FILE)).unwrap();
+    let recorded = DatasetConfig { bank_sha256: hex(&Sha256::digest(file)), ..config.clone() };
+    assert_ne!(recorded, config);
+    fs::write(folder.path().join(CONFIG_FILE), recorded.to_toml()).unwrap();
+    assert_eq!(Dataset::open(folder.path()).unwrap().config, Some(config));
 }
 
 #[test]

@@ -2,10 +2,21 @@
 
 use std::io::{self, BufWriter, Seek, Write};
 use std::path::Path;
+use std::time::{Duration, SystemTime};
 
 use tempfile::{Builder, NamedTempFile};
 
+use super::folder::remove;
+use super::plain::list_folder;
 use crate::core::error::{Error, Result};
+
+/// How temporary files are named: with random letters between the two.
+const PREFIX: &str = ".udc-";
+const SUFFIX: &str = ".partial";
+
+/// How long a temporary file is left alone after its last change: any file is written in much less, and a file of a run
+/// that still goes on must not be taken away.
+const ABANDONED_AFTER: Duration = Duration::from_secs(60 * 60);
 
 /// Large enough that a frame is written in few system calls.
 const BUFFER_BYTES: usize = 1 << 20;
@@ -41,6 +52,25 @@ pub fn write_atomically(
         Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => Err(exists(path)),
         Err(error) => Err(fail(error.error)),
     }
+}
+
+/// Removes the temporary files directly inside of a folder that killed runs left there: those that nobody has changed
+/// for an hour. Younger ones may be of a run that goes on.
+///
+/// # Errors
+/// [`Error::Io`] when the folder cannot be listed or a file cannot be removed.
+pub fn remove_abandoned(folder: &Path) -> Result<()> {
+    let now = SystemTime::now();
+    for name in list_folder(folder)? {
+        let path = folder.join(&name);
+        // A file that is renamed meanwhile is no longer there, and one of the future is young.
+        let changed = path.symlink_metadata().and_then(|file| file.modified()).unwrap_or(now);
+        let is_old = now.duration_since(changed).is_ok_and(|age| age > ABANDONED_AFTER);
+        if name.starts_with(PREFIX) && name.ends_with(SUFFIX) && is_old {
+            remove(&path)?;
+        }
+    }
+    Ok(())
 }
 
 /// Checks that an output may be written, before the work that makes it starts.
@@ -80,9 +110,29 @@ fn folder_of(path: &Path) -> &Path {
 
 fn temporary_beside(path: &Path) -> io::Result<NamedTempFile> {
     let mut builder = Builder::new();
-    builder.prefix(".udc-").suffix(".partial");
+    builder.prefix(PREFIX).suffix(SUFFIX);
     // Temporary files are private by default; outputs follow the user's umask as any other file.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     builder.tempfile_in(folder_of(path))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::{self, File};
+
+    use super::*;
+
+    #[test]
+    fn only_old_temporary_files_are_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let hour = Duration::from_secs(3600);
+        for (name, age) in [(".udc-a.partial", 2), (".udc-b.partial", 0), (".udc-a", 2), ("a.partial", 2)] {
+            let file = File::create(folder.path().join(name)).unwrap();
+            file.set_modified(SystemTime::now() - age * hour).unwrap();
+        }
+        fs::create_dir(folder.path().join("inner")).unwrap();
+        remove_abandoned(folder.path()).unwrap();
+        assert_eq!(list_folder(folder.path()).unwrap(), [".udc-a", ".udc-b.partial", "a.partial", "inner"]);
+    }
 }

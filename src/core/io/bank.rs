@@ -82,11 +82,22 @@ pub fn write_published_bank(folder: &Path, name: &str, bank: &KernelBank, overwr
 /// The identity of a bank, by which other files refer to it: SHA-256 of its header and codes, in hexadecimal.
 /// The header holds the PSFs' own hash, so that a large bank is identified without being read.
 ///
+/// This is not the SHA-256 of the file; see [`is_bank_of_sha256`].
+///
 /// # Errors
-/// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is no bank.
+/// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is no bank, or not as long as its header says.
 pub fn bank_sha256(path: &Path) -> Result<String> {
     let head = open(path).and_then(|file| Head::read(file).map_err(|reason| Error::format(path, reason)))?;
     Ok(head.sha256())
+}
+
+/// Whether a bank is the one that a file recorded by `sha256`: its identity ([`bank_sha256`]), or, as other software
+/// may have recorded it, the SHA-256 of the whole file, which is read only where the identity is another.
+///
+/// # Errors
+/// As [`bank_sha256`].
+pub fn is_bank_of_sha256(path: &Path, sha256: &str) -> Result<bool> {
+    Ok(bank_sha256(path)? == sha256 || hex(&Sha256::digest(read_all(path)?)) == sha256)
 }
 
 /// As [`bank_sha256`], of a bank's bytes.
@@ -144,6 +155,12 @@ impl Head {
         let table: Metadata = serde_json::from_slice(&header[length.len()..])
             .map_err(|error| format!("is no safetensors file: {error}"))?;
         let metadata = table.metadata().clone().unwrap_or_default();
+        let length = file.seek(SeekFrom::End(0)).map_err(unreadable)?;
+        let tensors = length.saturating_sub(header.len() as u64);
+        if tensors != table.data_len() as u64 {
+            let declared = table.data_len();
+            return Err(format!("is damaged: its tensors take {declared} bytes, and {tensors} are there"));
+        }
         let codes = table.info("codes").ok_or("has no tensor `codes`")?;
         let [count, dim] = codes.shape[..] else {
             return Err(format!("tensor `codes` has shape {:?}; expected two axes", codes.shape));
@@ -154,7 +171,7 @@ impl Head {
                 codes.shape, codes.dtype
             ));
         }
-        let start = (header.len() + codes.data_offsets.0) as u64;
+        let start = (header.len() as u64).saturating_add(codes.data_offsets.0 as u64);
         file.seek(SeekFrom::Start(start)).map_err(unreadable)?;
         let mut bytes = vec![0; count * dim * size_of::<f32>()];
         file.read_exact(&mut bytes).map_err(|_| "is damaged: it ends within its codes")?;

@@ -13,6 +13,7 @@ mod write;
 use std::io::Cursor;
 use std::path::Path;
 
+use ::exr::math::Vec2;
 use ::exr::meta::MetaData;
 use ::exr::meta::attribute::{AttributeValue, SampleType, Text};
 use ::exr::meta::header::Header;
@@ -64,6 +65,21 @@ pub(super) fn provenance_of_head(bytes: &[u8]) -> Option<Provenance> {
     let (meta, _) = read_meta(bytes).ok()?;
     let json = text_attribute(meta.headers.first()?, PROVENANCE_ATTRIBUTE)?;
     serde_json::from_str(&json).ok()
+}
+
+/// The height and width of the image in a file that starts with `bytes`, and its domain; `None` where reading the file
+/// would be an error.
+pub(super) fn size_of_head(
+    path: &Path,
+    bytes: &[u8],
+    file_bytes: u64,
+) -> Option<([usize; 2], Option<DomainTag>)> {
+    let (meta, _) = read_meta(bytes).ok()?;
+    limits::check(path, &meta, usize::try_from(file_bytes).ok()?).ok()?;
+    let header = &meta.headers[layers::choose_layer(&meta, None).ok()?.header];
+    let Vec2(width, height) = header.shared_attributes.display_window.size;
+    let domain = text_attribute(header, DOMAIN_ATTRIBUTE).and_then(|name| DomainTag::from_name(&name));
+    Some(([height, width], domain))
 }
 
 /// The headers of all parts, and where they end.

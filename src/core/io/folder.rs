@@ -14,6 +14,16 @@ pub fn create_folder(folder: &Path) -> Result<()> {
     fs::create_dir_all(folder).map_err(|source| Error::io("create", folder, source))
 }
 
+/// Waits until no other process holds a folder, and holds it until the returned file is dropped, or the process ends.
+///
+/// Processes that do not ask are not kept out. Where folders cannot be locked, as on some network file systems and on
+/// Windows, nobody waits and nothing is returned.
+pub fn lock_folder(folder: &Path) -> Option<File> {
+    let file = File::open(folder).ok()?;
+    file.lock().ok()?;
+    Some(file)
+}
+
 /// Removes a folder with all that is in it, or a file; nothing happens when there is none.
 ///
 /// # Errors

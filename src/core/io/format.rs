@@ -73,7 +73,8 @@ impl Format {
         EXTENSIONS.iter().find(|(name, _)| *name == extension).map(|(_, format)| *format)
     }
 
-    fn of_contents(start: &[u8]) -> Option<Self> {
+    /// The format of a file by its first bytes.
+    pub(super) fn of_contents(start: &[u8]) -> Option<Self> {
         const SIGNATURES: [(&[u8], Format); 7] = [
             (&[0x76, 0x2f, 0x31, 0x01], Format::Exr),
             (b"\x93NUMPY", Format::Npy),

@@ -22,6 +22,7 @@ mod plain;
 mod planes;
 mod raster;
 mod shared_input;
+mod size;
 mod tiff_directory;
 
 use std::path::Path;
@@ -35,9 +36,10 @@ use super::provenance::Provenance;
 use super::psf::Psf;
 
 pub use array::{read_array, write_array};
-pub use atomic::{WriteSeek, check_output, write_atomically};
+pub use atomic::{WriteSeek, check_output, remove_abandoned, write_atomically};
 pub use bank::{
-    bank_sha256, bank_sha256_of, encode_bank, read_bank, read_bank_codes, write_bank, write_published_bank,
+    bank_sha256, bank_sha256_of, encode_bank, is_bank_of_sha256, read_bank, read_bank_codes, write_bank,
+    write_published_bank,
 };
 pub use container::{TensorData, write_safetensors};
 pub use describe::{
@@ -45,11 +47,12 @@ pub use describe::{
     PsfDescription, Statistics, describe, describe_psf,
 };
 pub use field::{read_field, read_psf_field, write_psf_field};
-pub use folder::{AppendFile, LineLog, create_folder, publish_folder, remove};
+pub use folder::{AppendFile, LineLog, create_folder, lock_folder, publish_folder, remove};
 pub use format::{Encoding, Format};
 pub use inputs::expand_inputs;
 pub use plain::{list_folder, read_bytes, read_code, read_text};
 pub use shared_input::SharedInput;
+pub use size::read_image_size;
 
 /// The largest number of pixels an image may have: 16384 × 16384, four times the largest panorama in use.
 pub const MAX_PIXELS: usize = 1 << 28;

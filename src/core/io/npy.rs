@@ -197,6 +197,14 @@ pub(super) fn decode_image(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encodin
     decode().map_err(|reason: String| Error::format(path, reason))
 }
 
+/// The height and width of the image in a file that starts with `bytes`; `None` where it is none.
+pub(super) fn size_of_head(bytes: &[u8]) -> Option<[usize; 2]> {
+    let (text, _) = split_header(bytes).ok()?;
+    let shape = parse_shape(entry(text, "shape").ok()?).ok()?;
+    let (channels, height, width) = Layout::of_shape(&shape, false).ok()?.shape;
+    [1, 3].contains(&channels).then_some([height, width])
+}
+
 /// Where an image array keeps its channels, rows and columns.
 struct Layout {
     /// Channels, height, width.

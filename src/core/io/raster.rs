@@ -72,6 +72,18 @@ fn decode_dynamic(bytes: &[u8], format: Format) -> Result<DynamicImage, String> 
     DynamicImage::from_decoder(decoder).map_err(damaged)
 }
 
+/// The height and width of the image in a PNG, JPEG or Radiance HDR file that starts with `bytes`; `None` where its
+/// header is damaged or goes on.
+pub(super) fn size_of_head(bytes: &[u8], format: Format) -> Option<[usize; 2]> {
+    let dimensions = || {
+        let reader = ImageReader::with_format(Cursor::new(bytes), image_format(format));
+        reader.into_decoder().map(|decoder| decoder.dimensions()).map_err(|error| error.to_string())
+    };
+    let (width, height) = guarded(dimensions).ok()?;
+    let size = [usize::try_from(height).ok()?, usize::try_from(width).ok()?];
+    (1..=MAX_PIXELS).contains(&size[0].checked_mul(size[1])?).then_some(size)
+}
+
 fn image_format(format: Format) -> ImageFormat {
     match format {
         Format::Png => ImageFormat::Png,

@@ -5,6 +5,7 @@ mod damage;
 mod exr;
 mod fixtures;
 mod outputs;
+mod size;
 
 use ndarray::Array3;
 

@@ -57,16 +57,21 @@ fn codes_of_a_cut_or_foreign_file_are_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.safetensors");
     let bytes = encode_bank(&bank());
-    for (length, expected) in [(4, "no kernel bank"), (100, "no safetensors"), (bytes.len() / 2, "")] {
+    // Half of the file holds the codes, which come first, and still it is no whole bank.
+    for (length, expected) in [
+        (4, "no kernel bank"),
+        (100, "no safetensors"),
+        (bytes.len() / 2, "bytes, and"),
+        (bytes.len() - 1, "bytes, and"),
+    ] {
         std::fs::write(&path, &bytes[..length]).unwrap();
-        let found = read_bank_codes(&path);
-        // Half of the file holds the codes, which come first.
-        assert!(if expected.is_empty() {
-            found.is_ok()
-        } else {
-            found.unwrap_err().to_string().contains(expected)
-        });
+        for message in [read_bank_codes(&path).map(|_| ()), bank_sha256(&path).map(|_| ())] {
+            let message = message.unwrap_err().to_string();
+            assert!(message.contains(expected), "{length} bytes: {message}");
+        }
     }
+    std::fs::write(&path, [&bytes[..], b"more"].concat()).unwrap();
+    assert!(read_bank_codes(&path).unwrap_err().to_string().contains("damaged"));
     std::fs::write(&path, [255; 64]).unwrap();
     assert!(read_bank_codes(&path).unwrap_err().to_string().contains("too long"));
 }
