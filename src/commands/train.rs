@@ -79,18 +79,18 @@ impl TrainArgs {
             session.warn("there is no val or test split; the training is not validated");
         }
         session.detail(format!("{} parameters", config.architecture.parameters()));
+        let identity = source.identity()?;
         let measures = validation_measures(&config.validation)?;
         let train = |data: &dyn TrainingData| {
             let validation = validation.as_ref().map(|data| data as &dyn TrainingData);
-            let (kernel_bank_sha256, progress) = (source.bank_sha256(), &session.progress);
             let job = Job {
                 config: &config,
                 data,
                 validation,
                 measures: &measures,
-                kernel_bank_sha256,
+                identity,
                 backend: self.backend,
-                progress,
+                progress: &session.progress,
             };
             job.run(&self.output, start)
         };

@@ -7,6 +7,7 @@
 mod checkpoint;
 mod config;
 mod data;
+mod identity;
 mod loss;
 mod optimizer;
 mod run;
@@ -21,6 +22,7 @@ pub use config::{
     TrainConfig, ValidationConfig,
 };
 pub use data::{Degrade, InMemory, OnTheFlyData, Patch, StoredData, TrainingData, Window};
+pub use identity::DataIdentity;
 pub use run::{Job, Outcome, Start, read_config};
 pub use sampler::Sampler;
 pub use schedule::learning_rate;

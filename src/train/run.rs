@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use super::checkpoint::{Best, Checkpoint, Checkpoints};
 use super::config::TrainConfig;
 use super::data::TrainingData;
+use super::identity::DataIdentity;
 use super::tensorboard::{self, EventLog};
 use super::trainer::{Step, Trainer};
 use super::validation::{Validation, ValidationScore, Validator};
@@ -36,8 +37,8 @@ pub struct Job<'a> {
     pub validation: Option<&'a dyn TrainingData>,
     /// The configuration's `validation.metrics`, ready to measure.
     pub measures: &'a [Measure],
-    /// Identity of the kernel bank behind the codes.
-    pub kernel_bank_sha256: Option<String>,
+    /// What tells the data from others; it goes into the models.
+    pub identity: DataIdentity,
     /// Where to compute.
     pub backend: Backend,
     /// Where to report, and whom to ask whether to stop.
@@ -182,7 +183,10 @@ impl Job<'_> {
     /// differently.
     fn describe(&self, iteration: u64) -> Value {
         let config = serde_json::to_value(self.config).expect("configurations are plain data");
-        json!({"program": concat!("udc ", env!("CARGO_PKG_VERSION")), "iteration": iteration, "config": config})
+        json!({
+            "program": concat!("udc ", env!("CARGO_PKG_VERSION")), "iteration": iteration, "config": config,
+            "tone-curve": self.identity.tone_curve,
+        })
     }
 }
 
@@ -304,7 +308,7 @@ impl Run {
             parameters: self.trainer.weights().clone(),
             origin: Origin {
                 training: Some(job.describe(self.trainer.iteration())),
-                kernel_bank_sha256: job.kernel_bank_sha256.clone(),
+                kernel_bank_sha256: job.identity.kernel_bank_sha256.clone(),
                 state_dict: None,
             },
         }

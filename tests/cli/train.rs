@@ -11,6 +11,7 @@ use udc::core::image::LinearImage;
 use udc::core::io;
 use udc::core::kernel_code::{CodeBasis, KernelBank};
 use udc::core::psf::Psf;
+use udc::core::tone::ToneCurve;
 use udc::network::Model;
 
 use super::common::{fail, succeed};
@@ -62,12 +63,17 @@ pub(crate) fn prepare(folder: &Path) {
         division: "test-fraction 0.25".to_owned(),
         image_format: "npy".to_owned(),
         half: false,
-        formation: FormationConfig::default(),
+        formation: FormationConfig { alpha: curve().alpha, ..FormationConfig::default() },
     };
     fs::write(root.join("dataset.toml"), config.to_toml()).expect("the folder is writable");
     let lines: Vec<String> = (0..8).map(|index| write_triplet(&root, index / 2, index % 2)).collect();
     fs::write(root.join("triplets.jsonl"), lines.join("\n")).expect("the folder is writable");
     fs::write(folder.join("config.toml"), CONFIG).expect("the folder is writable");
+}
+
+/// Another one than the published.
+fn curve() -> ToneCurve {
+    ToneCurve { alpha: 0.3, ..ToneCurve::default() }
 }
 
 fn bank() -> KernelBank {
@@ -142,6 +148,7 @@ fn trains_a_network_that_learns_and_can_be_loaded() {
     assert_eq!(model.architecture().features, 2);
     let bank_sha256 = io::bank_sha256(&folder.path().join("dataset/kernels.safetensors")).unwrap();
     assert_eq!(model.origin().kernel_bank_sha256, Some(bank_sha256));
+    assert_eq!(model.origin().tone_curve(), Some(curve()));
     assert!(Model::load(&run.join("best.safetensors")).is_ok());
     let resolved = fs::read_to_string(run.join("config.toml")).unwrap();
     assert!(resolved.contains("learning-rate = 0.003") && resolved.contains("beta1 = 0.9"), "{resolved}");

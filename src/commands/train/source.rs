@@ -16,7 +16,7 @@ use udc::core::kernel_code::KernelBank;
 use udc::core::rng::Rng;
 use udc::core::tone::ToneCurve;
 use udc::synth::Formation;
-use udc::train::{Degradation, TrainConfig};
+use udc::train::{DataIdentity, Degradation, TrainConfig};
 
 /// Everything that samples are made of, opened once.
 pub(super) enum Source {
@@ -80,12 +80,17 @@ impl Source {
         }
     }
 
-    /// Identity of the kernel bank, where there is one.
-    pub(super) fn bank_sha256(&self) -> Option<String> {
-        match self {
-            Self::Stored(dataset) => dataset.config.as_ref().map(|config| config.bank_sha256.clone()),
-            Self::OnTheFly(live, _) => Some(live.bank_sha256.clone()),
-        }
+    /// What tells the data from others.
+    pub(super) fn identity(&self) -> CoreResult<DataIdentity> {
+        Ok(match self {
+            Self::Stored(dataset) => DataIdentity {
+                kernel_bank_sha256: dataset.config.as_ref().map(|config| config.bank_sha256.clone()),
+                tone_curve: dataset.formation.curve()?,
+            },
+            Self::OnTheFly(live, _) => {
+                DataIdentity { kernel_bank_sha256: Some(live.bank_sha256.clone()), tone_curve: live.curve }
+            }
+        })
     }
 }
 
