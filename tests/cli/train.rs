@@ -386,6 +386,24 @@ fn refuses_to_mix_runs() {
 }
 
 #[test]
+fn images_of_a_triplet_must_be_of_one_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let options = io::WriteOptions { overwrite: true, ..Default::default() };
+    for (height, width) in [(20, 30), (26, 40)] {
+        let clean = LinearImage::from_planes(Array3::ones((3, height, width))).unwrap();
+        for scene in 0..3 {
+            let path = folder.join(format!("dataset/gt/scene{scene}.npy"));
+            io::write_image(&path, &clean, &options).unwrap();
+        }
+        let message = fail(folder, &["train", "config.toml", "--data", "dataset", "-o", "run"], 1);
+        assert!(message.contains(&format!("expected {height} × {width}, found 26 × 30")), "{message}");
+        assert!(message.contains("degraded/k0"), "{message}");
+    }
+}
+
+#[test]
 fn names_what_is_wrong_with_a_configuration() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
