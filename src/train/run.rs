@@ -50,7 +50,7 @@ pub struct Job<'a> {
 pub enum Start {
     /// From these weights, or random ones, in a folder without a run.
     New(Option<Parameters>),
-    /// The same, after removing a run that is there.
+    /// The same, after removing a run that is there, once a step of the new one was rehearsed.
     Replace(Option<Parameters>),
     /// From the latest checkpoint.
     Resume,
@@ -137,8 +137,11 @@ impl Job<'_> {
             }
             None => (Trainer::new(self.config, initial, self.data.len(), self.backend)?, None),
         };
-        // Only now, when nothing is missing any more.
         if replaces {
+            if holds_run(folder)? {
+                // Rehearsed, so that the old run is not lost to data or settings that no step can be made with.
+                trainer.clone().step(self.data)?;
+            }
             remove_run(folder)?;
         }
         io::create_folder(folder)?;
@@ -190,11 +193,15 @@ impl Job<'_> {
     }
 }
 
-/// Refuses a folder in which a run has got somewhere; one that failed at its first step may be begun again.
-fn refuse_run(folder: &Path) -> Result<()> {
+/// Whether a run has got somewhere in a folder; one that failed at its first step may be begun again.
+fn holds_run(folder: &Path) -> Result<bool> {
     let log = folder.join(LOG_FILE);
     let has_log = log.is_file() && !io::read_text(&log)?.is_empty();
-    if has_log || [CHECKPOINTS, MODEL_FILE].iter().any(|name| folder.join(name).exists()) {
+    Ok(has_log || [CHECKPOINTS, MODEL_FILE].iter().any(|name| folder.join(name).exists()))
+}
+
+fn refuse_run(folder: &Path) -> Result<()> {
+    if holds_run(folder)? {
         let reason = "there is a run already; pass --resume to go on with it, --overwrite to begin anew, or name \
                       another folder";
         return Err(Error::format(folder, reason));

@@ -404,6 +404,21 @@ fn images_of_a_triplet_must_be_of_one_size() {
 }
 
 #[test]
+fn a_run_is_only_replaced_by_one_that_can_begin() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    train(folder, "run", &["--set", "iterations=2"]);
+    let before = result(folder, "run");
+    let run = ["train", "config.toml", "--data", "dataset", "-o", "run", "--overwrite"];
+    let message = fail(folder, &[&run[..], &["--set", "data.crop=27"]].concat(), 1);
+    assert!(message.contains("27 pixels do not fit"), "{message}");
+    assert!(before == result(folder, "run"), "the old run is as it was");
+    succeed(folder, &[&run[..], &["--set", "iterations=3"]].concat());
+    assert_eq!(losses(&result(folder, "run").1).len(), 3);
+}
+
+#[test]
 fn names_what_is_wrong_with_a_configuration() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
