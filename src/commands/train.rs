@@ -1,6 +1,6 @@
 //! `udc train`.
 
-mod source;
+pub(super) mod source;
 
 use std::path::{Path, PathBuf};
 

@@ -26,6 +26,9 @@ const FIRST: &str = "first-moment/";
 const SECOND: &str = "second-moment/";
 const AVERAGE: &str = "average/";
 
+/// What is put before the names of what the data are told apart by.
+const DATA: &str = "data/";
+
 /// The best validation so far, by the metric that the configuration chose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Best {
@@ -39,6 +42,8 @@ pub(super) struct Best {
 pub(super) struct Checkpoint {
     pub(super) state: State,
     pub(super) best: Option<Best>,
+    /// What the data are told apart by, part by part; nothing in states of older versions.
+    pub(super) data: BTreeMap<String, String>,
 }
 
 /// The folder of a run's checkpoints.
@@ -112,6 +117,7 @@ impl Checkpoint {
             metadata.insert("best-iteration".to_owned(), best.iteration.to_string());
             metadata.insert("best-value".to_owned(), best.value.to_string());
         }
+        metadata.extend(self.data.iter().map(|(name, part)| (format!("{DATA}{name}"), part.clone())));
         io::write_safetensors(path, &tensors, &metadata, false)
     }
 
@@ -143,7 +149,9 @@ impl Checkpoint {
             }),
             _ => None,
         };
-        Ok(Self { state: State { iteration, parameters, moments, average }, best })
+        let part = |(key, part): (&String, &String)| Some((key.strip_prefix(DATA)?.to_owned(), part.clone()));
+        let data = metadata.iter().filter_map(part).collect();
+        Ok(Self { state: State { iteration, parameters, moments, average }, best, data })
     }
 }
 
@@ -182,7 +190,8 @@ mod tests {
         let state = State { iteration, parameters: random(1), moments, average };
         let best = Some(Best { iteration: 3, value: 0.973_618_558_394_455_9 });
         let weights = Weights { parameters: random(1), architecture, origin: Origin::default() };
-        (Checkpoint { state, best }, weights)
+        let data = BTreeMap::from([("images-sha256".to_owned(), "ab".to_owned())]);
+        (Checkpoint { state, best, data }, weights)
     }
 
     #[test]

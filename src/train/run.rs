@@ -37,7 +37,7 @@ pub struct Job<'a> {
     pub validation: Option<&'a dyn TrainingData>,
     /// The configuration's `validation.metrics`, ready to measure.
     pub measures: &'a [Measure],
-    /// What tells the data from others; it goes into the models.
+    /// What tells the data from others; it goes into models and states.
     pub identity: DataIdentity,
     /// Where to compute.
     pub backend: Backend,
@@ -95,7 +95,7 @@ impl Job<'_> {
     ///
     /// # Errors
     /// [`Error::Format`] when the folder holds a run that is not to be replaced, or none to resume;
-    /// [`Error::Config`] when a resumed run was configured otherwise; those of the data and of
+    /// [`Error::Config`] when a resumed run was configured otherwise or learned from other data; those of the data and of
     /// [`Trainer::step`]. Checkpoints are kept whatever happens.
     pub fn run(&self, folder: &Path, start: Start) -> Result<Outcome> {
         self.config.validate()?;
@@ -132,7 +132,8 @@ impl Job<'_> {
         };
         let begins_with_weights = initial.is_some();
         let (trainer, best) = match checkpoint {
-            Some(Checkpoint { state, best }) => {
+            Some(Checkpoint { state, best, data }) => {
+                self.identity.check_same(&data)?;
                 (Trainer::from_state(self.config, state, self.data.len(), self.backend)?, best)
             }
             None => (Trainer::new(self.config, initial, self.data.len(), self.backend)?, None),
@@ -304,7 +305,8 @@ impl Run {
     fn save_checkpoint(&self, job: &Job<'_>) -> Result<()> {
         self.log.sync()?;
         let weights = self.weights(job);
-        let checkpoint = Checkpoint { state: self.trainer.state.clone(), best: self.best };
+        let (state, data) = (self.trainer.state.clone(), job.identity.parts());
+        let checkpoint = Checkpoint { state, best: self.best, data };
         self.checkpoints.save(&checkpoint, &weights, job.config.checkpoint.keep)?;
         weights::write(&self.folder.join(MODEL_FILE), &weights, true)
     }

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::common::{fail, succeed};
-use super::train::{CONFIG, kill_after_lines, prepare};
+use super::train::{CONFIG, kill_after_lines, prepare, prepare_other_data};
 
 /// A dataset and the configurations of two rows, with and without the kernel code.
 fn scratch() -> tempfile::TempDir {
@@ -84,6 +84,21 @@ fn names_a_row_that_failed_and_finishes_the_others() {
     let table: Value = serde_json::from_str(&read(folder, "sweep/table.json")).unwrap();
     assert_eq!((&table["rows"][0]["name"], &table["failed"][0]["name"]), (&"plain".into(), &"wrong".into()));
     assert!(read(folder, "sweep/table.md").contains("\nFailed: wrong: "));
+}
+
+#[test]
+fn rows_are_not_resumed_on_other_data() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    let plain = ["sweep", "plain.toml", "--data", "dataset", "-o", "sweep", "--set", "iterations=2"];
+    succeed(folder, &plain);
+    prepare_other_data(folder, true, false);
+    let said = fail(folder, &[&plain[..], &["--resume"]].concat(), 1);
+    assert!(said.contains("row plain was made with other data: kernel-bank-sha256 is"), "{said}");
+    prepare_other_data(folder, false, true);
+    let said = fail(folder, &[&plain[..], &["--resume"]].concat(), 1);
+    assert!(said.contains("row plain was made with other data: data-sha256 is"), "{said}");
+    assert!(folder.join("sweep/plain/row.toml").is_file(), "the row is kept");
 }
 
 #[test]

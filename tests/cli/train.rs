@@ -418,6 +418,47 @@ fn a_run_is_only_replaced_by_one_that_can_begin() {
     assert_eq!(losses(&result(folder, "run").1).len(), 3);
 }
 
+/// Makes a copy of the dataset's description with another bank, one triplet less, or both.
+pub(crate) fn prepare_other_data(folder: &Path, bank: bool, triplets: bool) {
+    let root = folder.join("dataset");
+    if bank {
+        let mut other = io::read_bank(&root.join("kernels.safetensors")).expect("the bank is there");
+        other.codes *= 2.0;
+        io::write_bank(&root.join("kernels.safetensors"), &other, true).expect("the bank is written");
+        let mut config = DatasetConfig::read(&root).expect("the dataset is there");
+        config.bank_sha256 = io::bank_sha256(&root.join("kernels.safetensors")).expect("the bank is there");
+        fs::write(root.join("dataset.toml"), config.to_toml()).expect("the folder is writable");
+    }
+    if triplets {
+        let lines = fs::read_to_string(root.join("triplets.jsonl")).expect("the list is there");
+        let fewer: Vec<&str> = lines.lines().skip(1).collect();
+        fs::write(root.join("triplets.jsonl"), fewer.join("\n")).expect("the folder is writable");
+    }
+}
+
+#[test]
+fn a_run_is_not_resumed_on_other_data() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    for (bank, triplets, part) in [(true, false, "kernel-bank-sha256"), (false, true, "images-sha256")] {
+        prepare_again(folder);
+        train(folder, part, &["--set", "iterations=1"]);
+        prepare_other_data(folder, bank, triplets);
+        let resume = ["train", "--data", "dataset", "-o", part, "--resume", "--set", "iterations=2"];
+        let message = fail(folder, &resume, 1);
+        assert!(message.contains("other data") && message.contains(part), "{message}");
+        assert_eq!(losses(&result(folder, part).1).len(), 1);
+        prepare_again(folder);
+        succeed(folder, &resume);
+    }
+}
+
+/// Makes the dataset anew.
+fn prepare_again(folder: &Path) {
+    let _ = fs::remove_dir_all(folder.join("dataset"));
+    prepare(folder);
+}
+
 #[test]
 fn names_what_is_wrong_with_a_configuration() {
     let folder = tempfile::tempdir().unwrap();

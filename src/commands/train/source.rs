@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::{Context as _, Result, bail};
 use rand::Rng as _;
+use sha2::{Digest, Sha256};
 
 use udc::core::dataset::{CONFIG_FILE, Dataset, FormationConfig, Split};
 use udc::core::error::Result as CoreResult;
@@ -13,6 +14,7 @@ use udc::core::fft::{Convolver, Otf};
 use udc::core::image::LinearImage;
 use udc::core::io;
 use udc::core::kernel_code::KernelBank;
+use udc::core::psf::hex;
 use udc::core::rng::Rng;
 use udc::core::tone::ToneCurve;
 use udc::synth::Formation;
@@ -84,14 +86,43 @@ impl Source {
     pub(super) fn identity(&self) -> CoreResult<DataIdentity> {
         Ok(match self {
             Self::Stored(dataset) => DataIdentity {
-                kernel_bank_sha256: dataset.config.as_ref().map(|config| config.bank_sha256.clone()),
+                images_sha256: Some(triplets_sha256(dataset)),
+                kernel_bank_sha256: bank_sha256(dataset).map(str::to_owned),
                 tone_curve: dataset.formation.curve()?,
             },
-            Self::OnTheFly(live, _) => {
-                DataIdentity { kernel_bank_sha256: Some(live.bank_sha256.clone()), tone_curve: live.curve }
-            }
+            Self::OnTheFly(live, dataset) => DataIdentity {
+                images_sha256: Some(
+                    dataset.as_ref().map_or_else(|| names_sha256(&live.scenes), triplets_sha256),
+                ),
+                kernel_bank_sha256: Some(live.bank_sha256.clone()),
+                tone_curve: live.curve,
+            },
         })
     }
+}
+
+/// SHA-256 of a dataset's list of triplets, which holds the hashes of their images.
+pub(in crate::commands) fn triplets_sha256(dataset: &Dataset) -> String {
+    let mut hash = Sha256::new();
+    for triplet in &dataset.triplets {
+        hash.update(serde_json::to_vec(triplet).expect("triplets are plain data"));
+    }
+    hex(&hash.finalize())
+}
+
+/// SHA-256 of a dataset's kernel bank, where it has one.
+pub(in crate::commands) fn bank_sha256(dataset: &Dataset) -> Option<&str> {
+    dataset.config.as_ref().map(|config| config.bank_sha256.as_str())
+}
+
+/// SHA-256 of the names of images; their folder may move.
+fn names_sha256(images: &[PathBuf]) -> String {
+    let mut hash = Sha256::new();
+    for name in images.iter().filter_map(|path| path.file_name()) {
+        hash.update(name.as_encoded_bytes());
+        hash.update([0]);
+    }
+    hex(&hash.finalize())
 }
 
 impl OnTheFly {
