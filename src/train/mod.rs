@@ -1,7 +1,7 @@
 //! From a dataset to a trained network.
 //!
 //! A [`Trainer`] holds weights, optimiser and position, and advances them step by step; a [`Job`] runs one in a
-//! folder, with log and checkpoints. All that is drawn depends on the seed and the position alone, so that a
+//! folder, with log, checkpoints and previews. All that is drawn depends on the seed and the position alone, so that a
 //! training repeats, and resumes, bit for bit.
 
 mod checkpoint;
@@ -10,6 +10,7 @@ mod data;
 mod identity;
 mod loss;
 mod optimizer;
+mod preview;
 mod run;
 mod sampler;
 mod schedule;

@@ -1,5 +1,7 @@
 //! A training with its folder: configuration, log, checkpoints and models, so that it can be killed at any
 //! moment and resumed to the same bytes.
+//!
+//! Each validation leaves pictures of its first images, `previews/<iteration>/<n>.png`: degraded, restored, clean.
 
 use std::path::{Path, PathBuf};
 
@@ -26,6 +28,7 @@ const LOG_FILE: &str = "metrics.jsonl";
 const CHECKPOINTS: &str = "checkpoints";
 const MODEL_FILE: &str = "model.safetensors";
 const BEST_FILE: &str = "best.safetensors";
+const PREVIEWS: &str = "previews";
 
 /// What a run needs to know.
 pub struct Job<'a> {
@@ -211,7 +214,7 @@ fn refuse_run(folder: &Path) -> Result<()> {
 }
 
 fn remove_run(folder: &Path) -> Result<()> {
-    let names = [CONFIG_FILE, LOG_FILE, CHECKPOINTS, MODEL_FILE, BEST_FILE];
+    let names = [CONFIG_FILE, LOG_FILE, CHECKPOINTS, MODEL_FILE, BEST_FILE, PREVIEWS];
     names.iter().try_for_each(|name| io::remove(&folder.join(name)))?;
     tensorboard::remove_all(folder)
 }
@@ -285,7 +288,8 @@ impl Run {
         let Some(validator) = &self.validator else { return Ok(()) };
         let weights = self.weights(job);
         let iteration = self.trainer.iteration();
-        let validation = validator.run(&weights, iteration)?;
+        let previews = self.folder.join(PREVIEWS).join(iteration.to_string());
+        let validation = validator.run(&weights, iteration, &previews)?;
         let metric = job.config.validation.best;
         if let Some(value) = validation.restored(metric)
             && self.best.is_none_or(|best| metric.is_better(value, best.value))

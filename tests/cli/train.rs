@@ -150,6 +150,11 @@ fn trains_a_network_that_learns_and_can_be_loaded() {
     assert_eq!(model.origin().kernel_bank_sha256, Some(bank_sha256));
     assert_eq!(model.origin().tone_curve(), Some(curve()));
     assert!(Model::load(&run.join("best.safetensors")).is_ok());
+    // A validation every 8 iterations, of two images.
+    let previews = run.join("previews");
+    assert_eq!(io::list_folder(&previews).unwrap().len(), 7);
+    assert_eq!(io::list_folder(&previews.join("56")).unwrap(), ["1.png", "2.png"]);
+    assert_eq!(io::read_pixels(&previews.join("56/1.png")).unwrap().planes.dim(), (3, 24, 72));
     let resolved = fs::read_to_string(run.join("config.toml")).unwrap();
     assert!(resolved.contains("learning-rate = 0.003") && resolved.contains("beta1 = 0.9"), "{resolved}");
 }
@@ -170,6 +175,8 @@ fn a_killed_run_ends_with_the_bytes_of_one_that_was_not() {
     assert!(result(folder, "whole") == result(folder, "killed"), "the bytes differ");
     let best = |run: &str| fs::read(folder.join(run).join("best.safetensors")).unwrap();
     assert!(best("whole") == best("killed"), "the best model differs");
+    let preview = |run: &str| fs::read(folder.join(run).join("previews/24/1.png")).unwrap();
+    assert!(preview("whole") == preview("killed"), "the previews differ");
     let (log, events) = (scalars_of_log(folder, "killed"), scalars_of_events(folder, "killed"));
     assert_eq!(log.len(), events.len(), "every step is there once");
     for (log, event) in log.iter().zip(&events) {
@@ -414,7 +421,9 @@ fn a_run_is_only_replaced_by_one_that_can_begin() {
     let message = fail(folder, &[&run[..], &["--set", "data.crop=27"]].concat(), 1);
     assert!(message.contains("27 pixels do not fit"), "{message}");
     assert!(before == result(folder, "run"), "the old run is as it was");
+    fs::create_dir_all(folder.join("run/previews/8")).unwrap();
     succeed(folder, &[&run[..], &["--set", "iterations=3"]].concat());
+    assert!(!folder.join("run/previews").exists(), "previews go with their run");
     assert_eq!(losses(&result(folder, "run").1).len(), 3);
 }
 
