@@ -323,15 +323,16 @@ impl TrainConfig {
         }
     }
 
-    /// The first key whose change would make a resumed training another one: how long it runs, and what it
-    /// reports and keeps, may change.
+    /// The first key whose change would make a resumed training another one: how long it runs, what it reports
+    /// and keeps, and the memory it may take for images, may change.
     ///
     /// # Panics
     /// Never: the fields are plain data.
     pub fn first_difference(&self, other: &Self) -> Option<String> {
         let comparable = |config: &Self| {
-            let (iterations, checkpoint) = (self.iterations, self.checkpoint.clone());
-            let comparable = Self { iterations, checkpoint, ..config.clone() };
+            let data = DataConfig { cache_mib: self.data.cache_mib, ..config.data.clone() };
+            let Self { iterations, log_every, checkpoint, .. } = self.clone();
+            let comparable = Self { iterations, log_every, checkpoint, data, ..config.clone() };
             keys(&toml::Table::try_from(comparable).expect("configurations are plain data"))
         };
         let (ours, theirs) = (comparable(self), comparable(other));
@@ -484,10 +485,11 @@ mod tests {
     }
 
     #[test]
-    fn only_length_and_checkpoints_may_change_when_resuming() {
+    fn only_what_cannot_change_the_network_may_change_when_resuming() {
         let before = TrainConfig::default();
         let mut after = before.clone();
         (after.iterations, after.checkpoint.keep) = (5, 9);
+        (after.log_every, after.data.cache_mib) = (3, 100);
         assert_eq!(after.first_difference(&before), None);
         after.optimizer.beta2 = 0.99;
         assert_eq!(after.first_difference(&before).unwrap(), "optimizer.beta2 is 0.99 and was 0.999");
