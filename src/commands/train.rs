@@ -92,6 +92,7 @@ impl TrainArgs {
                 identity,
                 backend: self.backend,
                 progress: &session.progress,
+                warn: &|text| session.warn(text),
             };
             job.run(&self.output, start)
         };

@@ -5,6 +5,7 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::optimizer::Moments;
@@ -86,15 +87,39 @@ impl Checkpoints {
     }
 
     /// Reads the latest checkpoint, and clears away what an interrupted save left.
-    pub(super) fn latest(&self, architecture: &Architecture) -> Result<Option<Checkpoint>> {
+    ///
+    /// One that is damaged is warned of, and gives way to the newest that is not: it will be made again.
+    pub(super) fn latest(
+        &self,
+        architecture: &Architecture,
+        warn: &dyn Fn(&str),
+    ) -> Result<Option<Checkpoint>> {
         if self.folder.is_dir() {
             for name in io::list_folder(&self.folder)?.iter().filter(|name| name.ends_with(".partial")) {
                 io::remove(&self.folder.join(name))?;
             }
         }
-        let Some(iteration) = self.iterations()?.pop() else { return Ok(None) };
-        let path = self.folder.join(iteration.to_string()).join(STATE_FILE);
-        Checkpoint::read(&path, architecture).map(Some)
+        let mut damaged: Vec<(PathBuf, Error)> = Vec::new();
+        for iteration in self.iterations()?.into_iter().rev() {
+            let path = self.folder.join(iteration.to_string());
+            match Checkpoint::read(&path.join(STATE_FILE), architecture) {
+                Ok(checkpoint) => {
+                    for (path, error) in damaged {
+                        warn(&format!(
+                            "{error}; it is removed, and the training goes on from iteration {iteration}"
+                        ));
+                        io::remove(&path)?;
+                    }
+                    return Ok(Some(checkpoint));
+                }
+                // What cannot be read now may be whole all the same.
+                Err(Error::Io { action, path, source }) if source.kind() != ErrorKind::NotFound => {
+                    return Err(Error::Io { action, path, source });
+                }
+                Err(error) => damaged.push((path, error)),
+            }
+        }
+        damaged.into_iter().next().map_or(Ok(None), |(_, error)| Err(error))
     }
 }
 
@@ -180,6 +205,8 @@ fn values(parameters: Parameters) -> Vec<Vec<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::cell::RefCell;
+
     use crate::network::{Initialisation, Model, Origin};
 
     fn checkpoint(iteration: u64, average: bool) -> (Checkpoint, Weights) {
@@ -201,7 +228,7 @@ mod tests {
             let checkpoints = Checkpoints::new(folder.path().join(average.to_string()));
             let (saved, model) = checkpoint(7, average);
             checkpoints.save(&saved, &model, 1).unwrap();
-            assert_eq!(checkpoints.latest(&model.architecture).unwrap().unwrap(), saved);
+            assert_eq!(checkpoints.latest(&model.architecture, &no_warning).unwrap().unwrap(), saved);
         }
     }
 
@@ -215,9 +242,39 @@ mod tests {
         }
         io::create_folder(&folder.path().join("200.partial")).unwrap();
         let (_, model) = checkpoint(0, false);
-        assert_eq!(checkpoints.latest(&model.architecture).unwrap().unwrap().state.iteration, 100);
+        let latest = checkpoints.latest(&model.architecture, &no_warning).unwrap().unwrap();
+        assert_eq!(latest.state.iteration, 100);
         assert_eq!(io::list_folder(folder.path()).unwrap(), ["10", "100"]);
         assert!(Model::load(&folder.path().join("100").join(MODEL_FILE)).is_ok());
+    }
+
+    #[test]
+    fn damaged_checkpoints_give_way_to_the_newest_that_is_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let checkpoints = Checkpoints::new(folder.path().to_owned());
+        for iteration in [1, 2, 3, 4] {
+            let (saved, model) = checkpoint(iteration, false);
+            checkpoints.save(&saved, &model, 9).unwrap();
+        }
+        let state = |iteration: &str| folder.path().join(iteration).join(STATE_FILE);
+        std::fs::write(state("4"), "damaged").unwrap();
+        std::fs::remove_file(state("3")).unwrap();
+        let (_, model) = checkpoint(0, false);
+        let warnings = RefCell::new(Vec::new());
+        let warn = |text: &str| warnings.borrow_mut().push(text.to_owned());
+        let latest = checkpoints.latest(&model.architecture, &warn).unwrap().unwrap();
+        assert_eq!(latest.state.iteration, 2);
+        assert_eq!(io::list_folder(folder.path()).unwrap(), ["1", "2"]);
+        for (warning, iteration) in warnings.borrow().iter().zip(["4", "3"]) {
+            assert!(warning.contains(&state(iteration).display().to_string()), "{warning}");
+        }
+        ["1", "2"].iter().for_each(|iteration| std::fs::write(state(iteration), "damaged").unwrap());
+        assert!(checkpoints.latest(&model.architecture, &no_warning).is_err());
+        assert_eq!(io::list_folder(folder.path()).unwrap(), ["1", "2"], "nothing is removed for nothing");
+    }
+
+    fn no_warning(text: &str) {
+        panic!("{text}");
     }
 
     #[test]

@@ -46,6 +46,8 @@ pub struct Job<'a> {
     pub backend: Backend,
     /// Where to report, and whom to ask whether to stop.
     pub progress: &'a Progress,
+    /// Where warnings go.
+    pub warn: &'a dyn Fn(&str),
 }
 
 /// How a run begins.
@@ -55,7 +57,7 @@ pub enum Start {
     New(Option<Parameters>),
     /// The same, after removing a run that is there, once a step of the new one was rehearsed.
     Replace(Option<Parameters>),
-    /// From the latest checkpoint.
+    /// From the latest checkpoint that is intact.
     Resume,
 }
 
@@ -130,7 +132,7 @@ impl Job<'_> {
             Start::Replace(initial) => (initial, None),
             Start::Resume => {
                 self.check_same(folder)?;
-                (None, checkpoints.latest(&self.config.architecture)?)
+                (None, checkpoints.latest(&self.config.architecture, self.warn)?)
             }
         };
         let begins_with_weights = initial.is_some();

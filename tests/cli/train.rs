@@ -14,7 +14,7 @@ use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
 use udc::network::Model;
 
-use super::common::{fail, succeed};
+use super::common::{fail, succeed, udc};
 use super::events;
 
 /// A network small enough that a step takes some milliseconds.
@@ -460,6 +460,23 @@ fn a_run_is_not_resumed_on_other_data() {
         prepare_again(folder);
         succeed(folder, &resume);
     }
+}
+
+#[test]
+fn resumes_from_an_older_checkpoint_when_the_latest_is_damaged() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    train(folder, "whole", &[]);
+    train(folder, "run", &[]);
+    let state = "run/checkpoints/24/state.safetensors";
+    let bytes = fs::read(folder.join(state)).unwrap();
+    fs::write(folder.join(state), &bytes[..bytes.len() / 2]).unwrap();
+    let output = udc(folder, &["train", "--data", "dataset", "-o", "run", "--resume"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.contains(state) && said.contains("from iteration 20"), "{said}");
+    assert!(result(folder, "whole") == result(folder, "run"), "the bytes differ");
+    assert_eq!(fs::read(folder.join(state)).unwrap(), bytes, "the checkpoint is made again");
 }
 
 /// Makes the dataset anew.
