@@ -132,6 +132,7 @@ impl Job<'_> {
             Start::Replace(initial) => (initial, None),
             Start::Resume => {
                 self.check_same(folder)?;
+                remove_unfinished(folder)?;
                 (None, checkpoints.latest(&self.config.architecture, self.warn)?)
             }
         };
@@ -215,7 +216,16 @@ fn refuse_run(folder: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Removes what killed processes left of files that they were writing; of checkpoints, reading them does it.
+fn remove_unfinished(folder: &Path) -> Result<()> {
+    let previews = folder.join(PREVIEWS);
+    let names = if previews.is_dir() { io::list_folder(&previews)? } else { Vec::new() };
+    names.iter().try_for_each(|name| io::remove_unfinished(&previews.join(name)))?;
+    io::remove_unfinished(folder)
+}
+
 fn remove_run(folder: &Path) -> Result<()> {
+    io::remove_unfinished(folder)?;
     let names = [CONFIG_FILE, LOG_FILE, CHECKPOINTS, MODEL_FILE, BEST_FILE, PREVIEWS];
     names.iter().try_for_each(|name| io::remove(&folder.join(name)))?;
     tensorboard::remove_all(folder)

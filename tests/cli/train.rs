@@ -479,6 +479,25 @@ fn resumes_from_an_older_checkpoint_when_the_latest_is_damaged() {
     assert_eq!(fs::read(folder.join(state)).unwrap(), bytes, "the checkpoint is made again");
 }
 
+#[test]
+fn what_killed_runs_left_half_written_is_cleared_away() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    train(folder, "run", &["--set", "iterations=8"]);
+    let run = folder.join("run");
+    let left =
+        [".udc-a1b2c3.partial", "previews/8/.udc-a1b2c3.partial", "checkpoints/9.partial/.udc-a.partial"];
+    for more in ["--resume", "--overwrite"] {
+        fs::create_dir_all(run.join("checkpoints/9.partial")).unwrap();
+        left.iter().for_each(|name| fs::write(run.join(name), "half").unwrap());
+        train(folder, "run", &["--set", "iterations=8", more]);
+        for name in left {
+            assert!(!run.join(name).exists(), "{name} after {more}");
+        }
+    }
+}
+
 /// Makes the dataset anew.
 fn prepare_again(folder: &Path) {
     let _ = fs::remove_dir_all(folder.join("dataset"));

@@ -5,10 +5,15 @@ use std::path::Path;
 
 use tempfile::{Builder, NamedTempFile};
 
+use super::{list_folder, remove};
 use crate::core::error::{Error, Result};
 
 /// Large enough that a frame is written in few system calls.
 const BUFFER_BYTES: usize = 1 << 20;
+
+/// What the names of files begin and end with while they are written.
+const PREFIX: &str = ".udc-";
+const SUFFIX: &str = ".partial";
 
 /// What files are written to: tables in front of what they list are filled in later.
 pub trait WriteSeek: Write + Seek {}
@@ -78,9 +83,24 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
+/// Removes from a folder what killed processes left of files that they were writing; nothing happens without one.
+///
+/// # Errors
+/// [`Error::Io`] when the folder cannot be read, or a file not be removed.
+pub fn remove_unfinished(folder: &Path) -> Result<()> {
+    if !folder.is_dir() {
+        return Ok(());
+    }
+    let is_unfinished = |name: &String| name.starts_with(PREFIX) && name.ends_with(SUFFIX);
+    list_folder(folder)?
+        .iter()
+        .filter(|name| is_unfinished(name))
+        .try_for_each(|name| remove(&folder.join(name)))
+}
+
 fn temporary_beside(path: &Path) -> io::Result<NamedTempFile> {
     let mut builder = Builder::new();
-    builder.prefix(".udc-").suffix(".partial");
+    builder.prefix(PREFIX).suffix(SUFFIX);
     // Temporary files are private by default; outputs follow the user's umask as any other file.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
