@@ -75,7 +75,7 @@ impl TrainArgs {
         let start = self.start(&config, session)?;
         let source = Source::open(&self.data, self.bank.as_deref(), &config)?;
         check_codes(&config, source.code_dim())?;
-        let validation = source.dataset().and_then(validation_data);
+        let validation = source.dataset().map_or(Ok(None), validation_data)?;
         if validation.is_none() {
             session.warn("there is no val or test split; the training is not validated");
         }
@@ -158,9 +158,10 @@ fn check_codes(config: &TrainConfig, found: usize) -> Result<(), Error> {
 }
 
 /// The first split there is that training does not learn from.
-fn validation_data(dataset: &Dataset) -> Option<StoredData<'_>> {
-    let open = |split| StoredData::new(dataset, split, 0).ok();
-    open(Split::Val).or_else(|| open(Split::Test))
+fn validation_data(dataset: &Dataset) -> Result<Option<StoredData<'_>>, Error> {
+    let is_there = |split: &Split| dataset.triplets.iter().any(|triplet| triplet.split == *split);
+    let split = [Split::Val, Split::Test].into_iter().find(is_there);
+    split.map(|split| StoredData::new(dataset, split, 0)).transpose()
 }
 
 fn report(outcome: &Outcome, folder: &Path, session: &Session) -> Result<()> {

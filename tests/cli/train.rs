@@ -498,6 +498,26 @@ fn what_killed_runs_left_half_written_is_cleared_away() {
     }
 }
 
+#[test]
+fn only_an_absent_split_turns_validation_off() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let run = ["train", "config.toml", "--data", "dataset", "-o", "run", "--set", "iterations=1"];
+    let list = folder.join("dataset/triplets.jsonl");
+    let lines = fs::read_to_string(&list).unwrap();
+    let in_test = |line: &&str| line.contains("\"test\"");
+    let unknown = |line| if in_test(&line) { line.replace("\"k01\"", "\"k77\"") } else { line.to_owned() };
+    fs::write(&list, lines.lines().map(unknown).collect::<Vec<_>>().join("\n")).unwrap();
+    let message = fail(folder, &run, 1);
+    assert!(message.contains("names kernel k77"), "{message}");
+    let train_only: Vec<&str> = lines.lines().filter(|line| !in_test(line)).collect();
+    fs::write(&list, train_only.join("\n")).unwrap();
+    let output = udc(folder, &run);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.contains("no val or test split"), "{said}");
+}
+
 /// Makes the dataset anew.
 fn prepare_again(folder: &Path) {
     let _ = fs::remove_dir_all(folder.join("dataset"));
