@@ -3,6 +3,7 @@
 pub(super) mod source;
 
 use std::path::{Path, PathBuf};
+use std::sync::Once;
 
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
@@ -100,8 +101,13 @@ impl TrainArgs {
         let outcome = match &source {
             Source::Stored(dataset) => train(&StoredData::new(dataset, Split::Train, cache)?),
             Source::OnTheFly(live, _) => {
-                let degrade =
-                    |scene: &LinearImage, kernel: usize, rng: &mut Rng| live.degrade(scene, kernel, rng);
+                let warned = Once::new();
+                let degrade = |scene: &LinearImage, kernel: usize, rng: &mut Rng| {
+                    if !warned.is_completed() && live.lost_highlights(scene) {
+                        warned.call_once(|| session.warn(lost_highlights(live.curve.x_max)));
+                    }
+                    live.degrade(scene, kernel, rng)
+                };
                 train(&OnTheFlyData::new(live.scenes.clone(), &live.bank, live.curve, &degrade, cache))
             }
         };
@@ -162,6 +168,14 @@ fn validation_data(dataset: &Dataset) -> Result<Option<StoredData<'_>>, Error> {
     let is_there = |split: &Split| dataset.triplets.iter().any(|triplet| triplet.split == *split);
     let split = [Split::Val, Split::Test].into_iter().find(is_there);
     split.map(|split| StoredData::new(dataset, split, 0)).transpose()
+}
+
+fn lost_highlights(x_max: f32) -> String {
+    format!(
+        "stored ground truths reach x-max = {x_max}, where they were clipped: what is degraded on the fly lacks the \
+         highlights above it, which the dataset's own degraded images have; to keep them, name the folder of \
+         unclipped scenes as --data, and the kernels with --bank"
+    )
 }
 
 fn report(outcome: &Outcome, folder: &Path, session: &Session) -> Result<()> {

@@ -518,6 +518,29 @@ fn only_an_absent_split_turns_validation_off() {
     assert!(output.status.success() && said.contains("no val or test split"), "{said}");
 }
 
+#[test]
+fn warns_once_of_highlights_that_stored_ground_truths_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let live = ["--set", "data.degradation=on-the-fly", "--set", "iterations=2"];
+    let warnings = |data: &str, run: &str, more: &[&str]| {
+        let args = [&["train", "config.toml", "--data", data, "-o", run], &live[..], more].concat();
+        let output = udc(folder, &args);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{said}");
+        said.matches("reach x-max = 500").count()
+    };
+    assert_eq!(warnings("dataset", "dim", &[]), 0);
+    let options = io::WriteOptions { overwrite: true, ..Default::default() };
+    let clipped = LinearImage::from_planes(Array3::from_elem((3, 26, 30), 500.0)).unwrap();
+    for scene in 0..3 {
+        io::write_image(&folder.join(format!("dataset/gt/scene{scene}.npy")), &clipped, &options).unwrap();
+    }
+    assert_eq!(warnings("dataset", "bright", &[]), 1);
+    assert_eq!(warnings("dataset/gt", "views", &["--bank", "dataset/kernels.safetensors"]), 0);
+}
+
 /// Makes the dataset anew.
 fn prepare_again(folder: &Path) {
     let _ = fs::remove_dir_all(folder.join("dataset"));

@@ -34,6 +34,9 @@ pub(super) struct OnTheFly {
     pub(super) bank: KernelBank,
     /// φ∘C.
     pub(super) curve: ToneCurve,
+    /// Whether the clean images are ground truths that were clipped to x_max when they were stored, though the model
+    /// spreads all of a scene's light.
+    clipped: bool,
     bank_sha256: String,
     formation: Formation,
     plans: Mutex<BTreeMap<[usize; 2], Arc<Plan>>>,
@@ -129,7 +132,7 @@ impl OnTheFly {
     fn of_views(folder: &Path, bank: &Path, seed: u64) -> Result<Self> {
         let scenes = io::expand_inputs(&[folder.to_owned()])?;
         let config = FormationConfig::default();
-        Self::new(scenes, (io::read_bank(bank)?, io::bank_sha256(bank)?), config, seed)
+        Self::new((scenes, false), (io::read_bank(bank)?, io::bank_sha256(bank)?), config, seed)
     }
 
     fn of_dataset(dataset: &Dataset, seed: u64) -> Result<Self> {
@@ -144,18 +147,26 @@ impl OnTheFly {
         let mut scenes: Vec<PathBuf> =
             dataset.split(Split::Train)?.iter().map(|triplet| dataset.root.join(&triplet.gt)).collect();
         scenes.dedup();
-        Self::new(scenes, (bank, config.bank_sha256.clone()), dataset.formation.clone(), seed)
+        let clipped = !dataset.formation.clip_ground_truth;
+        Self::new((scenes, clipped), (bank, config.bank_sha256.clone()), dataset.formation.clone(), seed)
     }
 
     fn new(
-        scenes: Vec<PathBuf>,
+        (scenes, clipped): (Vec<PathBuf>, bool),
         (bank, bank_sha256): (KernelBank, String),
         config: FormationConfig,
         seed: u64,
     ) -> Result<Self> {
         let curve = config.curve()?;
         let formation = Formation::new(config, seed)?;
-        Ok(Self { scenes, bank, curve, bank_sha256, formation, plans: Mutex::new(BTreeMap::new()) })
+        Ok(Self { scenes, bank, curve, clipped, bank_sha256, formation, plans: Mutex::new(BTreeMap::new()) })
+    }
+
+    /// Whether a clean image lost light above x_max when it was stored.
+    pub(super) fn lost_highlights(&self, scene: &LinearImage) -> bool {
+        // Half floats round by 2⁻¹¹ at most.
+        let clipped = self.curve.x_max * (1.0 - 1.0 / 2048.0);
+        self.clipped && scene.as_slice().iter().any(|&value| value >= clipped)
     }
 
     /// Degrades a clean image by a kernel; the noise is drawn anew every time.
