@@ -97,6 +97,34 @@ impl Default for DataConfig {
     }
 }
 
+impl DataConfig {
+    /// Checks that the images of a batch fit into memory, and that the samples of a step can be counted.
+    fn check_size(&self) -> Result<()> {
+        /// Degraded and clean crop of three channels.
+        const PIXEL_BYTES: u128 = 2 * 3 * size_of::<f32>() as u128;
+        /// What a network computes of a batch takes a hundred times its images and more.
+        const BATCH_BYTES: u128 = 4 << 30;
+        const STEP_SAMPLES: u128 = 1 << 24;
+        let [crop, batch, accumulate] = [self.crop, self.batch, self.accumulate].map(|count| count as u128);
+        let bytes = batch.saturating_mul(crop.saturating_mul(crop).saturating_mul(PIXEL_BYTES));
+        if bytes > BATCH_BYTES {
+            let reason = format!(
+                "{batch} × {crop} × {crop} pixels take {} GiB before anything is computed of them, more than {}; make \
+                 data.batch or data.crop smaller (data.accumulate adds up batches)",
+                bytes >> 30,
+                BATCH_BYTES >> 30
+            );
+            return Err(Error::config("data.batch", reason));
+        }
+        if batch * accumulate > STEP_SAMPLES {
+            let reason =
+                format!("times data.batch must be at most {STEP_SAMPLES}, found {}", batch * accumulate);
+            return Err(Error::config("data.accumulate", reason));
+        }
+        Ok(())
+    }
+}
+
 /// What a step minimises.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
@@ -286,6 +314,7 @@ impl TrainConfig {
         if let Some((key, _)) = counts.into_iter().find(|(_, count)| *count == 0) {
             return Err(Error::config(key, "must be at least 1, found 0"));
         }
+        self.data.check_size()?;
         let (optimizer, perceptual) = (&self.optimizer, self.loss.perceptual.weight);
         let is_share = |value: f64| (0.0..1.0).contains(&value);
         let is_positive = |value: f64| value > 0.0 && value.is_finite();
@@ -471,6 +500,10 @@ mod tests {
     fn values_of_another_type_or_out_of_range_are_refused() {
         assert!(message("", &["data.crop=large"]).contains("--set data.crop=large"));
         assert!(message("", &["data.batch=0"]).contains("data.batch: must be at least 1"));
+        let large = message("", &["data.batch=100000000"]);
+        assert!(large.contains("data.batch: 100000000 × 256 × 256 pixels take 146484 GiB"), "{large}");
+        assert!(message("", &["data.crop=4000000000"]).contains("data.batch: 1 × 4000000000"));
+        assert!(message("", &["data.accumulate=100000000"]).contains("at most 16777216"));
         assert!(message("", &["optimizer.beta1=1.0"]).contains("optimizer.beta1"));
         assert!(
             message("", &["loss.perceptual.weight=-1"]).contains("loss.perceptual.weight: must be 0 (off)")
