@@ -23,8 +23,8 @@ use super::eval::outputs::{Outputs, RESULTS};
 use super::eval::pictures::Pictures;
 use super::eval::restorer::Restorer;
 use super::metrics::MetricArgs;
-use super::train::TrainArgs;
 use super::train::source::{bank_sha256, triplets_sha256};
+use super::train::{TrainArgs, configure};
 use super::{Session, was_interrupted};
 use row::Row;
 
@@ -120,8 +120,7 @@ impl SweepArgs {
             if !names.insert(name.clone()) {
                 bail!("two configurations are called {name}; rows are named after their files, rename one");
             }
-            let config = TrainConfig::from_toml(&io::read_text(path)?, &self.set)
-                .with_context(|| format!("reading {}", path.display()))?;
+            let config = configure(&io::read_text(path)?, path, &self.set)?;
             if let Some(other) = entries.iter().find(|other| other.config.seed != config.seed) {
                 bail!(
                     "{} has seed {first} and {name} has seed {}; a sweep compares runs of one seed: add --set seed={first}",

@@ -7,6 +7,7 @@ use std::sync::Once;
 
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
+use clap::error::ErrorKind;
 
 use udc::core::dataset::{Dataset, Split};
 use udc::core::error::Error;
@@ -119,7 +120,7 @@ impl TrainArgs {
             Some(path) => (io::read_text(path)?, path.clone()),
             None => (train::read_config(&self.output)?, self.output.join("config.toml")),
         };
-        TrainConfig::from_toml(&text, &self.set).with_context(|| format!("reading {}", path.display()))
+        configure(&text, &path, &self.set)
     }
 
     fn start(&self, config: &TrainConfig, session: &Session) -> Result<Start> {
@@ -128,6 +129,17 @@ impl TrainArgs {
         }
         let initial = self.init.as_deref().map(|path| read_initial(path, config)).transpose()?;
         Ok(if session.overwrite { Start::Replace(initial) } else { Start::New(initial) })
+    }
+}
+
+/// Reads the configuration of a file and puts settings over it; to blame these where the file is right is to blame the
+/// command line.
+pub(super) fn configure(text: &str, path: &Path, settings: &[String]) -> Result<TrainConfig> {
+    match TrainConfig::from_toml(text, settings) {
+        Err(error) if TrainConfig::from_toml(text, &[]).is_ok() => {
+            Err(clap::Error::raw(ErrorKind::ValueValidation, error).into())
+        }
+        config => config.with_context(|| format!("reading {}", path.display())),
     }
 }
 

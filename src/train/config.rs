@@ -270,15 +270,16 @@ impl TrainConfig {
     /// is unknown, with the nearest ones, or of a value that is out of range.
     pub fn from_toml(text: &str, settings: &[String]) -> Result<Self> {
         // Once without the settings, so that mistakes of the file are reported at their line.
-        let broken = |reason| Error::config("configuration", reason);
-        parse_toml::<Self>(text).map_err(broken)?;
+        let broken = |reason: String| Error::config("configuration", in_plain_words(&reason));
+        let mut config: Self = parse_toml(text).map_err(broken)?;
         let mut table: toml::Table = parse_toml(text).map_err(broken)?;
         for setting in settings {
             apply(&mut table, setting)?;
+            // One after the other, so that the one that is wrong is named.
+            config = table.clone().try_into().map_err(|error: toml::de::Error| {
+                Error::config(format!("--set {setting}"), in_plain_words(error.message()))
+            })?;
         }
-        let config: Self = table.try_into().map_err(|error: toml::de::Error| {
-            Error::config(format!("--set {}", settings.join(" --set ")), error.message().to_owned())
-        })?;
         config.validate()?;
         Ok(config)
     }
@@ -399,6 +400,18 @@ fn apply(table: &mut toml::Table, setting: &str) -> Result<()> {
     Ok(())
 }
 
+/// A message of the TOML reader without the names of Rust's types.
+fn in_plain_words(message: &str) -> String {
+    const WORDS: [(&str, &str); 5] = [
+        ("expected usize", "expected a whole number"),
+        ("expected u64", "expected a whole number"),
+        ("expected f64", "expected a number"),
+        ("expected a boolean", "expected true or false"),
+        ("expected a string", "expected text"),
+    ];
+    WORDS.iter().fold(message.to_owned(), |message, (name, words)| message.replace(name, words))
+}
+
 fn known_keys() -> Vec<String> {
     let table = toml::Table::try_from(TrainConfig::default()).expect("configurations are plain data");
     keys(&table).into_iter().map(|(key, _)| key).collect()
@@ -498,7 +511,18 @@ mod tests {
 
     #[test]
     fn values_of_another_type_or_out_of_range_are_refused() {
-        assert!(message("", &["data.crop=large"]).contains("--set data.crop=large"));
+        for (setting, expected) in [
+            ("data.crop=large", "a whole number"),
+            ("data.crop=8.5", "a whole number"),
+            ("seed=-1", "a whole number"),
+            ("loss.l1=much", "a number"),
+            ("data.shuffle=maybe", "true or false"),
+            ("validation.lpips-linear=1", "text"),
+        ] {
+            let message = message("", &["iterations=2", setting, "data.batch=1"]);
+            assert!(message.starts_with(&format!("--set {setting}: ")), "{message}");
+            assert!(message.contains(&format!("expected {expected}")), "{message}");
+        }
         assert!(message("", &["data.batch=0"]).contains("data.batch: must be at least 1"));
         let large = message("", &["data.batch=100000000"]);
         assert!(large.contains("data.batch: 100000000 × 256 × 256 pixels take 146484 GiB"), "{large}");

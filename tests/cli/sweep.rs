@@ -113,6 +113,8 @@ fn refuses_rows_that_cannot_be_compared() {
     );
     let said = fail(folder, &["sweep", "plain.toml", "plain.toml", "--data", "dataset", "-o", "sweep"], 1);
     assert!(said.contains("two configurations are called plain"), "{said}");
+    let said = fail(folder, &sweep("sweep", &["--set", "data.crop=large"]), 2);
+    assert!(said.contains("--set data.crop=large: "), "{said}");
     assert!(!folder.join("sweep").exists());
     fs::create_dir_all(folder.join("sweep/full")).unwrap();
     let said = fail(folder, &sweep("sweep", &[]), 1);

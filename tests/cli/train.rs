@@ -235,7 +235,7 @@ fn keeps_the_best_model_by_the_metric_of_choice() {
     let model = Model::load(&folder.join("run/best.safetensors")).unwrap();
     assert_eq!(model.origin().training.as_ref().unwrap()["iteration"], best.unwrap()["iteration"]);
     let run = ["train", "config.toml", "--data", "dataset", "-o", "other", "--set", "validation.best=lpips"];
-    let message = fail(folder, &run, 1);
+    let message = fail(folder, &run, 2);
     assert!(message.contains("validation.best"), "{message}");
 }
 
@@ -554,7 +554,11 @@ fn names_what_is_wrong_with_a_configuration() {
     prepare(folder);
     let run = ["train", "config.toml", "--data", "dataset", "-o", "run"];
     let refused = |rest: &[&str]| fail(folder, &[&run[..], rest].concat(), 1);
-    assert!(refused(&["--set", "data.corp=8"]).contains("near it are data.crop"));
+    let misused = |setting| fail(folder, &[&run[..], &["--set", setting]].concat(), 2);
+    assert!(misused("data.corp=8").contains("near it are data.crop"));
+    assert!(misused("data.crop=large").contains("--set data.crop=large: invalid type"));
+    assert!(misused("data.batch=0").contains("data.batch: must be at least 1"));
+    assert!(misused("data.batch=100000000").contains("make data.batch or data.crop smaller"));
     assert!(refused(&["--set", "data.crop=64"]).contains("64 pixels do not fit an image of 26 × 30"));
     assert!(refused(&["--set", "architecture.code-dim=5"]).contains("codes of 2 numbers"));
     assert!(!folder.join("run/model.safetensors").exists());
