@@ -200,12 +200,16 @@ impl GlobalArgs {
             .context("starting the thread pool")?;
         let interrupted = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&interrupted);
-        ctrlc::set_handler(move || {
-            if flag.swap(true, Ordering::Relaxed) {
-                std::process::exit(130);
-            }
-        })
-        .context("installing the handler of Ctrl-C")?;
+        // Ctrl-C, a request to terminate, or the end of the terminal: which of them, the handler is not told. A run that
+        // is to outlive its terminal (`nohup`) has none.
+        if !ignores_hangups() {
+            ctrlc::set_handler(move || {
+                if flag.swap(true, Ordering::Relaxed) {
+                    std::process::exit(130);
+                }
+            })
+            .context("installing the handler of Ctrl-C")?;
+        }
         let visible = match self.progress {
             ProgressMode::Auto => !self.quiet && std::io::stderr().is_terminal(),
             ProgressMode::Always => true,
@@ -233,10 +237,21 @@ pub(crate) fn is_broken_pipe(error: &anyhow::Error) -> bool {
 
 /// The most memory that this process has held at once, where the system tells.
 fn peak_memory_bytes() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
-    let kibibytes: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    let kibibytes: u64 = process_status("VmHWM:")?.parse().ok()?;
     Some(kibibytes * 1024)
+}
+
+/// Whether the end of the terminal (signal 1) was to be ignored when this process began, where the system tells.
+fn ignores_hangups() -> bool {
+    let ignored = process_status("SigIgn:").and_then(|signals| u64::from_str_radix(&signals, 16).ok());
+    ignored.is_some_and(|signals| signals & 1 == 1)
+}
+
+/// The first word behind a key of what the system says of this process, where it does.
+fn process_status(key: &str) -> Option<String> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|line| line.starts_with(key))?;
+    line.split_whitespace().nth(1).map(str::to_owned)
 }
 
 fn mebibytes(bytes: u64) -> String {

@@ -14,6 +14,8 @@ use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
 use udc::network::Model;
 
+#[cfg(unix)]
+use super::common::signal_after;
 use super::common::{fail, succeed, udc};
 use super::events;
 
@@ -539,6 +541,19 @@ fn warns_once_of_highlights_that_stored_ground_truths_lost() {
     }
     assert_eq!(warnings("dataset", "bright", &[]), 1);
     assert_eq!(warnings("dataset/gt", "views", &["--bank", "dataset/kernels.safetensors"]), 0);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_run_that_is_to_terminate_writes_a_checkpoint_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let run = ["train", "config.toml", "--data", "dataset", "-o", "run"];
+    let long = ["--set", "iterations=1000000", "--set", "checkpoint.every=1000000"];
+    let (code, said) = signal_after(folder, &[&run[..], &long].concat(), "run/previews/8/2.png", "-TERM");
+    assert!(code == Some(1) && said.contains("a checkpoint was written"), "{code:?} {said}");
+    assert_eq!(io::list_folder(&folder.join("run/checkpoints")).unwrap().len(), 1);
 }
 
 /// Makes the dataset anew.
