@@ -200,8 +200,8 @@ impl GlobalArgs {
             .context("starting the thread pool")?;
         let interrupted = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&interrupted);
-        // Ctrl-C, a request to terminate, or the end of the terminal: which of them, the handler is not told. A run that
-        // is to outlive its terminal (`nohup`) has none.
+        // Of Ctrl-C, a request to terminate and the end of the terminal, alike: a run that is to outlive its terminal
+        // (`nohup`) has no handler.
         if !ignores_hangups() {
             ctrlc::set_handler(move || {
                 if flag.swap(true, Ordering::Relaxed) {

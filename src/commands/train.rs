@@ -28,8 +28,8 @@ use super::metrics::measures;
 /// Train a restoration network
 ///
 /// The run's folder gets config.toml (with every default), metrics.jsonl and TensorBoard event files, checkpoints,
-/// model.safetensors (the latest), best.safetensors (the best by validation.best), and previews of the validation images
-/// (degraded, restored, clean).
+/// model.safetensors (the latest), best.safetensors (the best by validation.best) and previews of the validation
+/// images (degraded, restored, clean).
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:
   udc train configs/discnet.toml --data dataset -o run

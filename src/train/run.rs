@@ -100,8 +100,8 @@ impl Job<'_> {
     ///
     /// # Errors
     /// [`Error::Format`] when the folder holds a run that is not to be replaced, or none to resume;
-    /// [`Error::Config`] when a resumed run was configured otherwise or learned from other data; those of the data and of
-    /// [`Trainer::step`]. Checkpoints are kept whatever happens.
+    /// [`Error::Config`] when a resumed run was configured otherwise or learned from other data; those of the data
+    /// and of [`Trainer::step`]. Checkpoints are kept whatever happens.
     pub fn run(&self, folder: &Path, start: Start) -> Result<Outcome> {
         self.config.validate()?;
         let validator = match self.validation {

@@ -6,7 +6,8 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::common::{fail, succeed};
-use super::train::{CONFIG, kill_after_lines, prepare, prepare_other_data};
+use super::run_folder::prepare_other_data;
+use super::train::{CONFIG, kill_after_lines, prepare};
 
 /// A dataset and the configurations of two rows, with and without the kernel code.
 fn scratch() -> tempfile::TempDir {
