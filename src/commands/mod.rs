@@ -30,11 +30,13 @@ mod train;
 
 use std::io::IsTerminal;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::flag;
 
 use udc::core::error::Error;
 use udc::core::progress::Progress;
@@ -200,13 +202,12 @@ impl GlobalArgs {
             .build_global()
             .context("starting the thread pool")?;
         let interrupted = Arc::new(AtomicBool::new(false));
-        let flag = Arc::clone(&interrupted);
-        ctrlc::set_handler(move || {
-            if flag.swap(true, Ordering::Relaxed) {
-                std::process::exit(130);
-            }
-        })
-        .context("installing the handler of Ctrl-C")?;
+        for signal in [SIGINT, SIGTERM] {
+            // The first one asks to stop, and the second one ends the process.
+            flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&interrupted))
+                .and_then(|_| flag::register(signal, Arc::clone(&interrupted)))
+                .context("installing the handler of Ctrl-C")?;
+        }
         let visible = match self.progress {
             ProgressMode::Auto => !self.quiet && std::io::stderr().is_terminal(),
             ProgressMode::Always => true,

@@ -9,12 +9,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use serde_json::json;
-use sha2::{Digest, Sha256};
 
 use udc::core::dataset::{Dataset, Split};
 use udc::core::error;
 use udc::core::io;
-use udc::core::psf::hex;
 use udc::eval::EvalConfig;
 use udc::network::{Backend, Model};
 use udc::restore::Highlights;
@@ -25,7 +23,8 @@ use super::eval::outputs::{Outputs, RESULTS};
 use super::eval::pictures::Pictures;
 use super::eval::restorer::Restorer;
 use super::metrics::MetricArgs;
-use super::train::TrainArgs;
+use super::train::source::{bank_sha256, triplets_sha256};
+use super::train::{TrainArgs, configure};
 use super::{Session, was_interrupted};
 use row::Row;
 
@@ -84,7 +83,7 @@ impl SweepArgs {
         dataset.split(Split::Test).context("the rows are measured on the test split")?;
         let sweep = Sweep {
             dataset: &dataset,
-            data_sha256: identity(&dataset)?,
+            data_sha256: triplets_sha256(&dataset),
             measuring: self.metrics.config(false)?,
             session,
             args: &self,
@@ -121,8 +120,7 @@ impl SweepArgs {
             if !names.insert(name.clone()) {
                 bail!("two configurations are called {name}; rows are named after their files, rename one");
             }
-            let config = TrainConfig::from_toml(&io::read_text(path)?, &self.set)
-                .with_context(|| format!("reading {}", path.display()))?;
+            let config = configure(&io::read_text(path)?, path, &self.set)?;
             if let Some(other) = entries.iter().find(|other| other.config.seed != config.seed) {
                 bail!(
                     "{} has seed {first} and {name} has seed {}; a sweep compares runs of one seed: add --set seed={first}",
@@ -157,7 +155,33 @@ impl Sweep<'_> {
                 entry.name
             );
         }
+        if self.args.resume {
+            entries.iter().try_for_each(|entry| self.check_same_data(&folder.join(&entry.name)))?;
+        }
         Ok(io::create_folder(folder)?)
+    }
+
+    /// Refuses to go on with a finished row of other data; the training refuses to with an unfinished one.
+    fn check_same_data(&self, run: &Path) -> Result<()> {
+        let Some(row) = Row::read(run)? else { return Ok(()) };
+        let bank = bank_sha256(self.dataset);
+        let parts = [
+            ("data-sha256", row.data_sha256(), Some(self.data_sha256.as_str())),
+            ("kernel-bank-sha256", row.kernel_bank_sha256.clone(), bank),
+        ];
+        // Rows of older versions do not say which bank they were made with.
+        if let Some((part, was, is)) =
+            parts.iter().find(|(_, was, is)| was.is_some() && was.as_deref() != *is)
+        {
+            bail!(
+                "row {} was made with other data: {part} is {} and was {}; resume with its own data, or name another \
+                 folder",
+                row.name,
+                is.unwrap_or("absent"),
+                was.as_deref().unwrap_or("absent")
+            );
+        }
+        Ok(())
     }
 
     /// Trains and measures a configuration, unless it is finished.
@@ -175,7 +199,8 @@ impl Sweep<'_> {
         if outcome.interrupted {
             return Err(error::Error::Interrupted.into());
         }
-        let row = Row { made_with, ..self.measure(entry, &folder, outcome.iteration)? };
+        let kernel_bank_sha256 = bank_sha256(self.dataset).map(str::to_owned);
+        let row = Row { made_with, kernel_bank_sha256, ..self.measure(entry, &folder, outcome.iteration)? };
         row.write(&folder)?;
         Ok(row)
     }
@@ -238,13 +263,4 @@ impl Sweep<'_> {
         self.session.say(markdown)?;
         self.session.say(self.args.output.join("table.md").display())
     }
-}
-
-/// SHA-256 of a dataset's list of triplets, which holds the hashes of their images.
-fn identity(dataset: &Dataset) -> Result<String> {
-    let mut hash = Sha256::new();
-    for triplet in &dataset.triplets {
-        hash.update(serde_json::to_vec(triplet)?);
-    }
-    Ok(hex(&hash.finalize()))
 }

@@ -1,11 +1,13 @@
 //! `udc train`.
 
-mod source;
+pub(super) mod source;
 
 use std::path::{Path, PathBuf};
+use std::sync::Once;
 
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
+use clap::error::ErrorKind;
 
 use udc::core::dataset::{Dataset, Split};
 use udc::core::error::Error;
@@ -26,7 +28,8 @@ use super::metrics::measures;
 /// Train a restoration network
 ///
 /// The run's folder gets config.toml (with every default), metrics.jsonl and TensorBoard event files, checkpoints,
-/// model.safetensors (the latest) and best.safetensors (the best by validation.best).
+/// model.safetensors (the latest), best.safetensors (the best by validation.best) and previews of the validation
+/// images (degraded, restored, clean).
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:
   udc train configs/discnet.toml --data dataset -o run
@@ -74,23 +77,24 @@ impl TrainArgs {
         let start = self.start(&config, session)?;
         let source = Source::open(&self.data, self.bank.as_deref(), &config)?;
         check_codes(&config, source.code_dim())?;
-        let validation = source.dataset().and_then(validation_data);
+        let validation = source.dataset().map_or(Ok(None), validation_data)?;
         if validation.is_none() {
             session.warn("there is no val or test split; the training is not validated");
         }
         session.detail(format!("{} parameters", config.architecture.parameters()));
+        let identity = source.identity()?;
         let measures = validation_measures(&config.validation)?;
         let train = |data: &dyn TrainingData| {
             let validation = validation.as_ref().map(|data| data as &dyn TrainingData);
-            let (kernel_bank_sha256, progress) = (source.bank_sha256(), &session.progress);
             let job = Job {
                 config: &config,
                 data,
                 validation,
                 measures: &measures,
-                kernel_bank_sha256,
+                identity,
                 backend: self.backend,
-                progress,
+                progress: &session.progress,
+                warn: &|text| session.warn(text),
             };
             job.run(&self.output, start)
         };
@@ -98,8 +102,13 @@ impl TrainArgs {
         let outcome = match &source {
             Source::Stored(dataset) => train(&StoredData::new(dataset, Split::Train, cache)?),
             Source::OnTheFly(live, _) => {
-                let degrade =
-                    |scene: &LinearImage, kernel: usize, rng: &mut Rng| live.degrade(scene, kernel, rng);
+                let warned = Once::new();
+                let degrade = |scene: &LinearImage, kernel: usize, rng: &mut Rng| {
+                    if !warned.is_completed() && live.lost_highlights(scene) {
+                        warned.call_once(|| session.warn(lost_highlights(live.curve.x_max)));
+                    }
+                    live.degrade(scene, kernel, rng)
+                };
                 train(&OnTheFlyData::new(live.scenes.clone(), &live.bank, live.curve, &degrade, cache))
             }
         };
@@ -111,7 +120,7 @@ impl TrainArgs {
             Some(path) => (io::read_text(path)?, path.clone()),
             None => (train::read_config(&self.output)?, self.output.join("config.toml")),
         };
-        TrainConfig::from_toml(&text, &self.set).with_context(|| format!("reading {}", path.display()))
+        configure(&text, &path, &self.set)
     }
 
     fn start(&self, config: &TrainConfig, session: &Session) -> Result<Start> {
@@ -120,6 +129,17 @@ impl TrainArgs {
         }
         let initial = self.init.as_deref().map(|path| read_initial(path, config)).transpose()?;
         Ok(if session.overwrite { Start::Replace(initial) } else { Start::New(initial) })
+    }
+}
+
+/// Reads the configuration of a file and puts settings over it; to blame these where the file is right is to blame the
+/// command line.
+pub(super) fn configure(text: &str, path: &Path, settings: &[String]) -> Result<TrainConfig> {
+    match TrainConfig::from_toml(text, settings) {
+        Err(error) if TrainConfig::from_toml(text, &[]).is_ok() => {
+            Err(clap::Error::raw(ErrorKind::ValueValidation, error).into())
+        }
+        config => config.with_context(|| format!("reading {}", path.display())),
     }
 }
 
@@ -156,9 +176,18 @@ fn check_codes(config: &TrainConfig, found: usize) -> Result<(), Error> {
 }
 
 /// The first split there is that training does not learn from.
-fn validation_data(dataset: &Dataset) -> Option<StoredData<'_>> {
-    let open = |split| StoredData::new(dataset, split, 0).ok();
-    open(Split::Val).or_else(|| open(Split::Test))
+fn validation_data(dataset: &Dataset) -> Result<Option<StoredData<'_>>, Error> {
+    let is_there = |split: &Split| dataset.triplets.iter().any(|triplet| triplet.split == *split);
+    let split = [Split::Val, Split::Test].into_iter().find(is_there);
+    split.map(|split| StoredData::new(dataset, split, 0)).transpose()
+}
+
+fn lost_highlights(x_max: f32) -> String {
+    format!(
+        "stored ground truths reach x-max = {x_max}, where they were clipped: what is degraded on the fly lacks the \
+         highlights above it, which the dataset's own degraded images have; to keep them, name the folder of \
+         unclipped scenes as --data, and the kernels with --bank"
+    )
 }
 
 fn report(outcome: &Outcome, folder: &Path, session: &Session) -> Result<()> {

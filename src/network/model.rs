@@ -12,6 +12,7 @@ use super::weights::{self, Weights};
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
+use crate::core::tone::ToneCurve;
 use crate::kernels::Isa;
 
 /// Where weights come from, as far as their file says.
@@ -23,6 +24,15 @@ pub struct Origin {
     pub kernel_bank_sha256: Option<String>,
     /// The state dict of a PyTorch checkpoint that was read, where it has several.
     pub state_dict: Option<String>,
+}
+
+impl Origin {
+    /// φ∘C of the images that the network was trained with; none where the file does not say it.
+    pub fn tone_curve(&self) -> Option<ToneCurve> {
+        let curve = self.training.as_ref()?.get("tone-curve")?;
+        let ToneCurve { alpha, x_max } = serde_json::from_value(curve.clone()).ok()?;
+        ToneCurve::new(alpha, x_max).ok()
+    }
 }
 
 /// A network with its weights, for inference: whole images go through the kernels, without tensors of Burn.

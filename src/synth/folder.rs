@@ -6,6 +6,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
@@ -50,7 +51,7 @@ impl DatasetFolder {
         let log = LineLog::open(&list)?;
         drop(turn);
         if existing != Existing::Refuse {
-            remove_abandoned(root)?;
+            remove_unfinished(root)?;
         }
         let mut folder = Self { root: root.to_owned(), list, log, finished: BTreeSet::new() };
         match existing {
@@ -109,13 +110,17 @@ impl DatasetFolder {
     }
 }
 
+/// How long a temporary file is left alone after its last change: any file is written in much less, and a file of a run
+/// that still goes on must not be taken away.
+const ABANDONED_AFTER: Duration = Duration::from_secs(60 * 60);
+
 /// Removes the temporary files of killed runs wherever a run writes.
-fn remove_abandoned(root: &Path) -> Result<()> {
+fn remove_unfinished(root: &Path) -> Result<()> {
     let degraded = root.join("degraded");
     let kernels = if degraded.is_dir() { io::list_folder(&degraded)? } else { Vec::new() };
     let folders = kernels.iter().map(|name| degraded.join(name));
     let folders = folders.chain([root.to_owned(), root.join("gt"), root.join(FIELD_FILE).with_extension("")]);
-    folders.filter(|folder| folder.is_dir()).try_for_each(|folder| io::remove_abandoned(&folder))
+    folders.into_iter().try_for_each(|folder| io::remove_unfinished(&folder, ABANDONED_AFTER))
 }
 
 /// SHA-256 of a file, in hexadecimal.

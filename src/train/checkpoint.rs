@@ -5,6 +5,7 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::optimizer::Moments;
@@ -26,6 +27,9 @@ const FIRST: &str = "first-moment/";
 const SECOND: &str = "second-moment/";
 const AVERAGE: &str = "average/";
 
+/// What is put before the names of what the data are told apart by.
+const DATA: &str = "data/";
+
 /// The best validation so far, by the metric that the configuration chose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Best {
@@ -39,6 +43,8 @@ pub(super) struct Best {
 pub(super) struct Checkpoint {
     pub(super) state: State,
     pub(super) best: Option<Best>,
+    /// What the data are told apart by, part by part; nothing in states of older versions.
+    pub(super) data: BTreeMap<String, String>,
 }
 
 /// The folder of a run's checkpoints.
@@ -81,15 +87,39 @@ impl Checkpoints {
     }
 
     /// Reads the latest checkpoint, and clears away what an interrupted save left.
-    pub(super) fn latest(&self, architecture: &Architecture) -> Result<Option<Checkpoint>> {
+    ///
+    /// One that is damaged is warned of, and gives way to the newest that is not: it will be made again.
+    pub(super) fn latest(
+        &self,
+        architecture: &Architecture,
+        warn: &dyn Fn(&str),
+    ) -> Result<Option<Checkpoint>> {
         if self.folder.is_dir() {
             for name in io::list_folder(&self.folder)?.iter().filter(|name| name.ends_with(".partial")) {
                 io::remove(&self.folder.join(name))?;
             }
         }
-        let Some(iteration) = self.iterations()?.pop() else { return Ok(None) };
-        let path = self.folder.join(iteration.to_string()).join(STATE_FILE);
-        Checkpoint::read(&path, architecture).map(Some)
+        let mut damaged: Vec<(PathBuf, Error)> = Vec::new();
+        for iteration in self.iterations()?.into_iter().rev() {
+            let path = self.folder.join(iteration.to_string());
+            match Checkpoint::read(&path.join(STATE_FILE), architecture) {
+                Ok(checkpoint) => {
+                    for (path, error) in damaged {
+                        warn(&format!(
+                            "{error}; it is removed, and the training goes on from iteration {iteration}"
+                        ));
+                        io::remove(&path)?;
+                    }
+                    return Ok(Some(checkpoint));
+                }
+                // What cannot be read now may be whole all the same.
+                Err(Error::Io { action, path, source }) if source.kind() != ErrorKind::NotFound => {
+                    return Err(Error::Io { action, path, source });
+                }
+                Err(error) => damaged.push((path, error)),
+            }
+        }
+        damaged.into_iter().next().map_or(Ok(None), |(_, error)| Err(error))
     }
 }
 
@@ -112,6 +142,7 @@ impl Checkpoint {
             metadata.insert("best-iteration".to_owned(), best.iteration.to_string());
             metadata.insert("best-value".to_owned(), best.value.to_string());
         }
+        metadata.extend(self.data.iter().map(|(name, part)| (format!("{DATA}{name}"), part.clone())));
         io::write_safetensors(path, &tensors, &metadata, false)
     }
 
@@ -143,7 +174,9 @@ impl Checkpoint {
             }),
             _ => None,
         };
-        Ok(Self { state: State { iteration, parameters, moments, average }, best })
+        let part = |(key, part): (&String, &String)| Some((key.strip_prefix(DATA)?.to_owned(), part.clone()));
+        let data = metadata.iter().filter_map(part).collect();
+        Ok(Self { state: State { iteration, parameters, moments, average }, best, data })
     }
 }
 
@@ -172,6 +205,8 @@ fn values(parameters: Parameters) -> Vec<Vec<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::cell::RefCell;
+
     use crate::network::{Initialisation, Model, Origin};
 
     fn checkpoint(iteration: u64, average: bool) -> (Checkpoint, Weights) {
@@ -182,7 +217,8 @@ mod tests {
         let state = State { iteration, parameters: random(1), moments, average };
         let best = Some(Best { iteration: 3, value: 0.973_618_558_394_455_9 });
         let weights = Weights { parameters: random(1), architecture, origin: Origin::default() };
-        (Checkpoint { state, best }, weights)
+        let data = BTreeMap::from([("images-sha256".to_owned(), "ab".to_owned())]);
+        (Checkpoint { state, best, data }, weights)
     }
 
     #[test]
@@ -192,7 +228,7 @@ mod tests {
             let checkpoints = Checkpoints::new(folder.path().join(average.to_string()));
             let (saved, model) = checkpoint(7, average);
             checkpoints.save(&saved, &model, 1).unwrap();
-            assert_eq!(checkpoints.latest(&model.architecture).unwrap().unwrap(), saved);
+            assert_eq!(checkpoints.latest(&model.architecture, &no_warning).unwrap().unwrap(), saved);
         }
     }
 
@@ -206,9 +242,39 @@ mod tests {
         }
         io::create_folder(&folder.path().join("200.partial")).unwrap();
         let (_, model) = checkpoint(0, false);
-        assert_eq!(checkpoints.latest(&model.architecture).unwrap().unwrap().state.iteration, 100);
+        let latest = checkpoints.latest(&model.architecture, &no_warning).unwrap().unwrap();
+        assert_eq!(latest.state.iteration, 100);
         assert_eq!(io::list_folder(folder.path()).unwrap(), ["10", "100"]);
         assert!(Model::load(&folder.path().join("100").join(MODEL_FILE)).is_ok());
+    }
+
+    #[test]
+    fn damaged_checkpoints_give_way_to_the_newest_that_is_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let checkpoints = Checkpoints::new(folder.path().to_owned());
+        for iteration in [1, 2, 3, 4] {
+            let (saved, model) = checkpoint(iteration, false);
+            checkpoints.save(&saved, &model, 9).unwrap();
+        }
+        let state = |iteration: &str| folder.path().join(iteration).join(STATE_FILE);
+        std::fs::write(state("4"), "damaged").unwrap();
+        std::fs::remove_file(state("3")).unwrap();
+        let (_, model) = checkpoint(0, false);
+        let warnings = RefCell::new(Vec::new());
+        let warn = |text: &str| warnings.borrow_mut().push(text.to_owned());
+        let latest = checkpoints.latest(&model.architecture, &warn).unwrap().unwrap();
+        assert_eq!(latest.state.iteration, 2);
+        assert_eq!(io::list_folder(folder.path()).unwrap(), ["1", "2"]);
+        for (warning, iteration) in warnings.borrow().iter().zip(["4", "3"]) {
+            assert!(warning.contains(&state(iteration).display().to_string()), "{warning}");
+        }
+        ["1", "2"].iter().for_each(|iteration| std::fs::write(state(iteration), "damaged").unwrap());
+        assert!(checkpoints.latest(&model.architecture, &no_warning).is_err());
+        assert_eq!(io::list_folder(folder.path()).unwrap(), ["1", "2"], "nothing is removed for nothing");
+    }
+
+    fn no_warning(text: &str) {
+        panic!("{text}");
     }
 
     #[test]

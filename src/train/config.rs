@@ -1,7 +1,10 @@
 //! The configuration of a training: a TOML file, and settings that the command line puts over it.
 
+mod settings;
+
 use serde::{Deserialize, Serialize};
 
+use self::settings::{apply, in_plain_words, keys};
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
 use crate::core::metrics::{Metric, MetricDefinition};
@@ -94,6 +97,34 @@ impl Default for DataConfig {
             shuffle: true,
             cache_mib: 2048,
         }
+    }
+}
+
+impl DataConfig {
+    /// Checks that the images of a batch fit into memory, and that the samples of a step can be counted.
+    fn check_size(&self) -> Result<()> {
+        /// Degraded and clean crop of three channels.
+        const PIXEL_BYTES: u128 = 2 * 3 * size_of::<f32>() as u128;
+        /// What a network computes of a batch takes a hundred times its images and more.
+        const BATCH_BYTES: u128 = 4 << 30;
+        const STEP_SAMPLES: u128 = 1 << 24;
+        let [crop, batch, accumulate] = [self.crop, self.batch, self.accumulate].map(|count| count as u128);
+        let bytes = batch.saturating_mul(crop.saturating_mul(crop).saturating_mul(PIXEL_BYTES));
+        if bytes > BATCH_BYTES {
+            let reason = format!(
+                "{batch} × {crop} × {crop} pixels take {} GiB before anything is computed of them, more than {}; make \
+                 data.batch or data.crop smaller (data.accumulate adds up batches)",
+                bytes >> 30,
+                BATCH_BYTES >> 30
+            );
+            return Err(Error::config("data.batch", reason));
+        }
+        if batch * accumulate > STEP_SAMPLES {
+            let reason =
+                format!("times data.batch must be at most {STEP_SAMPLES}, found {}", batch * accumulate);
+            return Err(Error::config("data.accumulate", reason));
+        }
+        Ok(())
     }
 }
 
@@ -242,15 +273,16 @@ impl TrainConfig {
     /// is unknown, with the nearest ones, or of a value that is out of range.
     pub fn from_toml(text: &str, settings: &[String]) -> Result<Self> {
         // Once without the settings, so that mistakes of the file are reported at their line.
-        let broken = |reason| Error::config("configuration", reason);
-        parse_toml::<Self>(text).map_err(broken)?;
+        let broken = |reason: String| Error::config("configuration", in_plain_words(&reason));
+        let mut config: Self = parse_toml(text).map_err(broken)?;
         let mut table: toml::Table = parse_toml(text).map_err(broken)?;
         for setting in settings {
             apply(&mut table, setting)?;
+            // One after the other, so that the one that is wrong is named.
+            config = table.clone().try_into().map_err(|error: toml::de::Error| {
+                Error::config(format!("--set {setting}"), in_plain_words(error.message()))
+            })?;
         }
-        let config: Self = table.try_into().map_err(|error: toml::de::Error| {
-            Error::config(format!("--set {}", settings.join(" --set ")), error.message().to_owned())
-        })?;
         config.validate()?;
         Ok(config)
     }
@@ -286,6 +318,7 @@ impl TrainConfig {
         if let Some((key, _)) = counts.into_iter().find(|(_, count)| *count == 0) {
             return Err(Error::config(key, "must be at least 1, found 0"));
         }
+        self.data.check_size()?;
         let (optimizer, perceptual) = (&self.optimizer, self.loss.perceptual.weight);
         let is_share = |value: f64| (0.0..1.0).contains(&value);
         let is_positive = |value: f64| value > 0.0 && value.is_finite();
@@ -323,15 +356,16 @@ impl TrainConfig {
         }
     }
 
-    /// The first key whose change would make a resumed training another one: how long it runs, and what it
-    /// reports and keeps, may change.
+    /// The first key whose change would make a resumed training another one: how long it runs, what it reports
+    /// and keeps, and the memory it may take for images, may change.
     ///
     /// # Panics
     /// Never: the fields are plain data.
     pub fn first_difference(&self, other: &Self) -> Option<String> {
         let comparable = |config: &Self| {
-            let (iterations, checkpoint) = (self.iterations, self.checkpoint.clone());
-            let comparable = Self { iterations, checkpoint, ..config.clone() };
+            let data = DataConfig { cache_mib: self.data.cache_mib, ..config.data.clone() };
+            let Self { iterations, log_every, checkpoint, .. } = self.clone();
+            let comparable = Self { iterations, log_every, checkpoint, data, ..config.clone() };
             keys(&toml::Table::try_from(comparable).expect("configurations are plain data"))
         };
         let (ours, theirs) = (comparable(self), comparable(other));
@@ -342,78 +376,9 @@ impl TrainConfig {
     }
 }
 
-/// Puts one `key.path=value` into a table.
-fn apply(table: &mut toml::Table, setting: &str) -> Result<()> {
-    let wrong = |reason: String| Error::config(format!("--set {setting}"), reason);
-    let Some((path, text)) = setting.split_once('=') else {
-        return Err(wrong("expected key.path=value, such as optimizer.learning-rate=1e-4".to_owned()));
-    };
-    let known = known_keys();
-    if !known.iter().any(|key| key == path) {
-        return Err(wrong(format!(
-            "there is no key {path}; near it are {}",
-            nearest(path, &known).join(", ")
-        )));
-    }
-    // What is no TOML value is text: `architecture.condition=none` needs no quotes.
-    let parsed = format!("value = {text}").parse::<toml::Table>().ok();
-    let value = parsed.and_then(|mut table| table.remove("value")).unwrap_or_else(|| text.into());
-    let mut parts: Vec<&str> = path.split('.').collect();
-    let last = parts.pop().expect("splitting gives a part");
-    let mut inner = table;
-    for part in parts {
-        let entry = inner.entry(part).or_insert_with(|| toml::Table::new().into());
-        inner = entry.as_table_mut().ok_or_else(|| wrong(format!("{part} is no section")))?;
-    }
-    inner.insert(last.to_owned(), value);
-    Ok(())
-}
-
-fn known_keys() -> Vec<String> {
-    let table = toml::Table::try_from(TrainConfig::default()).expect("configurations are plain data");
-    keys(&table).into_iter().map(|(key, _)| key).collect()
-}
-
-/// All keys of a table with their values, as `section.key`.
-fn keys(table: &toml::Table) -> Vec<(String, String)> {
-    let mut found = Vec::new();
-    for (key, value) in table {
-        match value {
-            toml::Value::Table(inner) => {
-                found.extend(keys(inner).into_iter().map(|(rest, value)| (format!("{key}.{rest}"), value)));
-            }
-            value => found.push((key.clone(), value.to_string())),
-        }
-    }
-    found
-}
-
-/// The three known keys that take the fewest edits, counting those with the same last part as near.
-fn nearest(path: &str, known: &[String]) -> Vec<String> {
-    let leaf = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
-    let mut ranked: Vec<(usize, &String)> =
-        known.iter().map(|key| (edits(path, key).min(1 + edits(&leaf(path), &leaf(key))), key)).collect();
-    ranked.sort();
-    ranked.into_iter().take(3).map(|(_, key)| key.clone()).collect()
-}
-
-/// The least number of insertions, deletions and replacements that turn `a` into `b`.
-fn edits(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = std::mem::replace(&mut row[0], i + 1);
-        for (j, y) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(x != *y);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
-}
-
 #[cfg(test)]
 mod tests {
+    use super::settings::known_keys;
     use super::*;
 
     fn message(text: &str, settings: &[&str]) -> String {
@@ -468,8 +433,23 @@ mod tests {
 
     #[test]
     fn values_of_another_type_or_out_of_range_are_refused() {
-        assert!(message("", &["data.crop=large"]).contains("--set data.crop=large"));
+        for (setting, expected) in [
+            ("data.crop=large", "a whole number"),
+            ("data.crop=8.5", "a whole number"),
+            ("seed=-1", "a whole number"),
+            ("loss.l1=much", "a number"),
+            ("data.shuffle=maybe", "true or false"),
+            ("validation.lpips-linear=1", "text"),
+        ] {
+            let message = message("", &["iterations=2", setting, "data.batch=1"]);
+            assert!(message.starts_with(&format!("--set {setting}: ")), "{message}");
+            assert!(message.contains(&format!("expected {expected}")), "{message}");
+        }
         assert!(message("", &["data.batch=0"]).contains("data.batch: must be at least 1"));
+        let large = message("", &["data.batch=100000000"]);
+        assert!(large.contains("data.batch: 100000000 × 256 × 256 pixels take 146484 GiB"), "{large}");
+        assert!(message("", &["data.crop=4000000000"]).contains("data.batch: 1 × 4000000000"));
+        assert!(message("", &["data.accumulate=100000000"]).contains("at most 16777216"));
         assert!(message("", &["optimizer.beta1=1.0"]).contains("optimizer.beta1"));
         assert!(
             message("", &["loss.perceptual.weight=-1"]).contains("loss.perceptual.weight: must be 0 (off)")
@@ -484,17 +464,13 @@ mod tests {
     }
 
     #[test]
-    fn only_length_and_checkpoints_may_change_when_resuming() {
+    fn only_what_cannot_change_the_network_may_change_when_resuming() {
         let before = TrainConfig::default();
         let mut after = before.clone();
         (after.iterations, after.checkpoint.keep) = (5, 9);
+        (after.log_every, after.data.cache_mib) = (3, 100);
         assert_eq!(after.first_difference(&before), None);
         after.optimizer.beta2 = 0.99;
         assert_eq!(after.first_difference(&before).unwrap(), "optimizer.beta2 is 0.99 and was 0.999");
-    }
-
-    #[test]
-    fn edits_are_counted() {
-        assert_eq!((edits("crop", "corp"), edits("", "abc"), edits("beta1", "beta2")), (2, 3, 1));
     }
 }

@@ -1,14 +1,16 @@
 //! From a dataset to a trained network.
 //!
 //! A [`Trainer`] holds weights, optimiser and position, and advances them step by step; a [`Job`] runs one in a
-//! folder, with log and checkpoints. All that is drawn depends on the seed and the position alone, so that a
+//! folder, with log, checkpoints and previews. All that is drawn depends on the seed and the position alone, so that a
 //! training repeats, and resumes, bit for bit.
 
 mod checkpoint;
 mod config;
 mod data;
+mod identity;
 mod loss;
 mod optimizer;
+mod preview;
 mod run;
 mod sampler;
 mod schedule;
@@ -21,6 +23,7 @@ pub use config::{
     TrainConfig, ValidationConfig,
 };
 pub use data::{Degrade, InMemory, OnTheFlyData, Patch, StoredData, TrainingData, Window};
+pub use identity::DataIdentity;
 pub use run::{Job, Outcome, Start, read_config};
 pub use sampler::Sampler;
 pub use schedule::learning_rate;

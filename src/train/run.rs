@@ -1,7 +1,10 @@
 //! A training with its folder: configuration, log, checkpoints and models, so that it can be killed at any
 //! moment and resumed to the same bytes.
+//!
+//! Each validation leaves pictures of its first images, `previews/<iteration>/<n>.png`: degraded, restored, clean.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -9,6 +12,7 @@ use serde_json::{Value, json};
 use super::checkpoint::{Best, Checkpoint, Checkpoints};
 use super::config::TrainConfig;
 use super::data::TrainingData;
+use super::identity::DataIdentity;
 use super::tensorboard::{self, EventLog};
 use super::trainer::{Step, Trainer};
 use super::validation::{Validation, ValidationScore, Validator};
@@ -25,6 +29,7 @@ const LOG_FILE: &str = "metrics.jsonl";
 const CHECKPOINTS: &str = "checkpoints";
 const MODEL_FILE: &str = "model.safetensors";
 const BEST_FILE: &str = "best.safetensors";
+const PREVIEWS: &str = "previews";
 
 /// What a run needs to know.
 pub struct Job<'a> {
@@ -36,12 +41,14 @@ pub struct Job<'a> {
     pub validation: Option<&'a dyn TrainingData>,
     /// The configuration's `validation.metrics`, ready to measure.
     pub measures: &'a [Measure],
-    /// Identity of the kernel bank behind the codes.
-    pub kernel_bank_sha256: Option<String>,
+    /// What tells the data from others; it goes into models and states.
+    pub identity: DataIdentity,
     /// Where to compute.
     pub backend: Backend,
     /// Where to report, and whom to ask whether to stop.
     pub progress: &'a Progress,
+    /// Where warnings go.
+    pub warn: &'a dyn Fn(&str),
 }
 
 /// How a run begins.
@@ -49,9 +56,9 @@ pub struct Job<'a> {
 pub enum Start {
     /// From these weights, or random ones, in a folder without a run.
     New(Option<Parameters>),
-    /// The same, after removing a run that is there.
+    /// The same, after removing a run that is there, once a step of the new one was rehearsed.
     Replace(Option<Parameters>),
-    /// From the latest checkpoint.
+    /// From the latest checkpoint that is intact.
     Resume,
 }
 
@@ -94,8 +101,8 @@ impl Job<'_> {
     ///
     /// # Errors
     /// [`Error::Format`] when the folder holds a run that is not to be replaced, or none to resume;
-    /// [`Error::Config`] when a resumed run was configured otherwise; those of the data and of
-    /// [`Trainer::step`]. Checkpoints are kept whatever happens.
+    /// [`Error::Config`] when a resumed run was configured otherwise or learned from other data; those of the data
+    /// and of [`Trainer::step`]. Checkpoints are kept whatever happens.
     pub fn run(&self, folder: &Path, start: Start) -> Result<Outcome> {
         self.config.validate()?;
         let validator = match self.validation {
@@ -126,18 +133,23 @@ impl Job<'_> {
             Start::Replace(initial) => (initial, None),
             Start::Resume => {
                 self.check_same(folder)?;
-                (None, checkpoints.latest(&self.config.architecture)?)
+                remove_unfinished(folder)?;
+                (None, checkpoints.latest(&self.config.architecture, self.warn)?)
             }
         };
         let begins_with_weights = initial.is_some();
         let (trainer, best) = match checkpoint {
-            Some(Checkpoint { state, best }) => {
+            Some(Checkpoint { state, best, data }) => {
+                self.identity.check_same(&data)?;
                 (Trainer::from_state(self.config, state, self.data.len(), self.backend)?, best)
             }
             None => (Trainer::new(self.config, initial, self.data.len(), self.backend)?, None),
         };
-        // Only now, when nothing is missing any more.
         if replaces {
+            if holds_run(folder)? {
+                // Rehearsed, so that the old run is not lost to data or settings that no step can be made with.
+                trainer.clone().step(self.data)?;
+            }
             remove_run(folder)?;
         }
         io::create_folder(folder)?;
@@ -182,15 +194,22 @@ impl Job<'_> {
     /// differently.
     fn describe(&self, iteration: u64) -> Value {
         let config = serde_json::to_value(self.config).expect("configurations are plain data");
-        json!({"program": concat!("udc ", env!("CARGO_PKG_VERSION")), "iteration": iteration, "config": config})
+        json!({
+            "program": concat!("udc ", env!("CARGO_PKG_VERSION")), "iteration": iteration, "config": config,
+            "tone-curve": self.identity.tone_curve,
+        })
     }
 }
 
-/// Refuses a folder in which a run has got somewhere; one that failed at its first step may be begun again.
-fn refuse_run(folder: &Path) -> Result<()> {
+/// Whether a run has got somewhere in a folder; one that failed at its first step may be begun again.
+fn holds_run(folder: &Path) -> Result<bool> {
     let log = folder.join(LOG_FILE);
     let has_log = log.is_file() && !io::read_text(&log)?.is_empty();
-    if has_log || [CHECKPOINTS, MODEL_FILE].iter().any(|name| folder.join(name).exists()) {
+    Ok(has_log || [CHECKPOINTS, MODEL_FILE].iter().any(|name| folder.join(name).exists()))
+}
+
+fn refuse_run(folder: &Path) -> Result<()> {
+    if holds_run(folder)? {
         let reason = "there is a run already; pass --resume to go on with it, --overwrite to begin anew, or name \
                       another folder";
         return Err(Error::format(folder, reason));
@@ -198,8 +217,17 @@ fn refuse_run(folder: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Removes what killed processes left of files that they were writing; of checkpoints, reading them does it.
+fn remove_unfinished(folder: &Path) -> Result<()> {
+    let previews = folder.join(PREVIEWS);
+    let names = if previews.is_dir() { io::list_folder(&previews)? } else { Vec::new() };
+    let folders = names.iter().map(|name| previews.join(name)).chain([folder.to_owned()]);
+    folders.into_iter().try_for_each(|folder| io::remove_unfinished(&folder, Duration::ZERO))
+}
+
 fn remove_run(folder: &Path) -> Result<()> {
-    let names = [CONFIG_FILE, LOG_FILE, CHECKPOINTS, MODEL_FILE, BEST_FILE];
+    remove_unfinished(folder)?;
+    let names = [CONFIG_FILE, LOG_FILE, CHECKPOINTS, MODEL_FILE, BEST_FILE, PREVIEWS];
     names.iter().try_for_each(|name| io::remove(&folder.join(name)))?;
     tensorboard::remove_all(folder)
 }
@@ -273,7 +301,8 @@ impl Run {
         let Some(validator) = &self.validator else { return Ok(()) };
         let weights = self.weights(job);
         let iteration = self.trainer.iteration();
-        let validation = validator.run(&weights, iteration)?;
+        let previews = self.folder.join(PREVIEWS).join(iteration.to_string());
+        let validation = validator.run(&weights, iteration, &previews)?;
         let metric = job.config.validation.best;
         if let Some(value) = validation.restored(metric)
             && self.best.is_none_or(|best| metric.is_better(value, best.value))
@@ -293,7 +322,8 @@ impl Run {
     fn save_checkpoint(&self, job: &Job<'_>) -> Result<()> {
         self.log.sync()?;
         let weights = self.weights(job);
-        let checkpoint = Checkpoint { state: self.trainer.state.clone(), best: self.best };
+        let (state, data) = (self.trainer.state.clone(), job.identity.parts());
+        let checkpoint = Checkpoint { state, best: self.best, data };
         self.checkpoints.save(&checkpoint, &weights, job.config.checkpoint.keep)?;
         weights::write(&self.folder.join(MODEL_FILE), &weights, true)
     }
@@ -304,7 +334,7 @@ impl Run {
             parameters: self.trainer.weights().clone(),
             origin: Origin {
                 training: Some(job.describe(self.trainer.iteration())),
-                kernel_bank_sha256: job.kernel_bank_sha256.clone(),
+                kernel_bank_sha256: job.identity.kernel_bank_sha256.clone(),
                 state_dict: None,
             },
         }

@@ -1,10 +1,13 @@
 //! Measures a network in training on images that it does not learn from.
 
+use std::path::Path;
+
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 
 use super::config::TrainConfig;
 use super::data::{Patch, TrainingData};
+use super::preview;
 use crate::core::error::Result;
 use crate::core::image::ToneMappedImage;
 use crate::core::metrics::{Measure, Metric, MetricDefinition};
@@ -79,16 +82,17 @@ impl Validator {
         Ok(Self { patches, measures: measures.to_vec() })
     }
 
-    /// Restores every image and takes the mean of the measures.
-    pub(super) fn run(&self, weights: &Weights, iteration: u64) -> Result<Validation> {
+    /// Restores every image and takes the mean of the measures; the pictures of the first go to `previews`.
+    pub(super) fn run(&self, weights: &Weights, iteration: u64, previews: &Path) -> Result<Validation> {
         let model = Model::new(weights.clone());
         let (mut restored, mut degraded) = (vec![0.0; self.measures.len()], vec![0.0; self.measures.len()]);
-        for patch in &self.patches {
+        for (index, patch) in self.patches.iter().enumerate() {
             let image = model.restore(&patch.degraded, patch.code.as_ref())?;
             for (index, measure) in self.measures.iter().enumerate() {
                 restored[index] += compare(measure, &image, &patch.ground_truth)?;
                 degraded[index] += compare(measure, &patch.degraded, &patch.ground_truth)?;
             }
+            preview::write(previews, index, patch, &image)?;
         }
         let count = self.patches.len() as f64;
         let score = |(index, measure): (usize, &Measure)| ValidationScore {

@@ -28,6 +28,12 @@ pub(crate) fn fail(folder: &Path, args: &[&str], code: i32) -> String {
 /// Runs `udc`, presses Ctrl-C as soon as the file `first` exists, and returns exit code and stderr.
 #[cfg(unix)]
 pub(crate) fn interrupt_after(folder: &Path, args: &[&str], first: &str) -> (Option<i32>, String) {
+    signal_after(folder, args, first, "-INT")
+}
+
+/// The same with another signal.
+#[cfg(unix)]
+pub(crate) fn signal_after(folder: &Path, args: &[&str], first: &str, signal: &str) -> (Option<i32>, String) {
     let run = Command::new(env!("CARGO_BIN_EXE_udc"))
         .args(args)
         .current_dir(folder)
@@ -39,7 +45,7 @@ pub(crate) fn interrupt_after(folder: &Path, args: &[&str], first: &str) -> (Opt
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
     let pid = run.id().to_string();
-    assert!(Command::new("kill").args(["-INT", &pid]).status().expect("kill starts").success());
+    assert!(Command::new("kill").args([signal, &pid]).status().expect("kill starts").success());
     let output = run.wait_with_output().expect("udc ends");
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
 }

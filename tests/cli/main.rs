@@ -20,6 +20,7 @@ mod measure;
 mod perceptual_weights;
 mod raw;
 mod restore;
+mod run_folder;
 mod sweep;
 mod synth;
 #[path = "../common/tiff.rs"]

@@ -6,6 +6,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::common::{fail, succeed};
+use super::run_folder::prepare_other_data;
 use super::train::{CONFIG, kill_after_lines, prepare};
 
 /// A dataset and the configurations of two rows, with and without the kernel code.
@@ -87,6 +88,21 @@ fn names_a_row_that_failed_and_finishes_the_others() {
 }
 
 #[test]
+fn rows_are_not_resumed_on_other_data() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    let plain = ["sweep", "plain.toml", "--data", "dataset", "-o", "sweep", "--set", "iterations=2"];
+    succeed(folder, &plain);
+    prepare_other_data(folder, true, false);
+    let said = fail(folder, &[&plain[..], &["--resume"]].concat(), 1);
+    assert!(said.contains("row plain was made with other data: kernel-bank-sha256 is"), "{said}");
+    prepare_other_data(folder, false, true);
+    let said = fail(folder, &[&plain[..], &["--resume"]].concat(), 1);
+    assert!(said.contains("row plain was made with other data: data-sha256 is"), "{said}");
+    assert!(folder.join("sweep/plain/row.toml").is_file(), "the row is kept");
+}
+
+#[test]
 fn refuses_rows_that_cannot_be_compared() {
     let scratch = scratch();
     let folder = scratch.path();
@@ -98,6 +114,8 @@ fn refuses_rows_that_cannot_be_compared() {
     );
     let said = fail(folder, &["sweep", "plain.toml", "plain.toml", "--data", "dataset", "-o", "sweep"], 1);
     assert!(said.contains("two configurations are called plain"), "{said}");
+    let said = fail(folder, &sweep("sweep", &["--set", "data.crop=large"]), 2);
+    assert!(said.contains("--set data.crop=large: "), "{said}");
     assert!(!folder.join("sweep").exists());
     fs::create_dir_all(folder.join("sweep/full")).unwrap();
     let said = fail(folder, &sweep("sweep", &[]), 1);

@@ -11,9 +11,10 @@ use udc::core::image::LinearImage;
 use udc::core::io;
 use udc::core::kernel_code::{CodeBasis, KernelBank};
 use udc::core::psf::Psf;
+use udc::core::tone::ToneCurve;
 use udc::network::Model;
 
-use super::common::{fail, succeed};
+use super::common::{fail, succeed, udc};
 use super::events;
 
 /// A network small enough that a step takes some milliseconds.
@@ -62,12 +63,17 @@ pub(crate) fn prepare(folder: &Path) {
         division: "test-fraction 0.25".to_owned(),
         image_format: "npy".to_owned(),
         half: false,
-        formation: FormationConfig::default(),
+        formation: FormationConfig { alpha: curve().alpha, ..FormationConfig::default() },
     };
     fs::write(root.join("dataset.toml"), config.to_toml()).expect("the folder is writable");
     let lines: Vec<String> = (0..8).map(|index| write_triplet(&root, index / 2, index % 2)).collect();
     fs::write(root.join("triplets.jsonl"), lines.join("\n")).expect("the folder is writable");
     fs::write(folder.join("config.toml"), CONFIG).expect("the folder is writable");
+}
+
+/// Another one than the published.
+fn curve() -> ToneCurve {
+    ToneCurve { alpha: 0.3, ..ToneCurve::default() }
 }
 
 fn bank() -> KernelBank {
@@ -106,19 +112,19 @@ fn write_triplet(root: &Path, scene: usize, kernel: usize) -> String {
     serde_json::to_string(&triplet).expect("triplets are plain data")
 }
 
-fn train(folder: &Path, run: &str, rest: &[&str]) -> String {
+pub(crate) fn train(folder: &Path, run: &str, rest: &[&str]) -> String {
     let mut args = vec!["train", "config.toml", "--data", "dataset", "-o", run];
     args.extend(rest);
     succeed(folder, &args)
 }
 
 /// What a run must repeat: its model and its log.
-fn result(folder: &Path, run: &str) -> (Vec<u8>, String) {
+pub(crate) fn result(folder: &Path, run: &str) -> (Vec<u8>, String) {
     let read = |name: &str| fs::read(folder.join(run).join(name)).expect("the run has written it");
     (read("model.safetensors"), String::from_utf8(read("metrics.jsonl")).expect("the log is text"))
 }
 
-fn losses(log: &str) -> Vec<f64> {
+pub(crate) fn losses(log: &str) -> Vec<f64> {
     let line = |line| -> serde_json::Value { serde_json::from_str(line).expect("log lines are JSON") };
     log.lines().map(line).filter_map(|line| line["loss"].as_f64()).collect()
 }
@@ -142,7 +148,13 @@ fn trains_a_network_that_learns_and_can_be_loaded() {
     assert_eq!(model.architecture().features, 2);
     let bank_sha256 = io::bank_sha256(&folder.path().join("dataset/kernels.safetensors")).unwrap();
     assert_eq!(model.origin().kernel_bank_sha256, Some(bank_sha256));
+    assert_eq!(model.origin().tone_curve(), Some(curve()));
     assert!(Model::load(&run.join("best.safetensors")).is_ok());
+    // A validation every 8 iterations, of two images.
+    let previews = run.join("previews");
+    assert_eq!(io::list_folder(&previews).unwrap().len(), 7);
+    assert_eq!(io::list_folder(&previews.join("56")).unwrap(), ["1.png", "2.png"]);
+    assert_eq!(io::read_pixels(&previews.join("56/1.png")).unwrap().planes.dim(), (3, 24, 72));
     let resolved = fs::read_to_string(run.join("config.toml")).unwrap();
     assert!(resolved.contains("learning-rate = 0.003") && resolved.contains("beta1 = 0.9"), "{resolved}");
 }
@@ -163,6 +175,8 @@ fn a_killed_run_ends_with_the_bytes_of_one_that_was_not() {
     assert!(result(folder, "whole") == result(folder, "killed"), "the bytes differ");
     let best = |run: &str| fs::read(folder.join(run).join("best.safetensors")).unwrap();
     assert!(best("whole") == best("killed"), "the best model differs");
+    let preview = |run: &str| fs::read(folder.join(run).join("previews/24/1.png")).unwrap();
+    assert!(preview("whole") == preview("killed"), "the previews differ");
     let (log, events) = (scalars_of_log(folder, "killed"), scalars_of_events(folder, "killed"));
     assert_eq!(log.len(), events.len(), "every step is there once");
     for (log, event) in log.iter().zip(&events) {
@@ -221,7 +235,7 @@ fn keeps_the_best_model_by_the_metric_of_choice() {
     let model = Model::load(&folder.join("run/best.safetensors")).unwrap();
     assert_eq!(model.origin().training.as_ref().unwrap()["iteration"], best.unwrap()["iteration"]);
     let run = ["train", "config.toml", "--data", "dataset", "-o", "other", "--set", "validation.best=lpips"];
-    let message = fail(folder, &run, 1);
+    let message = fail(folder, &run, 2);
     assert!(message.contains("validation.best"), "{message}");
 }
 
@@ -379,13 +393,78 @@ fn refuses_to_mix_runs() {
 }
 
 #[test]
+fn images_of_a_triplet_must_be_of_one_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let options = io::WriteOptions { overwrite: true, ..Default::default() };
+    for (height, width) in [(20, 30), (26, 40)] {
+        let clean = LinearImage::from_planes(Array3::ones((3, height, width))).unwrap();
+        for scene in 0..3 {
+            let path = folder.join(format!("dataset/gt/scene{scene}.npy"));
+            io::write_image(&path, &clean, &options).unwrap();
+        }
+        let message = fail(folder, &["train", "config.toml", "--data", "dataset", "-o", "run"], 1);
+        assert!(message.contains(&format!("expected {height} × {width}, found 26 × 30")), "{message}");
+        assert!(message.contains("degraded/k0"), "{message}");
+    }
+}
+
+#[test]
+fn only_an_absent_split_turns_validation_off() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let run = ["train", "config.toml", "--data", "dataset", "-o", "run", "--set", "iterations=1"];
+    let list = folder.join("dataset/triplets.jsonl");
+    let lines = fs::read_to_string(&list).unwrap();
+    let in_test = |line: &&str| line.contains("\"test\"");
+    let unknown = |line| if in_test(&line) { line.replace("\"k01\"", "\"k77\"") } else { line.to_owned() };
+    fs::write(&list, lines.lines().map(unknown).collect::<Vec<_>>().join("\n")).unwrap();
+    let message = fail(folder, &run, 1);
+    assert!(message.contains("names kernel k77"), "{message}");
+    let train_only: Vec<&str> = lines.lines().filter(|line| !in_test(line)).collect();
+    fs::write(&list, train_only.join("\n")).unwrap();
+    let output = udc(folder, &run);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.contains("no val or test split"), "{said}");
+}
+
+#[test]
+fn warns_once_of_highlights_that_stored_ground_truths_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let live = ["--set", "data.degradation=on-the-fly", "--set", "iterations=2"];
+    let warnings = |data: &str, run: &str, more: &[&str]| {
+        let args = [&["train", "config.toml", "--data", data, "-o", run], &live[..], more].concat();
+        let output = udc(folder, &args);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{said}");
+        said.matches("reach x-max = 500").count()
+    };
+    assert_eq!(warnings("dataset", "dim", &[]), 0);
+    let options = io::WriteOptions { overwrite: true, ..Default::default() };
+    let clipped = LinearImage::from_planes(Array3::from_elem((3, 26, 30), 500.0)).unwrap();
+    for scene in 0..3 {
+        io::write_image(&folder.join(format!("dataset/gt/scene{scene}.npy")), &clipped, &options).unwrap();
+    }
+    assert_eq!(warnings("dataset", "bright", &[]), 1);
+    assert_eq!(warnings("dataset/gt", "views", &["--bank", "dataset/kernels.safetensors"]), 0);
+}
+
+#[test]
 fn names_what_is_wrong_with_a_configuration() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     prepare(folder);
     let run = ["train", "config.toml", "--data", "dataset", "-o", "run"];
     let refused = |rest: &[&str]| fail(folder, &[&run[..], rest].concat(), 1);
-    assert!(refused(&["--set", "data.corp=8"]).contains("near it are data.crop"));
+    let misused = |setting| fail(folder, &[&run[..], &["--set", setting]].concat(), 2);
+    assert!(misused("data.corp=8").contains("near it are data.crop"));
+    assert!(misused("data.crop=large").contains("--set data.crop=large: invalid type"));
+    assert!(misused("data.batch=0").contains("data.batch: must be at least 1"));
+    assert!(misused("data.batch=100000000").contains("make data.batch or data.crop smaller"));
     assert!(refused(&["--set", "data.crop=64"]).contains("64 pixels do not fit an image of 26 × 30"));
     assert!(refused(&["--set", "architecture.code-dim=5"]).contains("codes of 2 numbers"));
     assert!(!folder.join("run/model.safetensors").exists());

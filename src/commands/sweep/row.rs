@@ -32,6 +32,9 @@ pub(super) struct Row {
     pub(super) images: usize,
     /// Everything that decides these numbers, as JSON.
     pub(super) made_with: String,
+    /// The bank behind the codes of the data; rows of older versions do not say it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) kernel_bank_sha256: Option<String>,
     pub(super) mean: Means,
     /// The means of the images before restoration.
     pub(super) degraded: Means,
@@ -54,9 +57,16 @@ impl Row {
             iterations,
             images: evaluation.count(1),
             made_with: String::new(),
+            kernel_bank_sha256: None,
             mean: means(1),
             degraded: means(0),
         }
+    }
+
+    /// Identity of the list of triplets that the row was made with.
+    pub(super) fn data_sha256(&self) -> Option<String> {
+        let made_with: Value = serde_json::from_str(&self.made_with).ok()?;
+        made_with["data-sha256"].as_str().map(str::to_owned)
     }
 
     /// The row as JSON; a mean that is infinite is null.

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::{Context as _, Result, bail};
 use rand::Rng as _;
+use sha2::{Digest, Sha256};
 
 use udc::core::dataset::{CONFIG_FILE, Dataset, FormationConfig, Split};
 use udc::core::error::Result as CoreResult;
@@ -13,10 +14,11 @@ use udc::core::fft::{Convolver, Otf};
 use udc::core::image::LinearImage;
 use udc::core::io;
 use udc::core::kernel_code::KernelBank;
+use udc::core::psf::hex;
 use udc::core::rng::Rng;
 use udc::core::tone::ToneCurve;
 use udc::synth::Formation;
-use udc::train::{Degradation, TrainConfig};
+use udc::train::{DataIdentity, Degradation, TrainConfig};
 
 /// Everything that samples are made of, opened once.
 pub(super) enum Source {
@@ -32,6 +34,9 @@ pub(super) struct OnTheFly {
     pub(super) bank: KernelBank,
     /// φ∘C.
     pub(super) curve: ToneCurve,
+    /// Whether the clean images are ground truths that were clipped to x_max when they were stored, though the model
+    /// spreads all of a scene's light.
+    clipped: bool,
     bank_sha256: String,
     formation: Formation,
     plans: Mutex<BTreeMap<[usize; 2], Arc<Plan>>>,
@@ -80,20 +85,54 @@ impl Source {
         }
     }
 
-    /// Identity of the kernel bank, where there is one.
-    pub(super) fn bank_sha256(&self) -> Option<String> {
-        match self {
-            Self::Stored(dataset) => dataset.config.as_ref().map(|config| config.bank_sha256.clone()),
-            Self::OnTheFly(live, _) => Some(live.bank_sha256.clone()),
-        }
+    /// What tells the data from others.
+    pub(super) fn identity(&self) -> CoreResult<DataIdentity> {
+        Ok(match self {
+            Self::Stored(dataset) => DataIdentity {
+                images_sha256: Some(triplets_sha256(dataset)),
+                kernel_bank_sha256: bank_sha256(dataset).map(str::to_owned),
+                tone_curve: dataset.formation.curve()?,
+            },
+            Self::OnTheFly(live, dataset) => DataIdentity {
+                images_sha256: Some(
+                    dataset.as_ref().map_or_else(|| names_sha256(&live.scenes), triplets_sha256),
+                ),
+                kernel_bank_sha256: Some(live.bank_sha256.clone()),
+                tone_curve: live.curve,
+            },
+        })
     }
+}
+
+/// SHA-256 of a dataset's list of triplets, which holds the hashes of their images.
+pub(in crate::commands) fn triplets_sha256(dataset: &Dataset) -> String {
+    let mut hash = Sha256::new();
+    for triplet in &dataset.triplets {
+        hash.update(serde_json::to_vec(triplet).expect("triplets are plain data"));
+    }
+    hex(&hash.finalize())
+}
+
+/// SHA-256 of a dataset's kernel bank, where it has one.
+pub(in crate::commands) fn bank_sha256(dataset: &Dataset) -> Option<&str> {
+    dataset.config.as_ref().map(|config| config.bank_sha256.as_str())
+}
+
+/// SHA-256 of the names of images; their folder may move.
+fn names_sha256(images: &[PathBuf]) -> String {
+    let mut hash = Sha256::new();
+    for name in images.iter().filter_map(|path| path.file_name()) {
+        hash.update(name.as_encoded_bytes());
+        hash.update([0]);
+    }
+    hex(&hash.finalize())
 }
 
 impl OnTheFly {
     fn of_views(folder: &Path, bank: &Path, seed: u64) -> Result<Self> {
         let scenes = io::expand_inputs(&[folder.to_owned()])?;
         let config = FormationConfig::default();
-        Self::new(scenes, (io::read_bank(bank)?, io::bank_sha256(bank)?), config, seed)
+        Self::new((scenes, false), (io::read_bank(bank)?, io::bank_sha256(bank)?), config, seed)
     }
 
     fn of_dataset(dataset: &Dataset, seed: u64) -> Result<Self> {
@@ -108,18 +147,26 @@ impl OnTheFly {
         let mut scenes: Vec<PathBuf> =
             dataset.split(Split::Train)?.iter().map(|triplet| dataset.root.join(&triplet.gt)).collect();
         scenes.dedup();
-        Self::new(scenes, (bank, config.bank_sha256.clone()), dataset.formation.clone(), seed)
+        let clipped = !dataset.formation.clip_ground_truth;
+        Self::new((scenes, clipped), (bank, config.bank_sha256.clone()), dataset.formation.clone(), seed)
     }
 
     fn new(
-        scenes: Vec<PathBuf>,
+        (scenes, clipped): (Vec<PathBuf>, bool),
         (bank, bank_sha256): (KernelBank, String),
         config: FormationConfig,
         seed: u64,
     ) -> Result<Self> {
         let curve = config.curve()?;
         let formation = Formation::new(config, seed)?;
-        Ok(Self { scenes, bank, curve, bank_sha256, formation, plans: Mutex::new(BTreeMap::new()) })
+        Ok(Self { scenes, bank, curve, clipped, bank_sha256, formation, plans: Mutex::new(BTreeMap::new()) })
+    }
+
+    /// Whether a clean image lost light above x_max when it was stored.
+    pub(super) fn lost_highlights(&self, scene: &LinearImage) -> bool {
+        // Half floats round by 2⁻¹¹ at most.
+        let clipped = self.curve.x_max * (1.0 - 1.0 / 2048.0);
+        self.clipped && scene.as_slice().iter().any(|&value| value >= clipped)
     }
 
     /// Degrades a clean image by a kernel; the noise is drawn anew every time.

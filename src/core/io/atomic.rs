@@ -6,17 +6,12 @@ use std::time::{Duration, SystemTime};
 
 use tempfile::{Builder, NamedTempFile};
 
-use super::folder::remove;
-use super::plain::list_folder;
+use super::{list_folder, remove};
 use crate::core::error::{Error, Result};
 
 /// How temporary files are named: with random letters between the two.
 const PREFIX: &str = ".udc-";
 const SUFFIX: &str = ".partial";
-
-/// How long a temporary file is left alone after its last change: any file is written in much less, and a file of a run
-/// that still goes on must not be taken away.
-const ABANDONED_AFTER: Duration = Duration::from_secs(60 * 60);
 
 /// Large enough that a frame is written in few system calls.
 const BUFFER_BYTES: usize = 1 << 20;
@@ -55,18 +50,21 @@ pub fn write_atomically(
 }
 
 /// Removes the temporary files directly inside of a folder that killed runs left there: those that nobody has changed
-/// for an hour. Younger ones may be of a run that goes on.
+/// for so long. Younger ones may be of a run that goes on. Nothing happens where there is no folder.
 ///
 /// # Errors
 /// [`Error::Io`] when the folder cannot be listed or a file cannot be removed.
-pub fn remove_abandoned(folder: &Path) -> Result<()> {
+pub fn remove_unfinished(folder: &Path, unchanged_for: Duration) -> Result<()> {
+    if !folder.is_dir() {
+        return Ok(());
+    }
     let now = SystemTime::now();
     for name in list_folder(folder)? {
         let path = folder.join(&name);
-        // A file that is renamed meanwhile is no longer there, and one of the future is young.
+        // A file that is renamed meanwhile is no longer there.
         let changed = path.symlink_metadata().and_then(|file| file.modified()).unwrap_or(now);
-        let is_old = now.duration_since(changed).is_ok_and(|age| age > ABANDONED_AFTER);
-        if name.starts_with(PREFIX) && name.ends_with(SUFFIX) && is_old {
+        let age = now.duration_since(changed).unwrap_or_default();
+        if name.starts_with(PREFIX) && name.ends_with(SUFFIX) && age >= unchanged_for {
             remove(&path)?;
         }
     }
@@ -132,7 +130,10 @@ mod tests {
             file.set_modified(SystemTime::now() - age * hour).unwrap();
         }
         fs::create_dir(folder.path().join("inner")).unwrap();
-        remove_abandoned(folder.path()).unwrap();
+        remove_unfinished(folder.path(), hour).unwrap();
         assert_eq!(list_folder(folder.path()).unwrap(), [".udc-a", ".udc-b.partial", "a.partial", "inner"]);
+        remove_unfinished(folder.path(), Duration::ZERO).unwrap();
+        assert_eq!(list_folder(folder.path()).unwrap(), [".udc-a", "a.partial", "inner"]);
+        remove_unfinished(&folder.path().join("none"), hour).unwrap();
     }
 }

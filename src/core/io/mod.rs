@@ -36,7 +36,7 @@ use super::provenance::Provenance;
 use super::psf::Psf;
 
 pub use array::{read_array, write_array};
-pub use atomic::{WriteSeek, check_output, remove_abandoned, write_atomically};
+pub use atomic::{WriteSeek, check_output, remove_unfinished, write_atomically};
 pub use bank::{
     bank_sha256, bank_sha256_of, encode_bank, is_bank_of_sha256, read_bank, read_bank_codes, write_bank,
     write_published_bank,

@@ -177,6 +177,7 @@ impl Model {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::core::tone::ToneCurve;
     use crate::network::{Condition, Initialisation, Kind};
     use serde_json::json;
 
@@ -185,7 +186,7 @@ mod tests {
             Architecture { features: 1, filter_size: 3, code_dim: 2, ..Architecture::default() };
         let parameters = Parameters::random(&architecture, Initialisation::Released, 5);
         let origin = Origin {
-            training: Some(json!({"iteration": 12})),
+            training: Some(json!({"iteration": 12, "tone-curve": ToneCurve { alpha: 0.3, x_max: 40.0 }})),
             kernel_bank_sha256: Some("ab".to_owned()),
             state_dict: None,
         };
@@ -212,9 +213,19 @@ mod tests {
         let found = read(&path).unwrap();
         assert_eq!((found.architecture, found.parameters), (saved.architecture, saved.parameters));
         assert_eq!(found.origin, saved.origin);
+        assert_eq!(found.origin.tone_curve(), Some(ToneCurve { alpha: 0.3, x_max: 40.0 }));
         let text = describe(&path).unwrap().to_string();
         for part in ["condition     image+psf", "filter-size   3", "12 iterations", "kernel bank   ab"] {
             assert!(text.contains(part), "{text}");
+        }
+    }
+
+    #[test]
+    fn an_origin_without_a_usable_tone_curve_has_none() {
+        let none = json!({"iteration": 12});
+        let negative = json!({"tone-curve": {"alpha": -1.0, "x-max": 500.0}});
+        for training in [None, Some(none), Some(negative)] {
+            assert_eq!(Origin { training, ..Origin::default() }.tone_curve(), None);
         }
     }
 

@@ -23,7 +23,10 @@ struct Kept<D> {
 
 impl<D: Domain> ImageCache<D> {
     pub(super) fn new(mebibytes: usize) -> Self {
-        Self { bytes: mebibytes << 20, kept: Mutex::new(Kept { images: HashMap::new(), bytes: 0 }) }
+        Self {
+            bytes: mebibytes.saturating_mul(1 << 20),
+            kept: Mutex::new(Kept { images: HashMap::new(), bytes: 0 }),
+        }
     }
 
     /// The image of that name, from memory or by `read`.

@@ -3,8 +3,8 @@
 use super::cache::ImageCache;
 use super::{Patch, TrainingData, Window};
 use crate::core::dataset::{Dataset, Split, Triplet};
-use crate::core::error::Result;
-use crate::core::image::ToneMapped;
+use crate::core::error::{Error, Result};
+use crate::core::image::{ToneMapped, ToneMappedImage};
 use crate::core::kernel_code::KernelCode;
 use crate::core::rng::Rng;
 use crate::core::tone::ToneCurve;
@@ -22,7 +22,7 @@ impl<'a> StoredData<'a> {
     /// Opens a split; at most `cache_mib` of images stay in memory.
     ///
     /// # Errors
-    /// [`Error::Format`](crate::core::error::Error::Format) when the split is empty, or a kernel is unknown.
+    /// [`Error::Format`] when the split is empty, or a kernel is unknown.
     pub fn new(dataset: &'a Dataset, split: Split, cache_mib: usize) -> Result<Self> {
         let has_codes = dataset.code_dim() > 0;
         let with_code = |triplet| {
@@ -48,6 +48,12 @@ impl TrainingData for StoredData<'_> {
         let degraded = self.cache.get(&triplet.degraded, || {
             self.dataset.read_degraded(triplet).map(|image| self.curve.tone_map(&image))
         })?;
+        let size = |image: &ToneMappedImage| format!("{} × {}", image.height(), image.width());
+        if size(&clean) != size(&degraded) {
+            let path = self.dataset.root.join(&triplet.degraded);
+            let what = format!("size of the degraded image {}", path.display());
+            return Err(Error::shape(what, size(&clean), size(&degraded)));
+        }
         let window = Window::draw(side, degraded.height(), degraded.width(), rng)?;
         Ok(Patch { degraded: window.of(&degraded), ground_truth: window.of(&clean), code: code.clone() })
     }
