@@ -1,17 +1,19 @@
 //! What restores an image: a network with its code, or a deconvolution with its PSF.
 
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
+use sha2::{Digest as _, Sha256};
 
 use udc::codes::interpolate_code;
 use udc::core::error::Error;
 use udc::core::image::{CHANNELS, ToneMappedImage};
-use udc::core::io::read_psf;
+use udc::core::io::{read_bytes, read_psf};
 use udc::core::kernel_code::{KernelBank, KernelCode};
-use udc::core::psf::Psf;
+use udc::core::psf::{Psf, hex};
 use udc::core::tone::ToneCurve;
 use udc::network::Model;
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, deconvolution_bytes, deconvolve};
@@ -20,13 +22,13 @@ use udc::restore::{
     code_map, format_bytes, restore_tiled, search_angle,
 };
 
+use super::RestoreArgs;
 use super::code::KnownCode;
 use super::field::Field;
 use super::files::{Capture, Job};
-use super::{RestoreArgs, text};
-use crate::commands::Session;
 use crate::commands::method::MethodArg;
 use crate::commands::picture::AnyImage;
+use crate::commands::{Session, text_of};
 
 #[derive(Args, Debug)]
 pub(super) struct MethodArgs {
@@ -65,6 +67,8 @@ pub(super) struct Engine {
     /// Frames that the queue holds meanwhile; none for a single image.
     queued_frames: Option<u64>,
     highlights: Highlights,
+    /// What was said last of the memory that an image takes.
+    said: Mutex<String>,
 }
 
 /// Frames of 32-bit RGB that the queue holds beside the image in work and the pictures that are read: the file of one of
@@ -78,7 +82,7 @@ const PROGRAM_BYTES: u64 = 20 << 20;
 const THREAD_BYTES: u64 = 2 << 20;
 
 enum Kind {
-    Network { path: String, model: Box<Model>, code: KnownCode, tile: Option<usize> },
+    Network { path: String, sha256: String, model: Box<Model>, code: KnownCode, tile: Option<usize> },
     Deconvolution { path: String, psf: Psf, config: DeconvolutionConfig },
 }
 
@@ -86,21 +90,23 @@ impl Engine {
     pub(super) fn new(args: &RestoreArgs, curve: ToneCurve, jobs: &[Job], session: &Session) -> Result<Self> {
         let kind = match (&args.model, args.method.method, &args.code.psf) {
             (Some(path), ..) => {
+                let sha256 = hex(&Sha256::digest(read_bytes(path)?));
                 let model = Box::new(Model::load(path)?);
                 let code = args.code.resolve(&model, session)?;
                 NetworkRestorer::new(&model, code.example())?;
-                Kind::Network { path: text(path), model, code, tile: args.tile }
+                Kind::Network { path: text_of(path), sha256, model, code, tile: args.tile }
             }
             (None, Some(method), Some(psf)) => {
                 let config = args.method.config(method, curve);
-                Kind::Deconvolution { path: text(psf), psf: read_psf(psf)?, config }
+                Kind::Deconvolution { path: text_of(psf), psf: read_psf(psf)?, config }
             }
             _ => bail!("name a --model, or a --method with its --psf"),
         };
         let highlights = args.highlights.into();
         let pictures = jobs.iter().map(|job| job.inputs.len() as u64).max().unwrap_or(0);
         let queued_frames = (jobs.len() > 1).then_some(QUEUED_FRAMES + pictures);
-        Ok(Self { kind, max_memory: args.max_memory, queued_frames, highlights })
+        let said = Mutex::default();
+        Ok(Self { kind, max_memory: args.max_memory, queued_frames, highlights, said })
     }
 
     /// Packs a network's weights.
@@ -146,13 +152,9 @@ impl Engine {
                 let restorer = Beside { restorer: NetworkRestorer::new(model, conditioning)?, bytes: others };
                 let tiling = self.tiling(image.height(), image.width(), *tile, &restorer)?;
                 let (height, width) = tiling.window();
-                session.detail(format_args!(
-                    "{} × {}: {} windows of up to {height} × {width}, {}",
-                    image.height(),
-                    image.width(),
-                    tiling.len(),
-                    format_bytes(tiling.bytes(&restorer))
-                ));
+                let windows = if tiling.len() == 1 { "window" } else { "windows" };
+                let tiles = format!("{} {windows} of up to {height} × {width}, ", tiling.len());
+                self.say_memory([image.height(), image.width()], &tiles, tiling.bytes(&restorer), session);
                 let restored = restore_tiled(&image, &tiling, &restorer, &progress)?;
                 let level = curve.compress(SATURATED_PART * saturation);
                 Ok(AnyImage::ToneMapped(blend_highlights(restored, &image, level, self.highlights)?))
@@ -161,7 +163,7 @@ impl Engine {
                 let image = image.into_linear(curve);
                 let (size, of_psf) = ([image.height(), image.width()], [psf.height(), psf.width()]);
                 let bytes = deconvolution_bytes(size, of_psf, config) + self.other_bytes(size);
-                session.detail(format_args!("{} × {}: {}", size[0], size[1], format_bytes(bytes)));
+                self.say_memory(size, "", bytes, session);
                 self.require(bytes, size)?;
                 let config = DeconvolutionConfig { saturation, ..*config };
                 let restored = deconvolve(&image, psf, &config, &progress)?;
@@ -174,7 +176,7 @@ impl Engine {
     /// The method with every setting resolved, for provenance.
     pub(super) fn describe(&self) -> Value {
         match &self.kind {
-            Kind::Network { path, code, tile, .. } => {
+            Kind::Network { path, sha256, code, tile, .. } => {
                 let code = match code {
                     KnownCode::Fixed(Conditioning::Code(code)) => Some(json!(code.to_vec())),
                     KnownCode::Fixed(Conditioning::None | Conditioning::Map(_)) => None,
@@ -184,12 +186,13 @@ impl Engine {
                     }
                 };
                 json!({
-                    "model": path, "code": code, "tile": tile, "max-memory": self.max_memory,
-                    "highlights": self.highlights,
+                    "model": path, "model-sha256": sha256, "code": code, "tile": tile, "highlights": self.highlights,
                 })
             }
-            Kind::Deconvolution { path, config, .. } => {
-                json!({"psf": path, "deconvolution": config, "highlights": self.highlights})
+            Kind::Deconvolution { path, psf, config } => {
+                json!({
+                    "psf": path, "psf-sha256": psf.sha256(), "deconvolution": config, "highlights": self.highlights,
+                })
             }
         }
     }
@@ -216,6 +219,16 @@ impl Engine {
         PROGRAM_BYTES + threads * THREAD_BYTES + self.queued_frames.unwrap_or(0) * frame
     }
 
+    /// Says what an image of this size takes, unless the image before took the same.
+    fn say_memory(&self, [height, width]: [usize; 2], tiles: &str, bytes: u64, session: &Session) {
+        let line = format!("{height} × {width}: {tiles}memory up to {}", format_bytes(bytes));
+        let mut said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+        if *said != line {
+            session.note(&line);
+            *said = line;
+        }
+    }
+
     fn require(&self, bytes: u64, [height, width]: [usize; 2]) -> Result<()> {
         if bytes > self.max_memory {
             bail!(
@@ -239,14 +252,14 @@ fn find_code(
 ) -> Result<KernelCode> {
     let started = Instant::now();
     let found = search_angle(image, bank, curve, &session.progress)?;
-    session.say(format_args!(
+    session.tell(format_args!(
         "{name}: the panel is turned by {:+.1}° (nearest kernel {}, {:.0} nats ahead of all but its neighbours; found in \
          {:.1} s)",
         found.angle_deg,
         bank.kernel_name(found.best),
         found.lead,
         started.elapsed().as_secs_f64()
-    ))?;
+    ));
     if found.lead < WEAK_LEAD {
         session.warn(format_args!(
             "{name}: the capture hardly tells the angle of the panel; lamps or texture in view would, or give --angle a \
