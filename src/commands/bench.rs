@@ -22,7 +22,8 @@ UDC_SIMD=avx512|avx2|portable forces an instruction set; GFLOP/s count the sums 
 Winograd's convolutions can exceed the peak")]
 pub(crate) struct BenchArgs {
     /// Side of the images that the whole network restores
-    #[arg(long, value_name = "PIXELS", default_values_t = [256, 800], value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "PIXELS", default_values_t = [256, 800])]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..=i64::from(LARGEST_SIDE)))]
     size: Vec<u32>,
     /// Batches that the full network is trained on, as 4x128 for four crops of 128 × 128
     #[arg(long, value_name = "BATCH", default_value = "4x128", value_parser = parse_batch)]
@@ -31,17 +32,20 @@ pub(crate) struct BenchArgs {
     #[arg(long, value_name = "TEXT", default_value = "")]
     only: String,
     /// Seconds spent on each operation
-    #[arg(long, value_name = "S", default_value_t = 0.5)]
-    patience: f64,
+    #[arg(long, value_name = "S", default_value = "0.5", value_parser = parse_patience)]
+    patience: Duration,
 }
+
+/// Side of the largest images and batches: more would take most machines' memory many times over.
+const LARGEST_SIDE: u32 = 8192;
+
+/// The longest time for an operation, a day.
+const LONGEST_PATIENCE_S: f64 = 86_400.0;
 
 impl BenchArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         Isa::forced().map_err(|reason| anyhow!("UDC_SIMD: {reason}"))?;
-        if !self.patience.is_finite() || self.patience < 0.0 {
-            return Err(anyhow!("--patience: must be a number of seconds, found {}", self.patience));
-        }
-        let patience = Duration::from_secs_f64(self.patience);
+        let patience = self.patience;
         let threads = rayon::current_num_threads();
         let peak = peak::measure(Isa::current()) * threads as f64;
         session.say(format!(
@@ -71,11 +75,25 @@ struct Batch {
     side: usize,
 }
 
+fn parse_patience(text: &str) -> Result<Duration, String> {
+    match text.parse() {
+        Ok(seconds) if (0.0..=LONGEST_PATIENCE_S).contains(&seconds) => Ok(Duration::from_secs_f64(seconds)),
+        _ => Err(format!("must be a number of seconds from 0 to {LONGEST_PATIENCE_S}")),
+    }
+}
+
 fn parse_batch(text: &str) -> Result<Batch, String> {
-    let parts =
+    let parts: Option<(usize, usize)> =
         text.split_once('x').and_then(|(crops, side)| Some((crops.parse().ok()?, side.parse().ok()?)));
+    let largest = (LARGEST_SIDE as usize).pow(2);
     match parts {
-        Some((crops, side)) if crops > 0 && side > 0 => Ok(Batch { crops, side }),
+        Some((crops, side)) if crops > 0 && side > 0 => {
+            let pixels = side.checked_mul(side).and_then(|pixels| pixels.checked_mul(crops));
+            match pixels.filter(|pixels| *pixels <= largest) {
+                Some(_) => Ok(Batch { crops, side }),
+                None => Err(format!("must have at most {largest} pixels in all")),
+            }
+        }
         _ => Err("must be a number of crops and their side, as 4x128".to_owned()),
     }
 }

@@ -151,8 +151,9 @@ impl BracketArgs {
             Some(pattern) => inspect_mosaic(file, pattern.into())?,
             None => inspect_image(file)?,
         };
-        if read.0.domain == Some(DomainTag::ToneMapped) {
-            let reason = "holds tone-mapped values, which add up to nothing; use the linear pictures";
+        if let Some(tag @ (DomainTag::ToneMapped | DomainTag::Display)) = read.0.domain {
+            let reason =
+                format!("holds {} values, which add up to nothing; use the linear pictures", tag.name());
             return Err(Error::format(file, reason).into());
         }
         Ok(read)

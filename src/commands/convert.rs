@@ -61,7 +61,7 @@ impl ConvertArgs {
         let config =
             json!({"input": input.to_string(), "half": self.half, "clip": self.clip, "source": source});
         pixels.provenance = Some(Provenance::new("convert", &config));
-        let clip = self.clip || pixels.domain == Some(DomainTag::ToneMapped);
+        let clip = self.clip || matches!(pixels.domain, Some(DomainTag::ToneMapped | DomainTag::Display));
         let options = PixelOptions { half: self.half, overwrite: session.overwrite, clip, eight_bit: false };
         write_pixels(&self.output, &pixels, options).with_context(doing)?;
         let (channels, height, width) = pixels.planes.dim();

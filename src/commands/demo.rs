@@ -8,7 +8,7 @@ use clap::{Args, Parser as _};
 use udc::core::io::{self, WriteOptions};
 use udc::demo;
 
-use super::{Cli, Session};
+use super::{Cli, Session, is_broken_pipe};
 
 /// Run the whole pipeline on built-in scenes and write a page of results
 ///
@@ -34,6 +34,19 @@ const SCENE_PX: usize = 288;
 /// Side of the PSF; the panel's file asks the sensor for as much.
 const PSF_PX: usize = 129;
 
+/// Everything that a demo writes to its folder.
+const ENTRIES: [&str; 9] = [
+    "panel.toml",
+    "training.toml",
+    "psf",
+    "scenes",
+    "bank.safetensors",
+    "dataset",
+    "run",
+    "results",
+    "report.html",
+];
+
 impl DemoArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let demo = Demo { root: self.output, seed: self.seed, session };
@@ -44,7 +57,8 @@ impl DemoArgs {
             None => demo.paint()?,
         }
         demo.synthesise_train_and_measure()?;
-        session.say(format_args!("\nThe page with all results: {}", demo.path("report.html").display()))
+        session.tell(format_args!("\nThe page with all results: {}", demo.path("report.html").display()));
+        Ok(())
     }
 }
 
@@ -59,29 +73,29 @@ impl Demo<'_> {
         self.root.join(name)
     }
 
+    /// Makes the folder, or removes an earlier demo from it; what else the folder holds stays.
     fn prepare_folder(&self) -> Result<()> {
-        if self.root.exists() {
+        let root = self.root.display();
+        if self.root.exists() && !io::list_folder(&self.root)?.is_empty() {
             if !self.session.overwrite {
-                bail!(
-                    "{} exists already; name another folder with -o, or add --overwrite",
-                    self.root.display()
-                );
+                bail!("{root} exists already; name another folder with -o, or add --overwrite");
             }
-            if !self.path("panel.toml").is_file() {
-                bail!(
-                    "{} holds something else than a demo; name another folder with -o",
-                    self.root.display()
-                );
+            if !self.holds_a_demo() {
+                bail!("{root} holds something else than a demo; name another folder with -o");
             }
-            std::fs::remove_dir_all(&self.root)
-                .with_context(|| format!("emptying {}", self.root.display()))?;
+            ENTRIES.into_iter().try_for_each(|entry| io::remove(&self.path(entry)))?;
         }
-        for folder in ["psf", "scenes"] {
-            let folder = self.path(folder);
-            std::fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
-        }
+        ["psf", "scenes"].into_iter().try_for_each(|folder| io::create_folder(&self.path(folder)))?;
         self.write_text("panel.toml", demo::PANEL)?;
         self.write_text("training.toml", demo::TRAINING)
+    }
+
+    /// Whether both configurations begin as a demo writes them.
+    fn holds_a_demo(&self) -> bool {
+        [("panel.toml", demo::PANEL), ("training.toml", demo::TRAINING)].into_iter().all(|(name, text)| {
+            let found = io::read_text(&self.path(name)).unwrap_or_default();
+            found.lines().next() == text.lines().next()
+        })
     }
 
     fn write_text(&self, name: &str, text: &str) -> Result<()> {
@@ -98,7 +112,7 @@ impl Demo<'_> {
         for (frame, name) in frames.iter().zip(&names) {
             io::write_image(&self.path(name), frame, &WriteOptions::default())?;
         }
-        self.session.say("# its point spread function is recorded in three noisy 14-bit exposures")?;
+        self.session.tell("# its point spread function is recorded in three noisy 14-bit exposures");
         let names: Vec<String> = names.iter().map(|name| format!("@{name}")).collect();
         let mut fuse = vec!["fuse", "--psf", "--exposures", "1,1/32,1/768", "--size", &size];
         fuse.extend(names.iter().map(String::as_str));
@@ -112,7 +126,8 @@ impl Demo<'_> {
             let path = self.path(&format!("scenes/{}.exr", scene.name));
             io::write_image(&path, &scene.image, &WriteOptions::default())?;
         }
-        self.session.say(format_args!("# {SCENES} HDR scenes are painted"))
+        self.session.tell(format_args!("# {SCENES} HDR scenes are painted"));
+        Ok(())
     }
 
     fn crop(&self, panoramas: &Path) -> Result<()> {
@@ -155,8 +170,48 @@ impl Demo<'_> {
         };
         let arguments: Vec<String> = arguments.iter().map(place).collect();
         let line = arguments.join(" ");
-        self.session.say(format_args!("$ udc {line}"))?;
+        self.session.tell(format_args!("$ udc {line}"));
         let cli = Cli::try_parse_from(std::iter::once("udc".to_owned()).chain(arguments))?;
-        cli.command.run(self.session).with_context(|| format!("running udc {line}"))
+        match cli.command.run(self.session) {
+            // A command says its result when all is written.
+            Err(error) if is_broken_pipe(&error) => Ok(()),
+            result => result.with_context(|| format!("running udc {line}")),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn replaces_what_a_demo_writes_and_nothing_else() {
+        let scratch = tempfile::tempdir().unwrap();
+        let (careful, bold) = (Session::silent(false), Session::silent(true));
+        let prepare =
+            |session: &Session| Demo { root: scratch.path().to_owned(), seed: 1, session }.prepare_folder();
+        let write = |name: &str| {
+            let path = scratch.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, "precious").unwrap();
+        };
+        let is_there = |name: &str| scratch.path().join(name).exists();
+
+        write("panel.toml");
+        write("training.toml");
+        assert!(prepare(&bold).unwrap_err().to_string().contains("something else than a demo"));
+        assert!(is_there("panel.toml") && !is_there("psf"));
+        std::fs::remove_file(scratch.path().join("panel.toml")).unwrap();
+        std::fs::remove_file(scratch.path().join("training.toml")).unwrap();
+
+        prepare(&careful).unwrap();
+        assert!(is_there("panel.toml") && is_there("scenes"));
+        for name in ["notes.txt", "mine/a.exr", "results/metrics.json", "report.html"] {
+            write(name);
+        }
+        assert!(prepare(&careful).unwrap_err().to_string().contains("--overwrite"));
+        prepare(&bold).unwrap();
+        assert!(is_there("notes.txt") && is_there("mine/a.exr"));
+        assert!(!is_there("results") && !is_there("report.html"));
     }
 }

@@ -11,20 +11,18 @@ pub(super) enum DomainArg {
     ToneMapped,
 }
 
+impl DomainArg {
+    /// The name that files and flags have for it.
+    pub(super) fn name(self) -> &'static str {
+        DomainTag::from(self).name()
+    }
+}
+
 impl From<DomainArg> for DomainTag {
     fn from(domain: DomainArg) -> Self {
         match domain {
             DomainArg::Linear => Self::Linear,
             DomainArg::ToneMapped => Self::ToneMapped,
-        }
-    }
-}
-
-impl From<DomainTag> for DomainArg {
-    fn from(domain: DomainTag) -> Self {
-        match domain {
-            DomainTag::Linear => Self::Linear,
-            DomainTag::ToneMapped => Self::ToneMapped,
         }
     }
 }

@@ -5,7 +5,7 @@ mod folders;
 mod ldr;
 pub(super) mod outputs;
 pub(super) mod pictures;
-mod plots;
+pub(super) mod plots;
 pub(super) mod restorer;
 
 use std::path::{Path, PathBuf};
@@ -52,13 +52,27 @@ pub(crate) struct EvalArgs {
     #[arg(value_name = "DATASET")]
     dataset: Vec<PathBuf>,
     /// Models to measure, .safetensors or .pth
-    #[arg(long, value_name = "MODEL", num_args = 1.., requires = "dataset")]
+    #[arg(long, value_name = "MODEL", num_args = 1.., requires = "dataset", conflicts_with = "restored")]
     model: Vec<PathBuf>,
     /// Deconvolutions to measure, with the PSF of each image's kernel; may be repeated
-    #[arg(long, value_enum, value_name = "METHOD", value_delimiter = ',', requires = "dataset")]
+    #[arg(
+        long,
+        value_enum,
+        value_name = "METHOD",
+        value_delimiter = ',',
+        requires = "dataset",
+        conflicts_with = "restored"
+    )]
     method: Vec<MethodArg>,
     /// What to do where the capture is saturated; a row for each of several [default: network]
-    #[arg(long, value_enum, value_name = "WHAT", value_delimiter = ',', requires = "dataset")]
+    #[arg(
+        long,
+        value_enum,
+        value_name = "WHAT",
+        value_delimiter = ',',
+        requires = "dataset",
+        conflicts_with = "restored"
+    )]
     highlights: Vec<HighlightsArg>,
     /// What the models multiply; a row for each of several [default: f32]
     #[arg(long, value_enum, value_name = "PRECISION", value_delimiter = ',', requires = "model")]
@@ -75,34 +89,39 @@ pub(crate) struct EvalArgs {
     #[command(flatten)]
     metrics: MetricArgs,
     /// Measure highlights, flare and the rest of each image for themselves too (regions.csv)
-    #[arg(long, requires = "dataset")]
+    #[arg(long, requires = "dataset", conflicts_with = "restored")]
     regions: bool,
     /// Restore every image under the kernels of all rotations too, right or wrong (mismatch.json, .csv and .svg)
-    #[arg(long, requires = "dataset")]
+    #[arg(long, requires = "dataset", conflicts_with = "restored")]
     mismatch: bool,
     /// Measure flare too, and beside it that of the same scenes clipped at a monitor's white [default: 1]
-    #[arg(long, value_name = "WHITE", requires = "dataset", num_args = 0..=1, default_missing_value = "1")]
+    #[arg(long, value_name = "WHITE", requires = "dataset", conflicts_with = "restored", num_args = 0..=1, default_missing_value = "1")]
     ldr: Option<f32>,
     /// What the images of folders hold, where they do not say so themselves
-    #[arg(long, value_enum, requires = "restored")]
+    #[arg(long, value_enum, requires = "restored", conflicts_with = "dataset")]
     domain: Option<DomainArg>,
     /// Part of the dataset to measure on
-    #[arg(long, value_enum, default_value_t = SplitArg::Test, requires = "dataset")]
+    #[arg(long, value_enum, default_value_t = SplitArg::Test, requires = "dataset", conflicts_with = "restored")]
     split: SplitArg,
     /// Measure the first N triplets only
-    #[arg(long, value_name = "N", requires = "dataset",
+    #[arg(long, value_name = "N", requires = "dataset", conflicts_with = "restored",
         value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
     limit: Option<usize>,
     /// Keep N of the restored images as pictures beside the results, evenly spread
-    #[arg(long, value_name = "N", requires = "dataset", default_value_t = 0)]
+    #[arg(long, value_name = "N", requires = "dataset", conflicts_with = "restored", default_value_t = 0)]
     pictures: usize,
     /// Memory that one restoration may take: 2GiB, 500MB, …
     #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = udc::restore::parse_bytes)]
+    #[arg(conflicts_with = "restored")]
     max_memory: u64,
     /// Leave out images that cannot be measured, and name them, instead of stopping
     #[arg(long)]
     allow_missing: bool,
 }
+
+/// The files, beside plots, that an evaluation writes when it is asked for them.
+const FURTHER_RESULTS: [&str; 6] =
+    ["regions.csv", "mismatch.json", "mismatch.csv", "ldr.json", "ldr.csv", "ldr.png"];
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum SplitArg {
@@ -118,8 +137,11 @@ impl EvalArgs {
             (Some(restored), Some(gt)) => {
                 let domain = self.domain.map(DomainTag::from);
                 let folders = Folders::open(restored, gt, domain, self.allow_missing)?;
-                let outputs = self.outputs(&config, 0, session)?;
-                self.finish(&folders.measure(&config, session)?, &outputs, session)
+                let outputs = self.outputs(&config, 0, &[], session)?;
+                let evaluation = folders.measure(&config, session)?;
+                outputs.remove_earlier_pictures()?;
+                outputs.remove_earlier_results()?;
+                self.finish(&evaluation, &outputs, session)
             }
             _ => self.compare(&config, session),
         }
@@ -147,7 +169,8 @@ impl EvalArgs {
             );
         }
         let ldr = self.ldr.map(|white| Ldr::new(&comparisons[0], white)).transpose()?;
-        let outputs = self.outputs(config, told, session)?;
+        let outputs = self.outputs(config, told, &comparisons, session)?;
+        outputs.remove_earlier_pictures()?;
         let mut evaluations = Vec::new();
         for comparison in &comparisons {
             let name = self.name_of_dataset(&comparison.dataset.root);
@@ -159,15 +182,17 @@ impl EvalArgs {
             1 => evaluations.swap_remove(0).1,
             _ => Evaluation::join(evaluations),
         };
-        if self.mismatch {
-            self.write_mismatch(&comparisons[0].mismatch(config)?, &outputs)?;
+        let matrices = self.mismatch.then(|| comparisons[0].mismatch(config)).transpose()?;
+        let compared = ldr.map(|ldr| ldr.measure(config.definition)).transpose()?;
+        outputs.remove_earlier_results()?;
+        if let Some(matrices) = matrices {
+            self.write_mismatch(&matrices, &outputs)?;
         }
-        if let Some(ldr) = ldr {
-            let compared = ldr.measure(config.definition)?;
+        if let Some(compared) = compared {
             outputs.write("ldr.json", format!("{:#}\n", compared.to_json()).as_bytes())?;
             outputs.write("ldr.csv", compared.to_csv().as_bytes())?;
             outputs.write("ldr.png", compared.to_png())?;
-            session.say(compared.summary())?;
+            session.tell(compared.summary());
         }
         self.finish(&evaluation, &outputs, session)
     }
@@ -204,7 +229,13 @@ impl EvalArgs {
 
     /// Makes the folder, after checking that every file that may be written may be; `told` counts the
     /// restorations that are told the kernel.
-    fn outputs<'a>(&'a self, config: &EvalConfig, told: usize, session: &Session) -> Result<Outputs<'a>> {
+    fn outputs<'a>(
+        &'a self,
+        config: &EvalConfig,
+        told: usize,
+        comparisons: &[Comparison<'_>],
+        session: &Session,
+    ) -> Result<Outputs<'a>> {
         let mut names = outputs::RESULTS.map(str::to_owned).to_vec();
         names.extend(self.regions.then(|| "regions.csv".to_owned()));
         let metrics = || config.metrics.iter().map(Measure::metric);
@@ -217,6 +248,11 @@ impl EvalArgs {
         }
         if self.ldr.is_some() {
             names.extend(["ldr.json", "ldr.csv", "ldr.png"].map(str::to_owned));
+        }
+        for comparison in comparisons {
+            let pictures = self.pictures(&self.name_of_dataset(&comparison.dataset.root));
+            let files = comparison.picture_files(&pictures);
+            names.extend(files.map(|file| format!("{}/{file}", pictures::FOLDER)));
         }
         Outputs::prepare(&self.output, &names, session.overwrite)
     }
@@ -251,8 +287,9 @@ impl EvalArgs {
                 evaluation.excluded.len()
             ));
         }
-        session.say(evaluation.to_markdown())?;
-        session.say(self.output.join("metrics.json").display())
+        session.tell(evaluation.to_markdown());
+        session.tell(self.output.join("metrics.json").display());
+        Ok(())
     }
 
     fn pictures(&self, dataset: &str) -> Pictures {
@@ -261,7 +298,7 @@ impl EvalArgs {
         } else {
             String::new()
         };
-        Pictures { folder: self.output.join("pictures"), count: self.pictures, prefix }
+        Pictures { folder: self.output.join(pictures::FOLDER), count: self.pictures, prefix }
     }
 }
 

@@ -11,15 +11,16 @@ use ndarray::Array3;
 use serde_json::{Value, json};
 
 use udc::core::error::Error;
-use udc::core::io::{Format, PixelOptions, Pixels, read_pixels, write_pixels};
+use udc::core::io::{DomainTag, Format, PixelOptions, Pixels, read_pixels, write_pixels};
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
 use udc::finish::{FinishConfig, Look, channel_means, finish, read_color_matrix};
 
-use super::Session;
+use super::destination::OutputFolder;
 use super::domain::DomainArg;
 use super::picture::AnyImage;
 use super::queue::{Stages, remaining, run_all};
+use super::{Session, text_of};
 use pairs::Job;
 use style::StyleArgs;
 
@@ -38,7 +39,7 @@ pub(crate) struct FinishArgs {
     /// Images, folders or patterns; also the folder of the published dataset
     #[arg(required = true, value_name = "IN")]
     inputs: Vec<PathBuf>,
-    /// Image to write; a folder for several inputs
+    /// Image to write; a folder for several inputs, or if the name ends in a slash
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// What the inputs hold [default: what the file says, else linear; integer formats must be told]
@@ -96,6 +97,7 @@ fn parse_bits(text: &str) -> Result<u8, String> {
 impl FinishArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let curve = ToneCurve::new(self.alpha, self.x_max)?;
+        self.style.check_curve()?;
         let config = self.style.config();
         config.check()?;
         let mut jobs = self.jobs(session)?;
@@ -103,6 +105,7 @@ impl FinishArgs {
         if self.resume {
             jobs = remaining(&finishing, jobs, session)?;
         }
+        let _folder = OutputFolder::of(&mut jobs.iter().map(|job| job.output.as_path()))?;
         run_all(&finishing, &jobs, session)
     }
 }
@@ -158,9 +161,10 @@ impl Stages for Finishing<'_> {
     }
 
     fn describe(&self, job: &Job) -> Value {
+        let text = |path: &Option<PathBuf>| path.as_deref().map(text_of);
         json!({
-            "input": job.input, "ccm": job.ccm, "reference": job.reference, "tone": self.curve,
-            "finish": self.config_of(job),
+            "input": text_of(&job.input), "ccm": text(&job.ccm), "reference": text(&job.reference),
+            "domain": self.args.domain.map(DomainArg::name), "tone": self.curve, "finish": self.config_of(job),
         })
     }
 
@@ -196,13 +200,17 @@ impl Stages for Finishing<'_> {
     fn write(&self, job: &Job, Finished { planes, look }: Finished) -> Result<()> {
         let mut described = self.describe(job);
         described["look"] = json!(look);
-        let pixels =
-            Pixels { provenance: Some(Provenance::new("finish", &described)), ..Pixels::of_planes(planes) };
+        let pixels = Pixels {
+            domain: Some(DomainTag::Display),
+            provenance: Some(Provenance::new("finish", &described)),
+            ..Pixels::of_planes(planes)
+        };
         let overwrite = self.session.overwrite;
         let eight_bit = self.config_of(job).eight_bit;
         let options = PixelOptions { overwrite, clip: true, eight_bit, ..PixelOptions::default() };
         let write = || write_pixels(&job.output, &pixels, options);
         self.session.timed(format_args!("writing {}", job.output.display()), write)?;
-        self.session.say(job.output.display())
+        self.session.tell(job.output.display());
+        Ok(())
     }
 }

@@ -1,27 +1,29 @@
 //! `udc info`.
 
+mod configuration;
 mod dataset;
+mod run;
 mod text;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Result, bail};
 use clap::Args;
 use serde_json::{Value, json};
 
 use super::Session;
-use udc::core::io::{Description, describe, describe_psf, expand_inputs, read_text};
+use udc::core::dataset::CONFIG_FILE;
+use udc::core::io::{Description, describe, describe_psf, expand_inputs};
 use udc::network::weights;
-use udc::train::TrainConfig;
 
-/// Describe a file: image, PSF, kernel bank, model, dataset, training configuration
+/// Describe a file or folder: image, PSF, kernel bank, model, dataset, training run, configuration
 #[derive(Args, Debug)]
 #[command(
     after_help = "Example: udc info scene.exr bank.safetensors model.pth dataset/ configs/sftmd.toml\n         udc info --psf \
                         psf.exr\n         udc info --json captures/*.png | jq .channels[0].max"
 )]
 pub(crate) struct InfoArgs {
-    /// Files, dataset folders, folders of images, or patterns
+    /// Files, datasets, training runs, folders of images, or patterns
     #[arg(required = true, value_name = "FILE")]
     inputs: Vec<PathBuf>,
     /// Describe images as PSFs: peak, energy radii, identity
@@ -34,14 +36,15 @@ pub(crate) struct InfoArgs {
 
 impl InfoArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let files = self.subjects()?;
-        if let [file] = &files[..] {
-            return self.show(file, session);
+        let mut subjects: Vec<Result<PathBuf>> =
+            self.inputs.iter().flat_map(|input| subjects(input)).collect();
+        if subjects.len() == 1 {
+            return self.show(&subjects.remove(0)?, session);
         }
-        let mut failed = 0;
-        for file in &files {
+        let (count, mut failed) = (subjects.len(), 0);
+        for subject in subjects {
             session.progress.check()?;
-            if let Err(error) = self.show(file, session) {
+            if let Err(error) = subject.and_then(|subject| self.show(&subject, session)) {
                 // Output that nobody reads any more ends the program; a file that is damaged does not.
                 if super::is_broken_pipe(&error) {
                     return Err(error);
@@ -51,22 +54,9 @@ impl InfoArgs {
             }
         }
         if failed > 0 {
-            bail!("{failed} of {} files could not be described", files.len());
+            bail!("{failed} of {count} files could not be described");
         }
         Ok(())
-    }
-
-    /// The files to describe; a dataset is described as one.
-    fn subjects(&self) -> Result<Vec<PathBuf>> {
-        let mut subjects = Vec::new();
-        for input in &self.inputs {
-            if dataset::is_dataset(input) {
-                subjects.push(input.clone());
-            } else {
-                subjects.extend(expand_inputs(std::slice::from_ref(input))?);
-            }
-        }
-        Ok(subjects)
     }
 
     fn show(&self, file: &Path, session: &Session) -> Result<()> {
@@ -82,14 +72,16 @@ impl InfoArgs {
     /// What a file is, for scripts and for people.
     fn examine(&self, file: &Path) -> Result<(Value, String)> {
         if file.is_dir() {
-            let summary = dataset::summarise(file)?;
-            return Ok((serde_json::to_value(&summary)?, summary.render()?));
+            return if dataset::is_dataset(file) { examine_dataset(file) } else { run::examine(file) };
+        }
+        if let Some(folder) = folder_described_by(file) {
+            return examine_dataset(folder);
         }
         if is_checkpoint(file) {
             return examine_model(file);
         }
         if file.extension().is_some_and(|extension| extension == "toml") {
-            return examine_training(file);
+            return configuration::examine(file);
         }
         let description = if self.psf { describe_psf(file)? } else { describe(file)? };
         if let Description::Model(model) = &description
@@ -106,18 +98,26 @@ fn is_checkpoint(file: &Path) -> bool {
     file.extension().is_some_and(|extension| extension == "pth" || extension == "pt")
 }
 
-/// Describes the network that a training's configuration asks for.
-fn examine_training(file: &Path) -> Result<(Value, String)> {
-    let config = TrainConfig::from_toml(&read_text(file)?, &[])
-        .with_context(|| format!("reading {} as a training's configuration", file.display()))?;
-    let architecture = config.architecture;
-    let object = json!({
-        "kind": "training-configuration",
-        "architecture": architecture.to_json(),
-        "parameters": architecture.parameters(),
-        "macs_800": architecture.macs(800, 800),
-    });
-    Ok((object, format!("training configuration\n{}", architecture.describe())))
+/// What an input stands for: itself, or the images of a folder. A dataset and a run are described as one.
+fn subjects(input: &Path) -> Vec<Result<PathBuf>> {
+    if dataset::is_dataset(input) || run::is_run(input) {
+        return vec![Ok(input.to_owned())];
+    }
+    match expand_inputs(&[input.to_owned()]) {
+        Ok(files) => files.into_iter().map(Ok).collect(),
+        Err(error) => vec![Err(error.into())],
+    }
+}
+
+/// The folder of the dataset that a `dataset.toml` belongs to.
+fn folder_described_by(file: &Path) -> Option<&Path> {
+    let folder = file.parent().filter(|_| file.file_name().is_some_and(|name| name == CONFIG_FILE))?;
+    Some(if folder.as_os_str().is_empty() { Path::new(".") } else { folder })
+}
+
+fn examine_dataset(folder: &Path) -> Result<(Value, String)> {
+    let summary = dataset::summarise(folder)?;
+    Ok((serde_json::to_value(&summary)?, summary.render()?))
 }
 
 fn examine_model(file: &Path) -> Result<(Value, String)> {

@@ -1,5 +1,4 @@
 //! The command line: global flags, one file per subcommand, and what all of them share.
-#![expect(clippy::print_stderr, reason = "this is where the program talks to its user")]
 
 mod bench;
 mod bracket;
@@ -8,6 +7,7 @@ mod completions;
 mod convert;
 mod crop;
 mod demo;
+mod destination;
 mod domain;
 mod eval;
 mod finish;
@@ -28,13 +28,15 @@ mod synth;
 mod tonemap;
 mod train;
 
-use std::io::IsTerminal;
-use std::sync::Arc;
+use std::io::{IsTerminal, Write as _};
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use clap::{ArgAction, Args, Parser, Subcommand, ValueEnum};
+use clap::error::ErrorKind;
+use clap::{ArgAction, Args, CommandFactory as _, Parser, Subcommand, ValueEnum};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
@@ -110,32 +112,57 @@ pub(crate) struct Session {
     pub(crate) progress: Progress,
     /// Whether existing outputs may be replaced.
     pub(crate) overwrite: bool,
+    /// Why stdout took no more of what [`Session::tell`] told.
+    unheard: OnceLock<std::io::Error>,
 }
 
 impl Session {
-    /// Tells the user a result on stdout, unless `--quiet`.
+    /// A session that tells nothing.
+    #[cfg(test)]
+    pub(crate) fn silent(overwrite: bool) -> Self {
+        Self { verbosity: 0, progress: Progress::default(), overwrite, unheard: OnceLock::new() }
+    }
+
+    /// Tells the user a result on stdout, unless `--quiet`: one that is nothing but this text.
     ///
     /// # Errors
-    /// When stdout is closed; a broken pipe ends the program quietly.
+    /// When stdout is closed, which ends the program quietly, or takes no more.
     pub(crate) fn say(&self, text: impl std::fmt::Display) -> Result<()> {
-        use std::io::Write;
         if self.verbosity > 0 {
-            writeln!(std::io::stdout().lock(), "{text}")?;
+            writeln!(std::io::stdout().lock(), "{text}").context(WRITING_TO_STDOUT)?;
         }
         Ok(())
     }
 
+    /// Tells the user on stdout, unless `--quiet`, of work whose results are files.
+    ///
+    /// A stdout that takes no more stops the telling and not the work; the run reports it at its end.
+    pub(crate) fn tell(&self, text: impl std::fmt::Display) {
+        if self.verbosity > 0
+            && self.unheard.get().is_none()
+            && let Err(error) = writeln!(std::io::stdout().lock(), "{text}")
+        {
+            // Whichever thread is first says why.
+            let _ = self.unheard.set(error);
+        }
+    }
+
     /// Warns on stderr, unless `--quiet`.
     pub(crate) fn warn(&self, text: impl std::fmt::Display) {
+        self.note(format_args!("warning: {text}"));
+    }
+
+    /// Tells on stderr what the user should know beforehand, unless `--quiet`.
+    pub(crate) fn note(&self, text: impl std::fmt::Display) {
         if self.verbosity > 0 {
-            eprintln!("warning: {text}");
+            print_error(text);
         }
     }
 
     /// Tells details on stderr with `--verbose`.
     pub(crate) fn detail(&self, text: impl std::fmt::Display) {
         if self.verbosity > 1 {
-            eprintln!("{text}");
+            print_error(text);
         }
     }
 
@@ -164,7 +191,7 @@ impl Cli {
         let memory =
             peak_memory_bytes().map_or(String::new(), |bytes| format!(", peak memory {}", mebibytes(bytes)));
         session.detail(format_args!("finished in {:.2} s{memory}", start.elapsed().as_secs_f64()));
-        Ok(())
+        session.unheard.into_inner().map_or(Ok(()), |error| Err(error).context(WRITING_TO_STDOUT))
     }
 }
 
@@ -217,8 +244,30 @@ impl GlobalArgs {
             verbosity: if self.quiet { 0 } else { 1 + self.verbose },
             progress: Progress::new(visible, interrupted),
             overwrite: self.overwrite,
+            unheard: OnceLock::new(),
         })
     }
+}
+
+/// What is being done when stdout takes no more.
+const WRITING_TO_STDOUT: &str = "writing to stdout";
+
+/// Prints a line on stderr, if anybody reads it.
+pub(crate) fn print_error(text: impl std::fmt::Display) {
+    let _ = writeln!(std::io::stderr().lock(), "{text}");
+}
+
+/// The text of a path, whatever its bytes, for provenance and messages.
+fn text_of(path: &Path) -> String {
+    path.to_string_lossy().into_owned()
+}
+
+/// The error of flags that contradict each other where clap cannot see it, with the usage of `subcommand`.
+fn misuse(subcommand: &str, reason: &str) -> anyhow::Error {
+    let mut cli = Cli::command();
+    cli.build();
+    let command = cli.find_subcommand_mut(subcommand).expect("named by the subcommand itself");
+    command.error(ErrorKind::ArgumentConflict, reason).into()
 }
 
 /// Whether the user asked to stop.

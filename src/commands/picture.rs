@@ -5,7 +5,9 @@ use std::path::Path;
 use anyhow::{Result, bail};
 
 use udc::core::image::{Linear, LinearImage, ToneMapped, ToneMappedImage};
-use udc::core::io::{Encoding, Format, Pixels, WriteOptions, image_of, inspect_image, write_image};
+use udc::core::io::{
+    DomainTag, Encoding, Format, Pixels, WriteOptions, image_of, inspect_image, write_image,
+};
 use udc::core::tone::ToneCurve;
 
 use super::domain::DomainArg;
@@ -26,21 +28,26 @@ impl AnyImage {
     /// Takes what was read for an image, as [`read`](Self::read) does.
     pub(crate) fn of(
         path: &Path,
-        pixels: Pixels,
+        mut pixels: Pixels,
         encoding: &Encoding,
         domain: Option<DomainArg>,
     ) -> Result<Self> {
         let is_integer = matches!(encoding.format, Format::Png | Format::Jpeg | Format::Tiff)
             && encoding.sample_type.starts_with("uint");
-        let declared = pixels.domain.map(DomainArg::from);
-        match domain.or(declared) {
+        let domain = domain.map(DomainTag::from);
+        if domain.is_some() && pixels.domain == Some(DomainTag::Display) {
+            pixels.domain = domain;
+        }
+        match domain.or(pixels.domain) {
             None if is_integer && pixels.raw.is_none() => bail!(
                 "{} does not say whether its values are linear or tone-mapped: add --domain linear or --domain \
                  tone-mapped",
                 path.display()
             ),
-            Some(DomainArg::ToneMapped) => Ok(Self::ToneMapped(image_of::<ToneMapped>(path, pixels)?)),
-            Some(DomainArg::Linear) | None => Ok(Self::Linear(image_of::<Linear>(path, pixels)?)),
+            Some(DomainTag::ToneMapped) => Ok(Self::ToneMapped(image_of::<ToneMapped>(path, pixels)?)),
+            Some(DomainTag::Linear | DomainTag::Display) | None => {
+                Ok(Self::Linear(image_of::<Linear>(path, pixels)?))
+            }
         }
     }
 

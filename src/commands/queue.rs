@@ -50,7 +50,7 @@ pub(crate) fn remaining<S: Stages>(stages: &S, jobs: Vec<S::Job>, session: &Sess
             remaining.push(job);
         }
     }
-    session.say(format_args!("{} of {count} images are there", count - remaining.len()))?;
+    session.tell(format_args!("{} of {count} images are there", count - remaining.len()));
     Ok(remaining)
 }
 
@@ -77,7 +77,7 @@ type Outcomes<'a, S> = (&'a <S as Stages>::Job, Result<<S as Stages>::Output>);
 /// Does all jobs. A job that fails does not keep the others from being done; the failures are named at the end.
 ///
 /// # Errors
-/// The failures; an interrupt or a closed stdout at once.
+/// The failures; an interrupt at once.
 pub(crate) fn run_all<S: Stages>(stages: &S, jobs: &[S::Job], session: &Session) -> Result<()> {
     // A single job shows its own progress.
     let progress = if jobs.len() > 1 { session.progress.clone() } else { session.progress.without_bars() };
@@ -153,7 +153,7 @@ where
         on_job();
         match written.with_context(|| stages.doing(job)) {
             Ok(()) => {}
-            Err(error) if !several || super::is_broken_pipe(&error) => return Err(error),
+            Err(error) if !several => return Err(error),
             Err(error) => {
                 session.warn(format_args!("{error:#}"));
                 failures.push(format!("{error:#}"));

@@ -11,6 +11,8 @@ use udc::report::page::{Block, Figure, Page};
 use udc::report::sections;
 
 use super::Session;
+use super::eval::pictures::{self, PictureName};
+use super::eval::plots;
 
 /// Gather results in one self-contained page
 ///
@@ -47,7 +49,8 @@ impl ReportArgs {
         }
         let html = page.to_html();
         io::write_atomically(&self.output, session.overwrite, |file| file.write_all(html.as_bytes()))?;
-        session.say(format_args!("wrote {}", self.output.display()))
+        session.tell(format_args!("wrote {}", self.output.display()));
+        Ok(())
     }
 }
 
@@ -69,7 +72,7 @@ fn section(input: &Path) -> Result<Vec<Block>> {
         let metrics = serde_json::from_str(&io::read_text(&results)?)
             .with_context(|| format!("{} is damaged; run `udc eval` again", results.display()))?;
         let mut blocks = sections::evaluation(&name, &metrics);
-        blocks.splice(2..2, pictures(&input.join("pictures"))?);
+        blocks.splice(2..2, pictures(&input.join(pictures::FOLDER))?);
         blocks.extend(further_plots(input)?);
         Ok(blocks)
     } else if log.is_file() {
@@ -87,36 +90,36 @@ fn section(input: &Path) -> Result<Vec<Block>> {
 /// What an evaluation drew of wrong kernels and of scenes of a monitor's range.
 fn further_plots(results: &Path) -> Result<Vec<Block>> {
     let mut blocks = Vec::new();
-    for file in io::list_folder(results)? {
-        if file.starts_with("mismatch-") && file.ends_with(".svg") {
-            let caption = "Restored under the kernel of every rotation, right (diagonal) and wrong.";
-            blocks.push(Block::Chart(io::read_text(&results.join(&file))?, caption.to_owned()));
-        } else if file == "ldr.png" {
-            let caption =
-                "Clean, degraded and added light; below, the same scene clipped to a monitor's range.";
-            let figure = Figure { png: io::read_bytes(&results.join(&file))?, caption: caption.to_owned() };
-            blocks.push(Block::Figures(vec![figure]));
-        }
+    let ldr = results.join("ldr.png");
+    if ldr.is_file() {
+        let caption = "Clean, degraded and added light; below, the same scene clipped to a monitor's range.";
+        let figure = Figure { png: io::read_bytes(&ldr)?, caption: caption.to_owned() };
+        blocks.push(Block::Figures(vec![figure]));
+    }
+    let files = io::list_folder(results)?;
+    let mut matrices: Vec<_> =
+        files.iter().filter_map(|file| Some((plots::matrix_of_file(file)?, file))).collect();
+    matrices.sort();
+    for (_, file) in matrices {
+        let caption = "Restored under the kernel of every rotation, right (diagonal) and wrong.";
+        blocks.push(Block::Chart(io::read_text(&results.join(file))?, caption.to_owned()));
     }
     Ok(blocks)
 }
 
-/// The pictures that an evaluation kept, a row for each scene: names up to the last `.` of the stem agree.
+/// The pictures that an evaluation kept, a row for each scene.
 fn pictures(folder: &Path) -> Result<Vec<Block>> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
-    let mut rows: Vec<(String, Vec<Figure>)> = Vec::new();
-    for file in io::list_folder(folder)?.iter().filter(|file| file.ends_with(".png")) {
-        let stem = file.trim_end_matches(".png");
-        let (scene, what) = stem.rsplit_once('.').unwrap_or((stem, ""));
+    let files = io::list_folder(folder)?;
+    let mut named: Vec<_> =
+        files.iter().filter_map(|file| Some((PictureName::of_file(file)?, file))).collect();
+    named.sort();
+    let figure = |(name, file): &(PictureName<'_>, &String)| {
         let png = io::read_bytes(&folder.join(file))?;
-        let what = what.trim_start_matches(|c: char| c.is_ascii_digit() || c == '-');
-        let figure = Figure { png, caption: format!("{scene}: {what}") };
-        match rows.last_mut() {
-            Some((last, figures)) if last == scene => figures.push(figure),
-            _ => rows.push((scene.to_owned(), vec![figure])),
-        }
-    }
-    Ok(rows.into_iter().map(|(_, figures)| Block::Figures(figures)).collect())
+        Ok(Figure { png, caption: format!("{}: {}", name.scene, name.what) })
+    };
+    let rows = named.chunk_by(|(a, _), (b, _)| a.scene == b.scene);
+    rows.map(|row| Ok(Block::Figures(row.iter().map(figure).collect::<Result<_>>()?))).collect()
 }

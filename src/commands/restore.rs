@@ -15,13 +15,14 @@ use udc::core::io::WriteOptions;
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
 
-use super::Session;
 use super::bracket::BracketArgs;
+use super::destination::OutputFolder;
 use super::domain::DomainArg;
 use super::highlights::HighlightsArg;
 use super::picture::{AnyImage, check_domain_of_output};
 use super::precision::PrecisionArg;
 use super::queue::{Stages, remaining, run_all};
+use super::{Session, text_of};
 use code::CodeArgs;
 use engine::{Engine, MethodArgs};
 use files::{Capture, Job};
@@ -46,7 +47,7 @@ pub(crate) struct RestoreArgs {
     /// Images, folders or patterns; also the folder of the published dataset, for its real captures
     #[arg(required = true, value_name = "IN")]
     inputs: Vec<PathBuf>,
-    /// Image to write; a folder for several inputs
+    /// Image to write; a folder for several inputs, or if the name ends in a slash
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Network to restore with (.safetensors, or a PyTorch .pth)
@@ -74,6 +75,8 @@ pub(crate) struct RestoreArgs {
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t = FormatArg::Exr)]
     format: FormatArg,
     /// Keep the images that are there and go on with the others
+    ///
+    /// An EXR says how it was made, and is refused if that was otherwise; other formats are kept as they are.
     #[arg(long)]
     resume: bool,
     /// What the network multiplies
@@ -114,6 +117,7 @@ impl RestoreArgs {
         if self.resume {
             jobs = remaining(&restoration, jobs, session)?;
         }
+        let _folder = OutputFolder::of(&mut jobs.iter().map(|job| job.output.as_path()))?;
         run_all(&restoration, &jobs, session)
     }
 }
@@ -140,10 +144,13 @@ impl Stages for Restoration<'_> {
     }
 
     fn describe(&self, job: &Job) -> Value {
-        let raw = (self.args.is_bracket() || self.args.raw.is_raw()).then(|| self.args.raw.config().ok());
+        let RestoreArgs { raw, domain, output_domain, half, .. } = self.args;
+        let is_raw = self.args.is_bracket() || raw.is_raw();
+        let inputs: Vec<String> = job.inputs.iter().map(|input| text_of(input)).collect();
         json!({
-            "inputs": job.inputs, "exposures": self.args.raw.exposures, "raw": raw, "tone": self.curve,
-            "how": self.engine.describe(),
+            "inputs": inputs, "exposures": raw.exposures, "raw": is_raw.then(|| raw.config().ok()),
+            "tone": self.curve, "how": self.engine.describe(), "half": half,
+            "domain": domain.map(DomainArg::name), "output-domain": output_domain.map(DomainArg::name),
         })
     }
 
@@ -166,14 +173,18 @@ impl Stages for Restoration<'_> {
     }
 
     fn write(&self, job: &Job, (restored, domain): Self::Output) -> Result<()> {
+        let mut described = self.describe(job);
+        // It decides the tiles, which change nothing but roundings.
+        described["max-memory"] = json!(self.args.max_memory);
         let options = WriteOptions {
             half: self.args.half,
             overwrite: self.session.overwrite,
-            provenance: Some(Provenance::new("restore", &self.describe(job))),
+            provenance: Some(Provenance::new("restore", &described)),
         };
         let write = || restored.write(&job.output, domain, self.curve, &options);
         self.session.timed(format_args!("writing {}", job.output.display()), write)?;
-        self.session.say(job.output.display())
+        self.session.tell(job.output.display());
+        Ok(())
     }
 }
 
@@ -186,9 +197,4 @@ impl FormatArg {
             Self::Tif => "tif",
         }
     }
-}
-
-/// The text of a path, for provenance and messages.
-fn text(path: &Path) -> String {
-    path.to_string_lossy().into_owned()
 }

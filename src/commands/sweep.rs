@@ -91,7 +91,7 @@ impl SweepArgs {
         sweep.prepare_folder(&entries)?;
         let (mut rows, mut failed) = (Vec::new(), Vec::new());
         for entry in &entries {
-            session.say(format_args!("# {}", entry.name))?;
+            session.tell(format_args!("# {}", entry.name));
             match sweep.row(entry).with_context(|| format!("row {}", entry.name)) {
                 Ok(row) => rows.push(row),
                 Err(error) if was_interrupted(&error) => {
@@ -191,7 +191,7 @@ impl Sweep<'_> {
         if self.args.resume
             && let Some(row) = Row::read(&folder)?.filter(|row| row.made_with == made_with)
         {
-            self.session.say(format_args!("{}: finished before", entry.name))?;
+            self.session.tell(format_args!("{}: finished before", entry.name));
             return Ok(row);
         }
         Row::remove(&folder)?;
@@ -260,7 +260,8 @@ impl Sweep<'_> {
         outputs.write("table.md", markdown.as_bytes())?;
         outputs.write("table.csv", table::to_csv(rows, &metrics).as_bytes())?;
         outputs.write("table.json", format!("{json:#}\n").as_bytes())?;
-        self.session.say(markdown)?;
-        self.session.say(self.args.output.join("table.md").display())
+        self.session.tell(markdown);
+        self.session.tell(self.args.output.join("table.md").display());
+        Ok(())
     }
 }

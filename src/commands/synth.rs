@@ -75,7 +75,7 @@ impl SynthArgs {
         let synthesis = self.plan()?;
         let needs = synthesis.needs().context("planning the synthesis")?;
         let ([height, width], count) = (needs.size, synthesis.scenes.len());
-        session.say(format_args!(
+        session.tell(format_args!(
             "{count} scenes of {}{height} × {width} through {} kernels: {} images, at most {} on disk and {} of \
              memory",
             if needs.sizes_differ { "up to " } else { "" },
@@ -83,7 +83,7 @@ impl SynthArgs {
             needs.images,
             format_bytes(needs.disk_bytes),
             format_bytes(needs.memory.bytes)
-        ))?;
+        ));
         self.warn_of_one_source(session, &synthesis);
         let existing = match (session.overwrite, self.resume) {
             (true, _) => Existing::Overwrite,

@@ -57,7 +57,7 @@ impl TonemapArgs {
             session.progress.check()?;
             self.convert(&input, &output, curve, session)
                 .with_context(|| format!("tone mapping {}", input.display()))?;
-            session.say(output.display())?;
+            session.tell(output.display());
         }
         Ok(())
     }

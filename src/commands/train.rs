@@ -200,9 +200,9 @@ fn report(outcome: &Outcome, folder: &Path, session: &Session) -> Result<()> {
     }
     for ValidationScore { metric, restored, degraded } in outcome.validation_scores() {
         let (name, decimals) = (metric.heading(), metric.decimals());
-        session.say(format!(
+        session.tell(format_args!(
             "validation {name}: {degraded:.decimals$} degraded, {restored:.decimals$} restored"
-        ))?;
+        ));
     }
     session.say(format!("{}: trained for {} iterations", model.display(), outcome.iteration))
 }

@@ -66,7 +66,7 @@ fn images_by_stem(folder: &Path) -> Result<BTreeMap<String, PathBuf>> {
 
 /// Reads an image of either domain and returns it tone-mapped.
 ///
-/// The file's own declaration decides; where it has none, `domain` does. Without either, 8- and 16-bit
+/// The file's own declaration decides; where it has none, or is made for viewing, `domain` does. Without either, 8- and 16-bit
 /// pictures are taken as tone-mapped and Radiance files as linear.
 ///
 /// # Errors
@@ -76,7 +76,10 @@ pub fn read_tone_mapped(
     domain: Option<DomainTag>,
     curve: &ToneCurve,
 ) -> Result<ToneMappedImage> {
-    let (pixels, encoding) = io::inspect_image(path)?;
+    let (mut pixels, encoding) = io::inspect_image(path)?;
+    if domain.is_some() && pixels.domain == Some(DomainTag::Display) {
+        pixels.domain = domain;
+    }
     let usual = match encoding.format {
         Format::Png | Format::Jpeg | Format::Tiff => Some(DomainTag::ToneMapped),
         Format::Hdr => Some(DomainTag::Linear),
@@ -84,7 +87,7 @@ pub fn read_tone_mapped(
     };
     match pixels.domain.or(domain).or(usual) {
         Some(DomainTag::Linear) => Ok(curve.tone_map(&io::image_of::<Linear>(path, pixels)?)),
-        Some(DomainTag::ToneMapped) => io::image_of::<ToneMapped>(path, pixels),
+        Some(DomainTag::ToneMapped | DomainTag::Display) => io::image_of::<ToneMapped>(path, pixels),
         None => Err(Error::format(
             path,
             "does not say whether its values are linear or tone-mapped; pass --domain linear or --domain tone-mapped",

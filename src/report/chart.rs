@@ -28,9 +28,12 @@ pub struct Axes {
 pub(super) const SIZE: (f64, f64) = (760.0, 300.0);
 pub(super) const MARGIN: (f64, f64, f64, f64) = (70.0, 20.0, 28.0, 42.0);
 
-/// Width of a character of the drawing's font, on average, and the widest legend.
-const CHARACTER: f64 = 6.6;
-const WIDEST_LEGEND: f64 = 230.0;
+/// The widest legend; longer names lose their middle.
+const WIDEST_LEGEND: f64 = 260.0;
+
+/// Height of a line of the legend, and width of the piece of line before its name.
+const LEGEND_LINE: f64 = 14.0;
+const LEGEND_SAMPLE: f64 = 22.0;
 
 /// Lines of at most this many points show them.
 const MARKED_POINTS: usize = 24;
@@ -38,6 +41,9 @@ const MARKED_POINTS: usize = 24;
 /// Colours told apart by people with any common colour vision (after Okabe and Ito).
 pub(super) const COLOURS: [&str; 7] =
     ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a8a8a"];
+
+/// How lines are drawn whose colour was used before: once, twice, and so on.
+const DASHES: [&str; 4] = ["", "7 4", "2 3", "9 3 2 3"];
 
 /// Draws the series as lines on common axes.
 ///
@@ -58,9 +64,12 @@ pub fn line_chart(series: &[Series], axes: &Axes) -> String {
     };
     if series.len() > 2 {
         // The legend of many lines would lie over them.
-        frame.legend = legend_width(series.iter().map(|one| one.name.as_str()));
+        frame.legend = legend_width(series.iter().map(|one| one.name.as_str())) + LEGEND_SAMPLE;
+        #[expect(clippy::cast_precision_loss, reason = "a chart has few series")]
+        let height = MARGIN.2 + LEGEND_LINE * (series.len() + 1) as f64 + MARGIN.3;
+        frame.height = height.max(SIZE.1);
     }
-    let mut svg = open(SIZE.0, SIZE.1);
+    let mut svg = open(SIZE.0, frame.height);
     frame.draw_axes(&mut svg, axes).expect("writing to a string cannot fail");
     for (index, (one, line)) in series.iter().zip(&lines).enumerate() {
         frame.draw_line(&mut svg, index, &one.name, line).expect("writing to a string cannot fail");
@@ -84,9 +93,40 @@ pub(super) fn open(width: f64, height: f64) -> String {
 
 /// The width that names take, beside a margin.
 pub(super) fn legend_width<'a>(names: impl Iterator<Item = &'a str>) -> f64 {
-    #[expect(clippy::cast_precision_loss, reason = "names are short")]
-    let longest = names.map(|name| name.chars().count()).max().unwrap_or(0) as f64;
-    (longest * CHARACTER + 12.0).min(WIDEST_LEGEND)
+    (names.map(text_width).fold(0.0, f64::max) + 12.0).min(WIDEST_LEGEND)
+}
+
+/// The name as it fits into the legend.
+pub(super) fn legend_name(name: &str) -> String {
+    shorten(name, WIDEST_LEGEND - 12.0)
+}
+
+/// The width of text in the drawing's font, and rather more: sans-serif fonts are as wide as `DejaVu` Sans or narrower.
+pub(super) fn text_width(text: &str) -> f64 {
+    let width = |character: char| match character {
+        'f' | 'i' | 'j' | 'l' | 'r' | 't' | 'I' | 'J' | ' ' | '.' | ',' | ':' | ';' | '|' | '!' | '\''
+        | '-' | '(' | ')' | '[' | ']' | '/' => 4.9,
+        'm' | 'w' | 'M' | 'W' | '@' | '%' | '+' | '<' | '>' | '=' | '…' => 12.0,
+        'A'..='Z' => 9.5,
+        _ if character.is_ascii() => 7.7,
+        _ => 12.0,
+    };
+    text.chars().map(width).sum()
+}
+
+/// Replaces as much of the text's middle by an ellipsis as is necessary for this width.
+pub(super) fn shorten(text: &str, width: f64) -> String {
+    let characters: Vec<char> = text.chars().collect();
+    let without = |left_out: usize| {
+        let kept = characters.len() - left_out;
+        let (start, end) = (kept.div_ceil(2), characters.len() - kept / 2);
+        characters[..start].iter().chain(['…'].iter()).chain(&characters[end..]).collect::<String>()
+    };
+    if text_width(text) <= width {
+        return text.to_owned();
+    }
+    let shorter = (1..=characters.len()).map(without);
+    shorter.into_iter().find(|text| text_width(text) <= width).unwrap_or_else(|| "…".to_owned())
 }
 
 /// The range of the data, mapped to the drawing.
@@ -95,6 +135,8 @@ struct Frame {
     y: (f64, f64),
     /// Width that is kept free for the legend, right of the lines; without one it lies over them.
     legend: f64,
+    /// Height of the drawing.
+    height: f64,
 }
 
 impl Frame {
@@ -103,7 +145,7 @@ impl Frame {
         let (x, y) = points.fold((empty, empty), |(x, y), point| {
             ((x.0.min(point.0), x.1.max(point.0)), (y.0.min(point.1), y.1.max(point.1)))
         });
-        (x.0 <= x.1).then(|| Self { x: widen(x, 0.0), y: widen(y, 0.05), legend: 0.0 })
+        (x.0 <= x.1).then(|| Self { x: widen(x, 0.0), y: widen(y, 0.05), legend: 0.0, height: SIZE.1 })
     }
 
     /// Where the lines end.
@@ -116,7 +158,7 @@ impl Frame {
         let (left, _, top, bottom) = MARGIN;
         (
             left + along(x, self.x) * (self.right() - left),
-            SIZE.1 - bottom - along(y, self.y) * (SIZE.1 - top - bottom),
+            self.height - bottom - along(y, self.y) * (self.height - top - bottom),
         )
     }
 
@@ -141,7 +183,7 @@ impl Frame {
             writeln!(
                 svg,
                 "<text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\" fill=\"currentColor\">{}</text>",
-                SIZE.1 - bottom + 18.0,
+                self.height - bottom + 18.0,
                 format_number(tick)
             )?;
         }
@@ -150,7 +192,7 @@ impl Frame {
             svg,
             "<text x=\"{middle}\" y=\"{}\" text-anchor=\"middle\" fill=\"currentColor\">{}</text>\
              <text x=\"{left}\" y=\"{}\" fill=\"currentColor\">{}</text>",
-            SIZE.1 - 6.0,
+            self.height - 6.0,
             escape(&axes.x),
             top - 12.0,
             escape(&axes.y)
@@ -159,12 +201,17 @@ impl Frame {
 
     fn draw_line(&self, svg: &mut String, index: usize, name: &str, line: &[(f64, f64)]) -> std::fmt::Result {
         let colour = COLOURS[index % COLOURS.len()];
-        svg.push_str("<polyline fill=\"none\" stroke-width=\"1.6\" points=\"");
+        let round = index / COLOURS.len();
+        let stroke = match DASHES[round % DASHES.len()] {
+            "" => format!("stroke=\"{colour}\" stroke-width=\"1.6\""),
+            dashes => format!("stroke=\"{colour}\" stroke-width=\"1.6\" stroke-dasharray=\"{dashes}\""),
+        };
+        svg.push_str("<polyline fill=\"none\" points=\"");
         for &point in line {
             let (x, y) = self.place(point);
             write!(svg, "{x:.1},{y:.1} ")?;
         }
-        writeln!(svg, "\" stroke=\"{colour}\"/>")?;
+        writeln!(svg, "\" {stroke}/>")?;
         if line.len() <= MARKED_POINTS {
             for &point in line {
                 let (x, y) = self.place(point);
@@ -172,15 +219,23 @@ impl Frame {
             }
         }
         #[expect(clippy::cast_precision_loss, reason = "a chart has few series")]
-        let y = MARGIN.2 + 14.0 * (index as f64 + 1.0);
-        let (x, anchor) = match self.legend > 0.0 {
-            true => (self.right() + 10.0, "start"),
-            false => (self.right() - 6.0, "end"),
-        };
+        let y = MARGIN.2 + LEGEND_LINE * (index as f64 + 1.0);
+        if self.legend == 0.0 {
+            let name = escape(&shorten(name, self.right() - 6.0 - MARGIN.0));
+            let x = self.right() - 6.0;
+            return writeln!(
+                svg,
+                "<text x=\"{x}\" y=\"{y}\" text-anchor=\"end\" fill=\"{colour}\">{name}</text>"
+            );
+        }
+        let x = self.right() + 10.0;
         writeln!(
             svg,
-            "<text x=\"{x}\" y=\"{y}\" text-anchor=\"{anchor}\" fill=\"{colour}\">{}</text>",
-            escape(name)
+            "<path d=\"M{x:.1} {:.1}h{:.1}\" {stroke}/><text x=\"{:.1}\" y=\"{y}\" fill=\"{colour}\">{}</text>",
+            y - 4.0,
+            LEGEND_SAMPLE - 4.0,
+            x + LEGEND_SAMPLE,
+            escape(&legend_name(name))
         )
     }
 }
@@ -256,6 +311,35 @@ mod tests {
         assert!(end(legend, "<text x=\"") > end(&svg, "circle cx=\""), "{svg}");
         assert_eq!(svg.matches("<circle").count(), 6);
         assert!(standalone(&svg).contains("background:#ffffff"));
+    }
+
+    #[test]
+    fn a_name_that_is_too_long_loses_its_middle() {
+        assert_eq!(shorten("short", 100.0), "short");
+        let name = format!("first-{}-last", "m".repeat(80));
+        let shown = legend_name(&name);
+        assert!(shown.starts_with("first-") && shown.ends_with("-last") && shown.contains('…'), "{shown}");
+        assert!(text_width(&shown) <= WIDEST_LEGEND - 12.0, "{shown}");
+        assert_eq!(legend_width([name.as_str()].into_iter()), WIDEST_LEGEND);
+        assert_eq!(shorten("name", 0.0), "…");
+    }
+
+    #[test]
+    fn lines_of_one_colour_differ_and_all_have_a_name() {
+        let line =
+            |index: usize| Series { name: format!("line {index}"), points: vec![(0.0, 1.0), (9.0, 2.0)] };
+        let svg = line_chart(&(0..30).map(line).collect::<Vec<_>>(), &axes(false));
+        let strokes: std::collections::BTreeSet<&str> = (svg.lines())
+            .filter(|line| line.starts_with("<polyline"))
+            .filter_map(|line| line.split_once("stroke=").map(|(_, stroke)| stroke))
+            .collect();
+        assert_eq!(strokes.len(), COLOURS.len() * DASHES.len());
+        let after = |text: &str, key: &str| -> f64 {
+            text.rsplit(key).next().and_then(|rest| rest.split(['"', ' ']).next()).unwrap().parse().unwrap()
+        };
+        let height = after(svg.lines().next().unwrap().split("\" width").next().unwrap(), " ");
+        let last = svg.lines().find(|line| line.contains("line 29<")).unwrap();
+        assert!(after(last, " y=\"") < height, "{last} in {height}");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::chart::{COLOURS, MARGIN, SIZE, format_number, legend_width, open, ticks, widen};
+use super::chart::{COLOURS, MARGIN, SIZE, format_number, legend_name, legend_width, open, ticks, widen};
 use super::page::escape;
 
 /// A group of samples.
@@ -89,7 +89,7 @@ impl Axis {
             "<text x=\"{}\" y=\"{}\" text-anchor=\"end\" fill=\"{colour}\">{}</text>",
             self.left - 8.0,
             y + 4.0,
-            escape(&group.name)
+            escape(&legend_name(&group.name))
         )?;
         let mut values: Vec<f64> = group.values.iter().copied().filter(|value| value.is_finite()).collect();
         values.sort_by(f64::total_cmp);

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::chart::{legend_width, open};
+use super::chart::{legend_name, legend_width, open, shorten, text_width};
 use super::page::escape;
 
 /// A matrix with the names of its rows and columns.
@@ -25,6 +25,9 @@ pub struct HeatMap {
 /// Width and height of a cell, in user units.
 const CELL: (f64, f64) = (58.0, 30.0);
 
+/// The widest title; a longer one loses its middle.
+const WIDEST_TITLE: f64 = 640.0;
+
 /// The heights of the two lines above the cells, and of what is below.
 const TOP: f64 = 46.0;
 const BOTTOM: f64 = 12.0;
@@ -44,8 +47,13 @@ pub fn heat_map(map: &HeatMap) -> String {
     #[expect(clippy::cast_precision_loss, reason = "a matrix has few rows")]
     let size = |count: usize, side: f64| count as f64 * side;
     let (width, height) = (size(map.columns.len(), CELL.0), size(map.rows.len(), CELL.1));
-    let mut svg = open(left + width + 10.0, TOP + height + BOTTOM);
-    let drawing = Drawing { left, range, decimals: map.decimals };
+    let title = shorten(&map.column_label, WIDEST_TITLE);
+    let size = (
+        (left + width).max(text_width(&title) + 10.0) + 10.0,
+        (TOP + height).max(text_width(&map.row_label)) + BOTTOM,
+    );
+    let mut svg = open(size.0, size.1);
+    let drawing = Drawing { left, size, title, range, decimals: map.decimals };
     drawing.draw_names(&mut svg, map, (width, height)).expect("writing to a string cannot fail");
     for (row, values) in map.values.iter().enumerate() {
         for (column, value) in values.iter().enumerate() {
@@ -59,6 +67,9 @@ pub fn heat_map(map: &HeatMap) -> String {
 /// What every cell needs to know.
 struct Drawing {
     left: f64,
+    /// Width and height of the whole drawing.
+    size: (f64, f64),
+    title: String,
     range: (f64, f64),
     decimals: usize,
 }
@@ -70,13 +81,19 @@ impl Drawing {
     }
 
     fn draw_names(&self, svg: &mut String, map: &HeatMap, (width, height): (f64, f64)) -> std::fmt::Result {
-        let (middle_x, middle_y) = (self.left + width / 2.0, TOP + height / 2.0);
+        // Over the middle of the cells where there is room, and within the drawing in any case.
+        let within = |middle: f64, text: &str, side: f64| {
+            let half = (text_width(text) / 2.0).min(side / 2.0);
+            middle.clamp(half, side - half)
+        };
+        let middle_x = within(self.left + width / 2.0, &self.title, self.size.0);
+        let middle_y = within(TOP + height / 2.0, &map.row_label, self.size.1);
         writeln!(
             svg,
             "<text x=\"{middle_x:.1}\" y=\"15\" text-anchor=\"middle\" fill=\"currentColor\">{}</text>\
              <text x=\"14\" y=\"{middle_y:.1}\" text-anchor=\"middle\" fill=\"currentColor\" \
              transform=\"rotate(-90 14 {middle_y:.1})\">{}</text>",
-            escape(&map.column_label),
+            escape(&self.title),
             escape(&map.row_label)
         )?;
         for (column, name) in map.columns.iter().enumerate() {
@@ -85,7 +102,7 @@ impl Drawing {
                 svg,
                 "<text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\" fill=\"currentColor\">{}</text>",
                 TOP - 8.0,
-                escape(name)
+                escape(&shorten(name, CELL.0 - 2.0))
             )?;
         }
         for (row, name) in map.rows.iter().enumerate() {
@@ -94,7 +111,7 @@ impl Drawing {
                 svg,
                 "<text x=\"{}\" y=\"{y:.1}\" text-anchor=\"end\" fill=\"currentColor\">{}</text>",
                 self.left - 8.0,
-                escape(name)
+                escape(&legend_name(name))
             )?;
         }
         Ok(())
@@ -148,5 +165,28 @@ mod tests {
             .collect();
         assert_eq!(colours, ["rgb(250,230,120)", "rgb(46,40,110)", "rgb(50,140,140)", "#ffffff"]);
         assert!(svg.contains(">30.0<") && svg.contains(">∞<") && svg.contains("simulated"));
+    }
+    #[test]
+    fn a_title_is_never_wider_than_its_drawing() {
+        for name in ["net", &"a-rather-long-name-of-a-network".repeat(8)] {
+            let map = HeatMap {
+                row_label: "kernel of the image".to_owned(),
+                column_label: format!("PSNR (dB) of {name} by the kernel that it is told"),
+                rows: vec!["r+00".to_owned()],
+                columns: vec!["r+00".to_owned()],
+                values: vec![vec![30.0]],
+                decimals: 1,
+            };
+            let svg = heat_map(&map);
+            let number = |after: &str| -> f64 {
+                let rest = svg.split_once(after).unwrap().1;
+                rest.split(['"', ' ']).next().unwrap().parse().unwrap()
+            };
+            let title =
+                svg.split("fill=\"currentColor\">").nth(1).and_then(|rest| rest.split('<').next()).unwrap();
+            let (half, middle) = (text_width(title) / 2.0, number("<text x=\""));
+            assert!(middle - half >= 0.0 && middle + half <= number("viewBox=\"0 0 "), "{title}");
+            assert!(title.starts_with("PSNR (dB) of") && title.ends_with("that it is told"), "{title}");
+        }
     }
 }

@@ -49,7 +49,9 @@ h1 { font-size: 1.7rem; } h2 { font-size: 1.2rem; margin-top: 2.4rem; border-bot
 figure { margin: 0; flex: 1 1 12rem; max-width: 25rem; }
 figure img { width: 100%; display: block; image-rendering: auto; }
 figcaption, .caption { color: var(--soft); font-size: 0.85rem; margin-top: 0.3rem; }
-table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums; }
+.wide { overflow-x: auto; margin: 1rem 0; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+h1, h2, p, figcaption { overflow-wrap: anywhere; }
 th, td { text-align: right; padding: 0.25rem 0.8rem; border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; }
 svg { max-width: 100%; height: auto; color: var(--ink); }
@@ -100,12 +102,13 @@ impl Block {
                 Ok(())
             }
             Self::Table(head, rows) => {
-                html.push_str("<table>\n");
+                // A table that is wider than a phone is moved within its frame.
+                html.push_str("<div class=\"wide\"><table>\n");
                 write_row(html, "th", head)?;
                 for row in rows {
                     write_row(html, "td", row)?;
                 }
-                html.push_str("</table>\n");
+                html.push_str("</table></div>\n");
                 Ok(())
             }
         }
@@ -142,5 +145,12 @@ mod tests {
         let html = page.to_html();
         assert!(html.contains("a &lt; b") && html.contains("&lt;script&gt;") && !html.contains("<script>"));
         assert!(html.contains("base64,AQID") && !html.contains("http"));
+    }
+    #[test]
+    fn a_wide_table_moves_within_its_frame() {
+        let table = Block::Table(vec!["method".to_owned()], vec![vec!["net".to_owned()]]);
+        let html = Page { title: String::new(), blocks: vec![table] }.to_html();
+        assert!(html.contains("<div class=\"wide\"><table>") && html.contains(".wide { overflow-x: auto;"));
+        assert!(html.contains("</table></div>"));
     }
 }

@@ -107,7 +107,7 @@ pub fn training(name: &str, log: &str) -> Result<Vec<Block>> {
         Block::Heading(format!("Training: {name}")),
         Block::Chart(
             line_chart(&[loss, mean], &axes("training loss", true)),
-            "Loss of each batch.".to_owned(),
+            "Loss of the batches that the log names: one every `log-every` iterations.".to_owned(),
         ),
     ];
     if !psnr.points.is_empty() {

@@ -9,13 +9,11 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use rayon::prelude::*;
-use sha2::{Digest, Sha256};
 
 use crate::core::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Triplet};
 use crate::core::error::Result;
 use crate::core::image::Linear;
 use crate::core::io::{self, LineLog};
-use crate::core::psf::hex;
 
 use super::existing::{Existing, Place};
 use super::run::Synthesis;
@@ -123,11 +121,6 @@ fn remove_unfinished(root: &Path) -> Result<()> {
     folders.into_iter().try_for_each(|folder| io::remove_unfinished(&folder, ABANDONED_AFTER))
 }
 
-/// SHA-256 of a file, in hexadecimal.
-pub(super) fn sha256_of(path: &Path) -> Result<String> {
-    Ok(hex(&Sha256::digest(io::read_bytes(path)?)))
-}
-
 fn to_line(triplet: &Triplet) -> String {
     serde_json::to_string(triplet).expect("triplets are plain data")
 }
@@ -174,7 +167,7 @@ fn finished_triplets(root: &Path, list: &Path) -> Result<Vec<Triplet>> {
         .collect();
     let intact = |triplet: &Triplet| {
         truths.contains(&triplet.gt)
-            && sha256_of(&root.join(&triplet.degraded)).ok() == triplet.sha256
+            && io::sha256_of_file(&root.join(&triplet.degraded)).ok() == triplet.sha256
             && triplet.sha256.is_some()
     };
     Ok(triplets.into_par_iter().filter(intact).collect())

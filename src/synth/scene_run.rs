@@ -16,7 +16,7 @@ use crate::core::provenance::Provenance;
 
 use super::Formation;
 use super::field::convolve_nodes;
-use super::folder::{DatasetFolder, sha256_of};
+use super::folder::DatasetFolder;
 use super::kernels::Kernels;
 use super::run::{SceneReport, Synthesis};
 use super::scenes::Scene;
@@ -150,7 +150,7 @@ impl<'a> Run<'a> {
             kernel: name.clone(),
             angle_deg: self.synthesis.bank.angles_deg.as_ref().map(|angles| angles[index]),
             source: scene.source.clone(),
-            sha256: Some(sha256_of(&path)?),
+            sha256: Some(io::sha256_of_file(&path)?),
         };
         Ok(Made { triplet, computing, writing: started.elapsed() })
     }

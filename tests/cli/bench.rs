@@ -26,8 +26,23 @@ fn refuses_a_batch_without_crops_and_a_negative_patience() {
     let folder = tempfile::tempdir().unwrap();
     let stderr = fail(folder.path(), &["bench", "--train", "0x64"], 2);
     assert!(stderr.contains("number of crops and their side"), "{stderr}");
-    let stderr = fail(folder.path(), &["bench", "--patience=-1"], 1);
+    let stderr = fail(folder.path(), &["bench", "--patience=-1"], 2);
     assert!(stderr.contains("--patience"), "{stderr}");
+}
+
+#[test]
+fn refuses_what_no_machine_can_time() {
+    let folder = tempfile::tempdir().unwrap();
+    for (flag, value) in [
+        ("--patience", "1e20"),
+        ("--patience", "NaN"),
+        ("--size", "4294967295"),
+        ("--train", "1x99999"),
+        ("--train", "99999999999x99999999999"),
+    ] {
+        let stderr = fail(folder.path(), &["bench", "--only", "nothing", flag, value], 2);
+        assert!(stderr.contains(flag), "{stderr}");
+    }
 }
 
 /// The system gives every page once: what a step frees the next step uses again.

@@ -222,3 +222,64 @@ fn refuses_a_dataset_without_the_split_and_a_model_that_is_none() {
     assert!(said.contains("bank.safetensors"), "{said}");
     assert!(!scratch.path().join("results").exists());
 }
+
+#[test]
+fn replaces_the_pictures_and_plots_of_an_earlier_evaluation_when_told() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    write_dataset(&folder.join("dataset"));
+    // A name that is a number, as its place among the pictures is.
+    let network = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/discnet/1.pth");
+    std::fs::copy(network, folder.join("0.pth")).unwrap();
+    let eval = ["eval", "dataset", "-o", "results", "--pictures", "2"];
+    succeed(folder, &[&eval[..], &["--model", "0.pth", "--mismatch", "--ldr", "--regions"]].concat());
+    let pictures = || io::list_folder(&folder.join("results/pictures")).unwrap();
+    assert_eq!(pictures().len(), 6);
+    succeed(folder, &["report", "results", "-o", "report.html"]);
+    let page = std::fs::read_to_string(folder.join("report.html")).unwrap();
+    let captions = ["street_r-03: degraded<", "street_r-03: 0-pth<", "street_r-03: ground truth<"];
+    let places = captions.map(|caption| page.find(caption).expect(caption));
+    assert!(places.is_sorted(), "{places:?}");
+
+    std::fs::write(folder.join("results/pictures/mine.png"), b"kept").unwrap();
+    std::fs::write(folder.join("results/notes.txt"), b"kept").unwrap();
+    for name in io::list_folder(&folder.join("results")).unwrap() {
+        if name.starts_with("metrics") || name == "table.md" {
+            std::fs::remove_file(folder.join("results").join(name)).unwrap();
+        }
+    }
+    assert!(fail(folder, &eval, 1).contains("--overwrite"));
+    succeed(folder, &["eval", "dataset", "-o", "results", "--pictures", "1", "--overwrite"]);
+    assert_eq!(pictures(), ["mine.png", "street_r-03.1-degraded.png", "street_r-03.2-ground truth.png"]);
+    let left = io::list_folder(&folder.join("results")).unwrap();
+    assert!(left.contains(&"notes.txt".to_owned()), "{left:?}");
+    let is_stale =
+        |name: &String| name.contains("mismatch") || name.contains("ldr") || name.contains("regions");
+    assert!(!left.iter().any(is_stale), "{left:?}");
+}
+
+#[test]
+fn folders_take_no_flag_of_a_dataset() {
+    let scratch = tempfile::tempdir().unwrap();
+    for name in ["restored/a.png", "gt/a.png"] {
+        write(&scratch.path().join(name), 16, 0.5);
+    }
+    let folders = ["eval", "--restored", "restored", "--gt", "gt", "-o", "results"];
+    for flag in [
+        &["--model", "1.pth"][..],
+        &["--method", "wiener"],
+        &["--mismatch"],
+        &["--ldr"],
+        &["--limit", "1"],
+        &["--split", "train"],
+        &["--pictures", "1"],
+        &["--regions"],
+        &["--highlights", "keep"],
+    ] {
+        let said = fail(scratch.path(), &[&folders[..], flag].concat(), 2);
+        assert!(said.contains("cannot be used with"), "{flag:?}: {said}");
+    }
+    succeed(scratch.path(), &folders);
+    write_dataset(&scratch.path().join("dataset"));
+    fail(scratch.path(), &["eval", "dataset", "--domain", "linear", "-o", "other"], 2);
+}

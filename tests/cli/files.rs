@@ -55,9 +55,61 @@ fn info_tells_what_a_configured_network_costs() {
     for part in ["sftmd", "parameters    3844227", "2454.77 GMAC"] {
         assert!(text.contains(part), "{text}");
     }
-    std::fs::write(folder.path().join("other.toml"), "[display]\nkind = \"none\"\n").unwrap();
+    std::fs::write(folder.path().join("other.toml"), "iteratons = 5\n").unwrap();
     let message = fail(folder.path(), &["info", "other.toml"], 1);
-    assert!(message.contains("as a training's configuration") && message.contains("display"), "{message}");
+    assert!(message.contains("as a training's configuration") && message.contains("iteratons"), "{message}");
+}
+
+#[test]
+fn info_tells_configurations_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
+    let config = |name: &str| configs.join(name).to_str().unwrap().to_owned();
+    std::fs::write(
+        folder.path().join("field.toml"),
+        "rows = 1\ncolumns = 2\npsfs = [\"a.exr\", \"b.exr\"]\n",
+    )
+    .unwrap();
+    for (file, expected) in [
+        (config("display/pentile.toml").as_str(), "layout pentile, a PSF of 800 × 800 pixels"),
+        (&config("display/none.toml"), "layout none"),
+        (&config("sensor/phone-10bit.toml"), "sensor, for --noise sensor:"),
+        ("field.toml", "PSFs of 1 × 2 places"),
+    ] {
+        let text = succeed(folder.path(), &["info", file]);
+        assert!(text.contains(expected), "{text}");
+    }
+}
+
+#[test]
+fn info_describes_what_is_there_and_names_what_is_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = udc(folder.path(), &["info", &fixture("rgb8.png"), "nope", &fixture("hwc_f4.npy")]);
+    assert_eq!(output.status.code(), Some(1));
+    let (stdout, stderr) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(stdout.contains("PNG image") && stdout.contains("hwc_f4.npy"), "{stdout}");
+    assert!(stderr.contains("nope") && stderr.contains("1 of 3 files"), "{stderr}");
+}
+
+#[test]
+fn info_says_how_far_a_run_has_come() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    std::fs::create_dir(&run).unwrap();
+    std::fs::write(run.join("config.toml"), "iterations = 40\n").unwrap();
+    std::fs::write(
+        run.join("metrics.jsonl"),
+        "{\"iteration\":10,\"loss\":0.5}\n{\"iteration\":20,\"loss\":0.25}\n",
+    )
+    .unwrap();
+    let text = succeed(folder.path(), &["info", "run"]);
+    assert!(text.contains("training run, iteration 20 of 40") && text.contains("no model yet"), "{text}");
+    succeed(folder.path(), &["convert", &fixture("../discnet/0.pth"), "run/model.safetensors"]);
+    let text = succeed(folder.path(), &["info", "run"]);
+    assert!(text.contains("0.25") && text.contains("parameters"), "{text}");
+    let object: serde_json::Value =
+        serde_json::from_str(&succeed(folder.path(), &["info", "--json", "run"])).unwrap();
+    assert_eq!((&object["kind"], &object["iteration"]), (&"run".into(), &20.into()));
 }
 
 #[test]

@@ -205,3 +205,32 @@ fn warns_of_a_transposed_matrix_and_refuses_one_of_eight_numbers() {
     let said = fail(scratch.path(), &["finish", "a.exr", "--ccm", "e.txt", "-o", "b.png"], 1);
     assert!(said.contains("holds 8 numbers"), "{said}");
 }
+
+/// What is made for viewing is not taken for light unless the user says so.
+#[test]
+fn a_finished_exr_says_that_it_is_for_viewing() {
+    let scratch = tempfile::tempdir().unwrap();
+    write_scene(&scratch.path().join("a.exr"));
+    succeed(scratch.path(), &["finish", "a.exr", "-o", "finished.exr"]);
+    assert!(succeed(scratch.path(), &["info", "finished.exr"]).contains("domain    display"));
+    let said = fail(scratch.path(), &["finish", "finished.exr", "-o", "again.png"], 1);
+    assert!(said.contains("display values") && said.contains("--domain linear"), "{said}");
+    succeed(scratch.path(), &["finish", "finished.exr", "-o", "again.png", "--domain", "linear"]);
+    let said = fail(scratch.path(), &["tonemap", "finished.exr", "-o", "mapped.exr"], 1);
+    assert!(said.contains("before `udc finish`"), "{said}");
+    succeed(scratch.path(), &["convert", "finished.exr", "picture.png"]);
+}
+
+#[test]
+fn refuses_a_setting_of_another_curve() {
+    let scratch = tempfile::tempdir().unwrap();
+    write_scene(&scratch.path().join("a.exr"));
+    let finish = |more: &[&'static str]| [&["finish", "a.exr", "-o", "a.png", "--curve"][..], more].concat();
+    let said = fail(scratch.path(), &finish(&["srgb", "--gamma", "2"]), 2);
+    assert!(
+        said.contains("--gamma belongs to --curve gamma") && said.contains("Usage: udc finish"),
+        "{said}"
+    );
+    assert!(fail(scratch.path(), &finish(&["none", "--max", "2"]), 2).contains("--max"));
+    succeed(scratch.path(), &finish(&["srgb", "--max", "2"]));
+}

@@ -8,7 +8,8 @@ use udc::core::image::{Linear, LinearImage, ToneMapped, ToneMappedImage};
 use udc::core::io::{self, WriteOptions};
 use udc::core::psf::Psf;
 #[cfg(target_os = "linux")]
-use udc::network::{Architecture, Initialisation, Model, Origin, Parameters, weights::Weights};
+use udc::network::{Architecture, Model, Origin};
+use udc::network::{Initialisation, Parameters, weights};
 
 #[cfg(unix)]
 use super::common::interrupt_after;
@@ -265,7 +266,7 @@ fn asks_for_the_domain_where_the_file_is_silent() {
     assert!(said.contains("--domain tone-mapped"), "{said}");
 }
 
-/// In MiB: what `-v` says that a restoration will take, and what the process took in the end.
+/// In MiB: what is said that a restoration will take, and what the process took in the end.
 #[cfg(target_os = "linux")]
 fn memory_of(folder: &Path, how: &[&str]) -> (u64, u64) {
     let output =
@@ -282,7 +283,7 @@ fn memory_of(folder: &Path, how: &[&str]) -> (u64, u64) {
 fn write_full_model(path: &Path) {
     let architecture = Architecture::default();
     let parameters = Parameters::random(&architecture, Initialisation::Released, 1);
-    let weights = Weights { architecture, parameters, origin: Origin::default() };
+    let weights = weights::Weights { architecture, parameters, origin: Origin::default() };
     Model::new(weights).save(path, false).unwrap();
 }
 
@@ -414,7 +415,8 @@ fn says_what_is_wrong_with_a_bracket() {
     refuses(&all[..2], "64", "expected 3 pictures, one for each exposure time, found 2");
     refuses(&all, "200", "black: lies above");
     refuses(&all, "2000", "white: must lie above black 2000, found 1023");
-    assert_eq!(run(&all, "64", "rggb"), (Some(0), String::new()));
+    let (code, said) = run(&all, "64", "rggb");
+    assert!(code == Some(0) && !said.contains("warning"), "{said}");
     for wrong in ["grbg", "gbrg"] {
         let (code, said) = run(&all, "64", wrong);
         assert!(code == Some(0) && said.contains("check --bayer"), "{said}");
@@ -608,4 +610,219 @@ fn interpolates_codes_over_the_field() {
         .unwrap();
     let refused = [&common[..], &["--field", "short.toml", "-o", "o.exr"]].concat();
     assert!(fail(scratch.path(), &refused, 1).contains("names 1 PSFs for 2 × 2 places"));
+}
+
+/// A folder `captures` with scenes of these names, of 20 × 24 pixels.
+fn write_captures(folder: &Path, names: &[&str]) {
+    std::fs::create_dir(folder.join("captures")).unwrap();
+    for name in names {
+        write_scene(&folder.join("captures").join(name), 20, 24);
+    }
+}
+
+const WIENER: [&str; 4] = ["--method", "wiener", "--psf", "psf.exr"];
+
+fn restore_by_wiener<'a>(inputs: &[&'a str], more: &[&'a str]) -> Vec<&'a str> {
+    [&["restore"][..], inputs, &WIENER, more].concat()
+}
+
+#[cfg(unix)]
+#[test]
+fn restores_and_finishes_files_whose_names_are_no_text() {
+    use std::os::unix::ffi::OsStrExt as _;
+    let scratch = scratch();
+    write_captures(scratch.path(), &["a.exr"]);
+    let captures = scratch.path().join("captures");
+    let odd = std::ffi::OsStr::from_bytes(b"\xff.exr");
+    // Some file systems take names that are text only.
+    if std::fs::rename(captures.join("a.exr"), captures.join(odd)).is_err() {
+        return;
+    }
+    succeed(scratch.path(), &restore_by_wiener(&["captures"], &["-o", "out"]));
+    succeed(scratch.path(), &["finish", "captures", "-o", "finished", "--format", "exr"]);
+    for folder in ["out", "finished"] {
+        assert_eq!(io::list_folder(&scratch.path().join(folder)).unwrap(), ["\u{fffd}.exr"]);
+    }
+}
+
+/// Runs `udc` with another stdout than a file or a reader; returns exit code and stderr.
+#[cfg(target_os = "linux")]
+fn run_with_stdout(folder: &Path, args: &[&str], stdout: std::process::Stdio) -> (Option<i32>, String) {
+    let mut run = std::process::Command::new(env!("CARGO_BIN_EXE_udc"))
+        .args(args)
+        .current_dir(folder)
+        .stdout(stdout)
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(run.stdout.take());
+    let output = run.wait_with_output().unwrap();
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_stdout_that_takes_nothing_does_not_stop_the_work() {
+    let scratch = scratch();
+    let names = ["a.exr", "b.exr", "c.exr", "d.exr"];
+    write_captures(scratch.path(), &names);
+    let restore = restore_by_wiener(&["captures"], &["-o", "out", "--overwrite"]);
+    let (code, said) = run_with_stdout(scratch.path(), &restore, std::process::Stdio::piped());
+    assert_eq!(code, Some(0), "{said}");
+    assert_eq!(io::list_folder(&scratch.path().join("out")).unwrap(), names);
+
+    std::fs::remove_dir_all(scratch.path().join("out")).unwrap();
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let (code, said) = run_with_stdout(scratch.path(), &restore, full.into());
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("writing to stdout: No space left") && !said.contains("not done"), "{said}");
+    assert_eq!(io::list_folder(&scratch.path().join("out")).unwrap(), names);
+}
+
+#[test]
+fn resumes_with_what_decides_the_result_and_nothing_else() {
+    let scratch = scratch();
+    write_captures(scratch.path(), &["a.exr", "b.exr"]);
+    succeed(scratch.path(), &["convert", &model(), "net.safetensors"]);
+    let code = code();
+    let common = ["restore", "captures", "--model", "net.safetensors", "--code", &code, "-o", "out"];
+    succeed(scratch.path(), &common);
+    let resume = |more: &[&'static str]| [&common[..], &["--resume"], more].concat();
+    let said = succeed(scratch.path(), &resume(&["--max-memory", "1GiB"]));
+    assert!(said.contains("2 of 2 images are there"), "{said}");
+    for other in [&["--half"][..], &["--output-domain", "tone-mapped"], &["--domain", "linear"]] {
+        let said = fail(scratch.path(), &resume(other), 1);
+        assert!(said.contains("other settings"), "{other:?}: {said}");
+    }
+    let file = scratch.path().join("net.safetensors");
+    let mut weights = weights::read(&file).unwrap();
+    weights.parameters = Parameters::random(&weights.architecture, Initialisation::Released, 3);
+    weights::write(&file, &weights, true).unwrap();
+    let said = fail(scratch.path(), &resume(&[]), 1);
+    assert!(said.contains("other settings"), "{said}");
+}
+
+#[test]
+fn a_deconvolution_resumes_with_the_same_psf_only() {
+    let scratch = scratch();
+    write_captures(scratch.path(), &["a.exr"]);
+    succeed(scratch.path(), &restore_by_wiener(&["captures"], &["-o", "out"]));
+    let turned = udc::codes::rotate(&psf(), 20.0).unwrap();
+    let options = WriteOptions { overwrite: true, ..WriteOptions::default() };
+    io::write_psf(&scratch.path().join("psf.exr"), &turned, &options).unwrap();
+    let said = fail(scratch.path(), &restore_by_wiener(&["captures"], &["-o", "out", "--resume"]), 1);
+    assert!(said.contains("other settings"), "{said}");
+}
+
+#[test]
+fn a_name_with_a_slash_is_a_folder_that_is_made() {
+    let scratch = scratch();
+    let exposures = [("1.npy", 1.0), ("2.npy", 0.25), ("3.npy", 0.0625)];
+    write_raw_bracket(&scratch.path().join("brackets/one"), &exposures, 0);
+    let restore = |input: &'static str, output: &'static str| {
+        let raw = if input == "scene.exr" { &[][..] } else { &RAW };
+        restore_by_wiener(&[input], &[raw, &["-o", output]].concat())
+    };
+    for (input, output, made) in [
+        ("brackets/", "of-brackets/", "of-brackets/one.exr"),
+        ("brackets/", "unslashed", "unslashed/one.exr"),
+        ("brackets/one", "of-one/", "of-one/one.exr"),
+        ("brackets/one", "one.exr", "one.exr"),
+        ("scene.exr", "of-a-file/", "of-a-file/scene.exr"),
+    ] {
+        succeed(scratch.path(), &restore(input, output));
+        assert!(scratch.path().join(made).is_file(), "{made}");
+    }
+    succeed(scratch.path(), &["finish", "scene.exr", "-o", "finished/"]);
+    assert!(scratch.path().join("finished/scene.png").is_file());
+}
+
+#[test]
+fn several_inputs_are_not_written_to_a_folder_named_like_a_file() {
+    let scratch = scratch();
+    write_captures(scratch.path(), &["a.exr", "b.exr"]);
+    let inputs = ["captures/a.exr", "captures/b.exr"];
+    let said = fail(scratch.path(), &restore_by_wiener(&inputs, &["-o", "two.exr"]), 1);
+    assert!(said.contains("several inputs") && said.contains("-o two/"), "{said}");
+    let said = fail(scratch.path(), &["finish", "captures", "-o", "two.png"], 1);
+    assert!(said.contains("several inputs") && said.contains("-o two/"), "{said}");
+    assert!(!scratch.path().join("two.exr").exists() && !scratch.path().join("two.png").exists());
+}
+
+#[test]
+fn leaves_no_folder_without_a_result() {
+    let scratch = scratch();
+    write_captures(scratch.path(), &["a.exr"]);
+    std::fs::create_dir(scratch.path().join("other")).unwrap();
+    write_scene(&scratch.path().join("other/a.exr"), 20, 24);
+    std::fs::write(scratch.path().join("captures/b.exr"), b"no image").unwrap();
+    let clash = restore_by_wiener(&["captures/a.exr", "other/a.exr"], &["-o", "out/deep"]);
+    assert!(fail(scratch.path(), &clash, 1).contains("would both be written to"));
+    let missing = ["restore", "captures", "--model", "missing.pth", "-o", "out/deep"];
+    assert!(fail(scratch.path(), &missing, 1).contains("missing.pth"));
+    let broken = restore_by_wiener(&["captures/b.exr"], &["-o", "out/deep/"]);
+    assert!(fail(scratch.path(), &broken, 1).contains("b.exr"));
+    assert!(fail(scratch.path(), &["finish", "captures/b.exr", "-o", "out/deep/"], 1).contains("b.exr"));
+    assert!(!scratch.path().join("out").exists());
+}
+
+#[test]
+fn a_file_that_is_named_twice_is_done_once() {
+    let scratch = scratch();
+    write_captures(scratch.path(), &["a.exr", "b.exr"]);
+    let inputs = ["captures/*.exr", "captures/a.exr", "captures", "./captures/b.exr"];
+    succeed(scratch.path(), &restore_by_wiener(&inputs, &["-o", "out"]));
+    succeed(scratch.path(), &[&["finish"][..], &inputs, &["-o", "finished", "--format", "exr"]].concat());
+    for folder in ["out", "finished"] {
+        assert_eq!(io::list_folder(&scratch.path().join(folder)).unwrap(), ["a.exr", "b.exr"]);
+    }
+}
+
+#[test]
+fn says_beforehand_what_memory_it_takes() {
+    let scratch = scratch();
+    write_captures(scratch.path(), &["a.exr", "b.exr", "c.exr"]);
+    write_scene(&scratch.path().join("captures/d.exr"), 30, 24);
+    let lines = |how: &[&str], quiet: &[&str]| {
+        let restore = [quiet, &["restore", "captures", "-o", "out", "--overwrite"], how].concat();
+        let output = udc(scratch.path(), &restore);
+        assert!(output.status.success());
+        let said = String::from_utf8(output.stderr).unwrap();
+        said.lines().filter(|line| line.contains("memory up to")).map(str::to_owned).collect::<Vec<_>>()
+    };
+    let said = lines(&WIENER, &[]);
+    assert_eq!(said.len(), 2, "{said:?}");
+    assert!(said[0].starts_with("20 × 24: ") && said[1].starts_with("30 × 24: "), "{said:?}");
+    let said = lines(&["--model", &model(), "--code", &code()], &[]);
+    assert!(said[0].contains("1 window of up to 20 × 24"), "{said:?}");
+    assert!(lines(&WIENER, &["-q"]).is_empty());
+}
+
+#[test]
+fn hidden_files_of_a_folder_are_no_images() {
+    let scratch = scratch();
+    write_captures(scratch.path(), &["a.exr"]);
+    std::fs::write(scratch.path().join("captures/._a.exr"), b"what macOS keeps beside a file").unwrap();
+    succeed(scratch.path(), &restore_by_wiener(&["captures"], &["-o", "out"]));
+    assert_eq!(io::list_folder(&scratch.path().join("out")).unwrap(), ["a.exr"]);
+    let said = fail(scratch.path(), &restore_by_wiener(&["captures/._a.exr"], &["-o", "b.exr"]), 1);
+    assert!(said.contains("._a.exr"), "{said}");
+}
+
+#[test]
+fn a_code_may_be_a_row_or_a_column() {
+    let scratch = scratch();
+    let (model, code) = (model(), code());
+    let values = io::read_code(Path::new(&code)).unwrap().to_vec();
+    for (name, shape) in [("row.npy", vec![1, values.len()]), ("column.npy", vec![values.len(), 1])] {
+        let array = ArrayD::from_shape_vec(shape, values.clone()).unwrap();
+        io::write_array(&scratch.path().join(name), &array, false).unwrap();
+    }
+    let restored = |code: &str, output: &str| {
+        succeed(scratch.path(), &["restore", "scene.exr", "--model", &model, "--code", code, "-o", output]);
+        io::read_image::<Linear>(&scratch.path().join(output)).unwrap()
+    };
+    let expected = restored(&code, "vector.exr");
+    assert_eq!(restored("row.npy", "row.exr"), expected);
+    assert_eq!(restored("column.npy", "column.exr"), expected);
 }

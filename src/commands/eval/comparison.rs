@@ -62,8 +62,8 @@ impl<'a> Comparison<'a> {
             let images = images.collect::<error::Result<_>>()?;
             let regions = extras.regions.then(|| Regions::divide(&clean, &degraded, curve));
             let sample = Sample { ground_truth: curve.tone_map(&clean), images, regions };
-            let scene = format!("{}_{}", triplet.id, triplet.kernel);
-            extras.pictures.keep((index, self.triplets.len()), &scene, &methods, &sample)?;
+            let place = (index, self.triplets.len());
+            extras.pictures.keep(&extras.pictures.files(place, &scene_of(triplet), &methods), &sample)?;
             Ok(sample)
         };
         let mut evaluation = self.run(config, methods.clone(), sample)?;
@@ -71,6 +71,16 @@ impl<'a> Comparison<'a> {
             method.cost = restorer.cost(&evaluation.sizes);
         }
         Ok(evaluation)
+    }
+
+    /// The files that [`measure`](Self::measure) keeps as pictures.
+    pub(super) fn picture_files(&self, pictures: &Pictures) -> impl Iterator<Item = String> {
+        let methods: Vec<Method> = self.restorers.iter().map(Restorer::method).collect();
+        let total = self.triplets.len();
+        let files = move |(index, triplet): (usize, &Triplet)| {
+            pictures.files((index, total), &scene_of(triplet), &methods)
+        };
+        self.triplets.iter().enumerate().flat_map(files)
     }
 
     /// Measures every image under every kernel that a restoration may be told, right or wrong.
@@ -134,4 +144,9 @@ impl<'a> Comparison<'a> {
             other => error::Error::Unsupported(format!("restored by {}: {other}", restorer.method().name)),
         })
     }
+}
+
+/// What the pictures of a triplet are called.
+fn scene_of(triplet: &Triplet) -> String {
+    format!("{}_{}", triplet.id, triplet.kernel)
 }

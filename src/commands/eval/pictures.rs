@@ -7,6 +7,9 @@ use udc::core::image::ToneMappedImage;
 use udc::core::io::{self, WriteOptions};
 use udc::eval::{Method, Sample};
 
+/// The folder of the pictures, within that of the results.
+pub(in crate::commands) const FOLDER: &str = "pictures";
+
 /// Which samples are kept as pictures, and where.
 pub(in crate::commands) struct Pictures {
     pub(in crate::commands) folder: PathBuf,
@@ -15,32 +18,78 @@ pub(in crate::commands) struct Pictures {
     pub(in crate::commands) prefix: String,
 }
 
+/// What the name of a picture says.
+#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(in crate::commands) struct PictureName<'a> {
+    pub(in crate::commands) scene: &'a str,
+    /// Its place among the pictures of the scene, from 1.
+    number: usize,
+    pub(in crate::commands) what: &'a str,
+}
+
+impl<'a> PictureName<'a> {
+    /// Reads a file's name; none for files that an evaluation does not write.
+    pub(in crate::commands) fn of_file(file: &'a str) -> Option<Self> {
+        // A dot separates the scene from what the picture shows.
+        let (scene, shown) = file.strip_suffix(".png")?.rsplit_once('.')?;
+        let (number, what) = shown.split_once('-')?;
+        Some(Self { scene, number: number.parse().ok()?, what })
+    }
+}
+
 impl Pictures {
-    /// Writes the images of sample `index` of `total` if it is one of those to keep, which are spread evenly.
-    pub(super) fn keep(
+    /// The files of sample `index` of `total`: none unless it is one of those to keep, which are spread evenly.
+    pub(super) fn files(
         &self,
         (index, total): (usize, usize),
         scene: &str,
         methods: &[Method],
-        sample: &Sample,
-    ) -> Result<()> {
+    ) -> Vec<String> {
         let count = self.count.min(total);
         if !(0..count).any(|k| k * total / count == index) {
-            return Ok(());
+            return Vec::new();
         }
-        io::create_folder(&self.folder)?;
-        let scene = &format!("{}{scene}", self.prefix);
-        for (position, (method, image)) in methods.iter().zip(&sample.images).enumerate() {
-            // A dot separates the scene from what the picture shows.
-            let name = method.name.trim_end_matches(".safetensors").replace(['/', '\\', '.'], "-");
-            self.write(scene, &format!("{}-{name}", position + 1), image)?;
-        }
-        self.write(scene, "9-ground truth", &sample.ground_truth)
+        let name =
+            |method: &Method| method.name.trim_end_matches(".safetensors").replace(['/', '\\', '.'], "-");
+        let shown = methods.iter().map(name).chain(["ground truth".to_owned()]);
+        let prefix = &self.prefix;
+        shown.enumerate().map(|(index, what)| format!("{prefix}{scene}.{}-{what}.png", index + 1)).collect()
     }
 
-    fn write(&self, scene: &str, what: &str, image: &ToneMappedImage) -> Result<()> {
-        let path = self.folder.join(format!("{scene}.{what}.png"));
+    /// Writes the images of a sample to its files.
+    pub(super) fn keep(&self, files: &[String], sample: &Sample) -> Result<()> {
+        if !files.is_empty() {
+            io::create_folder(&self.folder)?;
+        }
+        let images = sample.images.iter().chain([&sample.ground_truth]);
+        files.iter().zip(images).try_for_each(|(file, image)| self.write(file, image))
+    }
+
+    fn write(&self, file: &str, image: &ToneMappedImage) -> Result<()> {
         let shown: ToneMappedImage = image.map_values(|value| value.clamp(0.0, 1.0));
-        io::write_image(&path, &shown, &WriteOptions { overwrite: true, ..WriteOptions::default() })
+        let options = WriteOptions { overwrite: true, ..WriteOptions::default() };
+        io::write_image(&self.folder.join(file), &shown, &options)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_say_scene_place_and_method_whatever_the_method_is_called() {
+        let pictures = Pictures { folder: PathBuf::new(), count: 2, prefix: "a.b_".to_owned() };
+        let methods: Vec<Method> = (0..11).map(|number| Method::restored(format!("{number}.pth"))).collect();
+        let files = pictures.files((2, 4), "street_r+00", &methods);
+        let mut read: Vec<_> = files.iter().map(|file| PictureName::of_file(file).unwrap()).collect();
+        assert_eq!(read[0], PictureName { scene: "a.b_street_r+00", number: 1, what: "0-pth" });
+        assert_eq!(read[11].what, "ground truth");
+        let order: Vec<String> = read.iter().map(|name| name.what.to_owned()).collect();
+        read.reverse();
+        read.sort();
+        assert_eq!(read.iter().map(|name| name.what).collect::<Vec<_>>(), order);
+        assert!(pictures.files((1, 4), "street_r+00", &methods).is_empty());
+        assert_eq!(PictureName::of_file("holiday.png"), None);
+        assert_eq!(PictureName::of_file("a.b-c.png"), None);
     }
 }

@@ -33,6 +33,18 @@ pub(super) fn draw(evaluation: &Evaluation) -> Vec<(String, String)> {
     plots
 }
 
+/// The number and the metric of the matrix that a file holds; none for other files.
+pub(in crate::commands) fn matrix_of_file(file: &str) -> Option<(usize, &str)> {
+    let (number, metric) = file.strip_prefix("mismatch-")?.strip_suffix(".svg")?.split_once('-')?;
+    Some((number.parse().ok()?, metric))
+}
+
+/// Whether a file's name is that of a plot.
+pub(super) fn is_plot(file: &str) -> bool {
+    let is_of = |metric: Metric| names(metric).iter().any(|name| name == file);
+    matrix_of_file(file).is_some() || Metric::ALL.into_iter().any(is_of)
+}
+
 /// The file and the drawing of a matrix; `number` tells methods apart.
 pub(super) fn draw_matrix(matrix: &Matrix, number: usize) -> (String, String) {
     let map = HeatMap {

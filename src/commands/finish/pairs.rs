@@ -2,12 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Result, bail};
 
-use udc::core::io::{Format, check_output, expand_inputs, list_folder};
+use udc::core::io::{expand_inputs, list_folder};
 
 use super::FinishArgs;
 use crate::commands::Session;
+use crate::commands::destination::{Destination, Unplaced, without_repeats};
 
 /// Where the published dataset keeps its real captures, their colour matrices and the phone's own pictures.
 const PUBLISHED: [&str; 3] = ["real_data/input", "real_data/CCM_txt", "real_data/jpg_ZTE"];
@@ -36,30 +37,20 @@ impl FinishArgs {
     /// What to make of what; refuses what exists and pairs that are not complete before any work.
     pub(super) fn jobs(&self, session: &Session) -> Result<Vec<Job>> {
         let (inputs, ccm, reference) = self.sources()?;
-        let files = expand_inputs(&inputs)?;
+        let files = without_repeats(expand_inputs(&inputs)?);
         let companions = [Companion::of(ccm.as_deref())?, Companion::of(reference.as_deref())?];
-        let to_folder = files.len() > 1 || inputs.iter().any(|input| input.is_dir()) || self.output.is_dir();
         let [ccms, references] = pair(&files, &companions, session)?;
-        if to_folder {
-            std::fs::create_dir_all(&self.output)
-                .with_context(|| format!("creating the folder {}", self.output.display()))?;
-        }
-        let mut jobs: Vec<Job> = Vec::with_capacity(files.len());
-        for ((input, ccm), reference) in files.into_iter().zip(ccms).zip(references) {
-            let name = input.file_stem().unwrap_or_default().to_string_lossy();
-            let output = match to_folder {
-                true => self.output.join(format!("{name}.{}", self.format.extension())),
-                false => self.output.clone(),
-            };
-            Format::of_extension(&output)?;
-            check_output(&output, session.overwrite || self.resume)?;
-            if let Some(other) = jobs.iter().find(|job| job.output == output) {
-                let (a, b) = (other.input.display(), input.display());
-                bail!("{a} and {b} would both be written to {}", output.display());
-            }
-            jobs.push(Job { input, ccm, reference, output });
-        }
-        Ok(jobs)
+        let destination = Destination {
+            path: &self.output,
+            extension: self.format.extension(),
+            accepts_existing: session.overwrite || self.resume,
+        };
+        let unplaced = |file: &PathBuf| Unplaced { name: stem(file), source: file.display().to_string() };
+        let in_folder = inputs.iter().any(|input| input.is_dir());
+        let outputs = destination.place(&files.iter().map(unplaced).collect::<Vec<_>>(), in_folder)?;
+        let with_companions = files.into_iter().zip(ccms).zip(references).zip(outputs);
+        let job = |(((input, ccm), reference), output)| Job { input, ccm, reference, output };
+        Ok(with_companions.map(job).collect())
     }
 
     /// Inputs, colour matrices and reference pictures, those of the published dataset spelled out.
@@ -88,7 +79,9 @@ impl Companion {
         match path {
             None => Ok(Self::Nothing),
             Some(path) if path.is_dir() => {
-                Ok(Self::Folder { names: list_folder(path)?, path: path.to_owned() })
+                let mut names = list_folder(path)?;
+                names.retain(|name| !name.starts_with('.'));
+                Ok(Self::Folder { names, path: path.to_owned() })
             }
             Some(path) => Ok(Self::File(path.to_owned())),
         }
@@ -124,11 +117,14 @@ fn belongs(file: &str, stem: &str) -> Option<bool> {
     }
 }
 
+fn stem(file: &Path) -> String {
+    file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
 type Found = Vec<Option<PathBuf>>;
 
 /// The companions of every image; names what is missing, and warns of files that belong to no image.
 fn pair(files: &[PathBuf], companions: &[Companion; 2], session: &Session) -> Result<[Found; 2]> {
-    let stem = |file: &PathBuf| file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let mut found = [Vec::new(), Vec::new()];
     let mut missing = Vec::new();
     for file in files {

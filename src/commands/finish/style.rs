@@ -1,8 +1,11 @@
 //! The flags that decide how every picture looks.
 
+use anyhow::Result;
 use clap::{Args, ValueEnum};
 
 use udc::finish::{ClaheConfig, Curve, FinishConfig};
+
+use crate::commands::misuse;
 
 #[derive(Args, Debug)]
 pub(super) struct StyleArgs {
@@ -45,6 +48,17 @@ enum CurveArg {
 }
 
 impl StyleArgs {
+    /// Refuses settings of another curve than the chosen one.
+    pub(super) fn check_curve(&self) -> Result<()> {
+        match (self.curve, self.gamma, self.max) {
+            (CurveArg::Gamma, ..) | (_, None, None) | (CurveArg::Srgb | CurveArg::Aces, None, _) => Ok(()),
+            (CurveArg::None, _, Some(_)) => {
+                Err(misuse("finish", "--curve none has no --max: light stays as it is"))
+            }
+            (_, Some(_), _) => Err(misuse("finish", "--gamma belongs to --curve gamma")),
+        }
+    }
+
     /// The settings, every default resolved.
     pub(super) fn config(&self) -> FinishConfig {
         let default = FinishConfig::default();

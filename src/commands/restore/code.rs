@@ -4,10 +4,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
-use ndarray::{Array1, Axis};
 
 use udc::codes::{interpolate_code, project};
-use udc::core::io::{is_bank_of_sha256, read_array, read_bank, read_bank_codes, read_psf};
+use udc::core::io::{is_bank_of_sha256, read_bank, read_bank_codes, read_code, read_psf};
 use udc::core::kernel_code::{KernelBank, KernelCode};
 use udc::network::Model;
 use udc::restore::Conditioning;
@@ -116,16 +115,6 @@ impl CodeArgs {
         };
         Ok(KnownCode::Fixed(Conditioning::Code(code)))
     }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "codes are computed in f32")]
-fn read_code(path: &Path) -> Result<KernelCode> {
-    let array = read_array(path)?;
-    if array.ndim() != 1 || array.is_empty() {
-        bail!("{} has shape {:?}; a kernel code has one axis, [b]", path.display(), array.shape());
-    }
-    let values = array.lanes(Axis(0)).into_iter().flatten().map(|&v| v as f32);
-    Ok(Array1::from_iter(values))
 }
 
 fn projected(bank: &Path, psf: &Path, session: &Session) -> Result<KernelCode> {

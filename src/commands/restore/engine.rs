@@ -1,5 +1,6 @@
 //! What restores an image: a network with its code, or a deconvolution with its PSF.
 
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use anyhow::{Result, bail};
@@ -9,7 +10,7 @@ use serde_json::{Value, json};
 use udc::codes::interpolate_code;
 use udc::core::error::Error;
 use udc::core::image::{CHANNELS, ToneMappedImage};
-use udc::core::io::read_psf;
+use udc::core::io::{read_psf, sha256_of_file};
 use udc::core::kernel_code::{KernelBank, KernelCode};
 use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
@@ -20,13 +21,13 @@ use udc::restore::{
     code_map, format_bytes, restore_tiled, search_angle,
 };
 
+use super::RestoreArgs;
 use super::code::KnownCode;
 use super::field::Field;
 use super::files::{Capture, Job};
-use super::{RestoreArgs, text};
-use crate::commands::Session;
 use crate::commands::method::MethodArg;
 use crate::commands::picture::AnyImage;
+use crate::commands::{Session, text_of};
 
 #[derive(Args, Debug)]
 pub(super) struct MethodArgs {
@@ -65,6 +66,8 @@ pub(super) struct Engine {
     /// Frames that the queue holds meanwhile; none for a single image.
     queued_frames: Option<u64>,
     highlights: Highlights,
+    /// What was said last of the memory that an image takes.
+    said: Mutex<String>,
 }
 
 /// Frames of 32-bit RGB that the queue holds beside the image in work and the pictures that are read: the file of one of
@@ -78,7 +81,7 @@ const PROGRAM_BYTES: u64 = 20 << 20;
 const THREAD_BYTES: u64 = 2 << 20;
 
 enum Kind {
-    Network { path: String, model: Box<Model>, code: KnownCode, tile: Option<usize> },
+    Network { path: String, sha256: String, model: Box<Model>, code: KnownCode, tile: Option<usize> },
     Deconvolution { path: String, psf: Psf, config: DeconvolutionConfig },
 }
 
@@ -86,21 +89,24 @@ impl Engine {
     pub(super) fn new(args: &RestoreArgs, curve: ToneCurve, jobs: &[Job], session: &Session) -> Result<Self> {
         let kind = match (&args.model, args.method.method, &args.code.psf) {
             (Some(path), ..) => {
-                let model = Box::new(args.precision.load(path, session)?);
+                let (model, sha256) =
+                    rayon::join(|| args.precision.load(path, session), || sha256_of_file(path));
+                let (model, sha256) = (Box::new(model?), sha256?);
                 let code = args.code.resolve(&model, session)?;
                 NetworkRestorer::new(&model, code.example())?;
-                Kind::Network { path: text(path), model, code, tile: args.tile }
+                Kind::Network { path: text_of(path), sha256, model, code, tile: args.tile }
             }
             (None, Some(method), Some(psf)) => {
                 let config = args.method.config(method, curve);
-                Kind::Deconvolution { path: text(psf), psf: read_psf(psf)?, config }
+                Kind::Deconvolution { path: text_of(psf), psf: read_psf(psf)?, config }
             }
             _ => bail!("name a --model, or a --method with its --psf"),
         };
         let highlights = args.highlights.into();
         let pictures = jobs.iter().map(|job| job.inputs.len() as u64).max().unwrap_or(0);
         let queued_frames = (jobs.len() > 1).then_some(QUEUED_FRAMES + pictures);
-        Ok(Self { kind, max_memory: args.max_memory, queued_frames, highlights })
+        let said = Mutex::default();
+        Ok(Self { kind, max_memory: args.max_memory, queued_frames, highlights, said })
     }
 
     /// Packs a network's weights.
@@ -154,13 +160,10 @@ impl Engine {
                 let thread_bytes = more_threads as u64 * THREAD_BYTES;
                 restorer.restorer = restorer.restorer.with_room(room - thread_bytes);
                 let (height, width) = tiling.window();
-                session.detail(format_args!(
-                    "{} × {}: {} windows of up to {height} × {width}, {}",
-                    image.height(),
-                    image.width(),
-                    tiling.len(),
-                    format_bytes(least + thread_bytes + restorer.restorer.bytes_beyond_least(height, width))
-                ));
+                let windows = if tiling.len() == 1 { "window" } else { "windows" };
+                let tiles = format!("{} {windows} of up to {height} × {width}, ", tiling.len());
+                let bytes = least + thread_bytes + restorer.restorer.bytes_beyond_least(height, width);
+                self.say_memory([image.height(), image.width()], &tiles, bytes, session);
                 let restored = with_threads(1 + more_threads, || {
                     Ok(restore_tiled(&image, &tiling, &restorer, &progress)?)
                 })?;
@@ -172,7 +175,7 @@ impl Engine {
                 let (size, of_psf) = ([image.height(), image.width()], [psf.height(), psf.width()]);
                 let others = self.other_bytes(size, rayon::current_num_threads());
                 let bytes = deconvolution_bytes(size, of_psf, config) + others;
-                session.detail(format_args!("{} × {}: {}", size[0], size[1], format_bytes(bytes)));
+                self.say_memory(size, "", bytes, session);
                 self.require(bytes, size)?;
                 let config = DeconvolutionConfig { saturation, ..*config };
                 let restored = deconvolve(&image, psf, &config, &progress)?;
@@ -185,7 +188,7 @@ impl Engine {
     /// The method with every setting resolved, for provenance.
     pub(super) fn describe(&self) -> Value {
         match &self.kind {
-            Kind::Network { path, model, code, tile } => {
+            Kind::Network { path, sha256, model, code, tile } => {
                 let code = match code {
                     KnownCode::Fixed(Conditioning::Code(code)) => Some(json!(code.to_vec())),
                     KnownCode::Fixed(Conditioning::None | Conditioning::Map(_)) => None,
@@ -195,12 +198,15 @@ impl Engine {
                     }
                 };
                 json!({
-                    "model": path, "precision": if model.has_bf16_products() { "bf16" } else { "f32" },
-                    "code": code, "tile": tile, "max-memory": self.max_memory, "highlights": self.highlights,
+                    "model": path, "model-sha256": sha256, "code": code, "tile": tile,
+                    "precision": if model.has_bf16_products() { "bf16" } else { "f32" },
+                    "highlights": self.highlights,
                 })
             }
-            Kind::Deconvolution { path, config, .. } => {
-                json!({"psf": path, "deconvolution": config, "highlights": self.highlights})
+            Kind::Deconvolution { path, psf, config } => {
+                json!({
+                    "psf": path, "psf-sha256": psf.sha256(), "deconvolution": config, "highlights": self.highlights,
+                })
             }
         }
     }
@@ -224,6 +230,16 @@ impl Engine {
     fn other_bytes(&self, [height, width]: [usize; 2], threads: usize) -> u64 {
         let frame = (CHANNELS * size_of::<f32>() * height * width) as u64;
         PROGRAM_BYTES + threads as u64 * THREAD_BYTES + self.queued_frames.unwrap_or(0) * frame
+    }
+
+    /// Says what an image of this size takes, unless the image before took the same.
+    fn say_memory(&self, [height, width]: [usize; 2], tiles: &str, bytes: u64, session: &Session) {
+        let line = format!("{height} × {width}: {tiles}memory up to {}", format_bytes(bytes));
+        let mut said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+        if *said != line {
+            session.note(&line);
+            *said = line;
+        }
     }
 
     fn require(&self, bytes: u64, [height, width]: [usize; 2]) -> Result<()> {
@@ -257,14 +273,14 @@ fn find_code(
 ) -> Result<KernelCode> {
     let started = Instant::now();
     let found = search_angle(image, bank, curve, &session.progress)?;
-    session.say(format_args!(
+    session.tell(format_args!(
         "{name}: the panel is turned by {:+.1}° (nearest kernel {}, {:.0} nats ahead of all but its neighbours; found in \
          {:.1} s)",
         found.angle_deg,
         bank.kernel_name(found.best),
         found.lead,
         started.elapsed().as_secs_f64()
-    ))?;
+    ));
     if found.lead < WEAK_LEAD {
         session.warn(format_args!(
             "{name}: the capture hardly tells the angle of the panel; lamps or texture in view would, or give --angle a \

@@ -1,15 +1,17 @@
 //! Which files become which: outputs named before the work, captures read.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Result, bail};
 
-use udc::core::io::{Format, check_output, expand_inputs, inspect_image, list_folder};
+use udc::core::io::{expand_inputs, inspect_image, list_folder};
 use udc::psf::{Bracket, fuse};
 
 use super::RestoreArgs;
 use crate::commands::Session;
 use crate::commands::bracket::{names_of, warnings_of};
+use crate::commands::destination::{Destination, Unplaced, identity, without_repeats};
 use crate::commands::picture::AnyImage;
 
 /// Where the published dataset keeps its captures.
@@ -43,6 +45,13 @@ struct Group {
     files: Vec<PathBuf>,
 }
 
+/// All that is to be made.
+struct Groups {
+    groups: Vec<Group>,
+    /// Whether the images belong in a folder, however many they are.
+    in_folder: bool,
+}
+
 impl Group {
     fn of(named: &Path, files: Vec<PathBuf>, name: Option<&std::ffi::OsStr>) -> Self {
         let name = name.unwrap_or(named.as_os_str()).to_string_lossy().into_owned();
@@ -53,29 +62,17 @@ impl Group {
 impl RestoreArgs {
     /// What to restore to where; refuses outputs that exist before any work.
     pub(super) fn jobs(&self, session: &Session) -> Result<Vec<Job>> {
-        let groups = if self.is_bracket() { brackets(&self.inputs)? } else { captures(&self.inputs)? };
-        let is_folder = |input: &PathBuf| input.is_dir();
-        let to_folder = groups.len() > 1
-            || self.output.is_dir()
-            || (!self.is_bracket() && self.inputs.iter().any(is_folder));
-        if to_folder {
-            std::fs::create_dir_all(&self.output)
-                .with_context(|| format!("creating the folder {}", self.output.display()))?;
-        }
-        let extension = self.format.extension();
-        let mut jobs: Vec<Job> = Vec::with_capacity(groups.len());
-        for Group { name, files } in groups {
-            let output =
-                if to_folder { self.output.join(format!("{name}.{extension}")) } else { self.output.clone() };
-            Format::of_extension(&output)?;
-            check_output(&output, session.overwrite || self.resume)?;
-            if let Some(other) = jobs.iter().find(|job| job.output == output) {
-                let (other, this) = (other.name(), names_of(&files));
-                bail!("{other} and {this} would both be written to {}", output.display());
-            }
-            jobs.push(Job { inputs: files, output });
-        }
-        Ok(jobs)
+        let Groups { groups, in_folder } =
+            if self.is_bracket() { brackets(&self.inputs)? } else { captures(&self.inputs)? };
+        let destination = Destination {
+            path: &self.output,
+            extension: self.format.extension(),
+            accepts_existing: session.overwrite || self.resume,
+        };
+        let unplaced = |group: &Group| Unplaced { name: group.name.clone(), source: names_of(&group.files) };
+        let outputs = destination.place(&groups.iter().map(unplaced).collect::<Vec<_>>(), in_folder)?;
+        let job = |(group, output): (Group, PathBuf)| Job { inputs: group.files, output };
+        Ok(groups.into_iter().zip(outputs).map(job).collect())
     }
 
     /// Whether several pictures make one image.
@@ -118,33 +115,41 @@ impl RestoreArgs {
 }
 
 /// One group for each file.
-fn captures(inputs: &[PathBuf]) -> Result<Vec<Group>> {
+fn captures(inputs: &[PathBuf]) -> Result<Groups> {
     let of_published = |input: &PathBuf| {
         let published = input.join(PUBLISHED_CAPTURES);
         if published.is_dir() { published } else { input.clone() }
     };
-    let files = expand_inputs(&inputs.iter().map(of_published).collect::<Vec<_>>())?;
-    Ok(files.into_iter().map(|file| Group::of(&file, vec![file.clone()], file.file_stem())).collect())
+    let files = without_repeats(expand_inputs(&inputs.iter().map(of_published).collect::<Vec<_>>())?);
+    let groups = files.into_iter().map(|file| Group::of(&file, vec![file.clone()], file.file_stem()));
+    Ok(Groups { groups: groups.collect(), in_folder: inputs.iter().any(|input| input.is_dir()) })
 }
 
 /// One group for each folder of pictures, one for all files that are named themselves.
-fn brackets(inputs: &[PathBuf]) -> Result<Vec<Group>> {
+fn brackets(inputs: &[PathBuf]) -> Result<Groups> {
     let (folders, files): (Vec<PathBuf>, Vec<PathBuf>) =
         inputs.iter().cloned().partition(|input| input.is_dir());
     let mut groups = Vec::new();
     if !files.is_empty() {
-        let files = expand_inputs(&files)?;
+        let files = without_repeats(expand_inputs(&files)?);
         let first = files[0].clone();
         groups.push(Group::of(&first, files, first.file_stem()));
     }
+    let mut in_folder = false;
     for folder in folders {
-        let inner: Vec<PathBuf> =
-            list_folder(&folder)?.iter().map(|name| folder.join(name)).filter(|path| path.is_dir()).collect();
+        let names = list_folder(&folder)?;
+        let shown = names.iter().filter(|name| !name.starts_with('.'));
+        let inner: Vec<PathBuf> = shown.map(|name| folder.join(name)).filter(|path| path.is_dir()).collect();
         let is_flat = inner.is_empty();
+        in_folder |= !is_flat;
         for bracket in if is_flat { vec![folder] } else { inner } {
             let files = expand_inputs(std::slice::from_ref(&bracket))?;
-            groups.push(Group::of(&bracket, files, bracket.file_name()));
+            // `.` has no name of its own.
+            let place = bracket.canonicalize().unwrap_or_else(|_| bracket.clone());
+            groups.push(Group::of(&bracket, files, place.file_name()));
         }
     }
-    Ok(groups)
+    let mut seen = BTreeSet::new();
+    groups.retain(|group| seen.insert(group.files.iter().map(|file| identity(file)).collect::<Vec<_>>()));
+    Ok(Groups { groups, in_folder })
 }

@@ -15,6 +15,7 @@ use super::array::write_array;
 use super::atomic::check_output;
 use super::container::{TensorData, encode_safetensors, floats, le_bytes, metadata_of, write_safetensors};
 use super::format::read_all;
+use super::plain::sha256_of_file;
 use super::{WriteOptions, write_psf};
 use crate::core::error::{Error, Result};
 use crate::core::image::all_finite;
@@ -97,7 +98,7 @@ pub fn bank_sha256(path: &Path) -> Result<String> {
 /// # Errors
 /// As [`bank_sha256`].
 pub fn is_bank_of_sha256(path: &Path, sha256: &str) -> Result<bool> {
-    Ok(bank_sha256(path)? == sha256 || hex(&Sha256::digest(read_all(path)?)) == sha256)
+    Ok(bank_sha256(path)? == sha256 || sha256_of_file(path)? == sha256)
 }
 
 /// As [`bank_sha256`], of a bank's bytes.

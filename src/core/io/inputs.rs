@@ -7,8 +7,8 @@ use crate::core::error::{Error, Result};
 
 /// Expands files, folders and globs to image files.
 ///
-/// A folder stands for the image files directly inside of it, a pattern for the files that match; both are
-/// sorted by name. Files keep the order in which they are named.
+/// A folder stands for the image files directly inside of it that are not hidden, a pattern for the files that match;
+/// both are sorted by name. Files keep the order in which they are named.
 ///
 /// # Errors
 /// [`Error::Io`] when a name does not exist; [`Error::Format`] when a folder or a pattern yields no file.
@@ -42,7 +42,7 @@ fn images_of_folder(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(read_error)? {
         let path = entry.map_err(read_error)?.path();
-        if path.is_file() && is_image(&path) {
+        if path.is_file() && is_image(&path) && !is_hidden(&path) {
             files.push(path);
         }
     }
@@ -60,6 +60,11 @@ fn images_of_folder(folder: &Path) -> Result<Vec<PathBuf>> {
 fn is_image(path: &Path) -> bool {
     let is_raw = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("dng"));
     is_raw || Format::known_extension(path).is_some()
+}
+
+/// Whether the name begins with a dot, as those of the files that macOS keeps beside others.
+fn is_hidden(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."))
 }
 
 fn files_of_pattern(input: &Path, pattern: &str) -> Result<Vec<PathBuf>> {

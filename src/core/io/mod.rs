@@ -50,7 +50,7 @@ pub use field::{read_field, read_psf_field, write_psf_field};
 pub use folder::{AppendFile, LineLog, create_folder, lock_folder, publish_folder, remove};
 pub use format::{Encoding, Format};
 pub use inputs::expand_inputs;
-pub use plain::{list_folder, read_bytes, read_code, read_text};
+pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_file};
 pub use shared_input::SharedInput;
 pub use size::read_image_size;
 
@@ -67,20 +67,23 @@ pub enum DomainTag {
     Linear,
     /// After the tone mapping φ.
     ToneMapped,
+    /// For viewing, as `udc finish` makes them: no light can be computed from these.
+    Display,
 }
 
 impl DomainTag {
-    /// The name written to files and accepted by `--domain`.
+    /// The name written to files; `--domain` accepts those of light, linear or tone-mapped.
     pub fn name(self) -> &'static str {
         match self {
             Self::Linear => Linear::NAME,
             Self::ToneMapped => ToneMapped::NAME,
+            Self::Display => "display",
         }
     }
 
     /// The tag of a name; `None` for a name that is not a domain's.
     pub fn from_name(name: &str) -> Option<Self> {
-        [Self::Linear, Self::ToneMapped].into_iter().find(|tag| tag.name() == name)
+        [Self::Linear, Self::ToneMapped, Self::Display].into_iter().find(|tag| tag.name() == name)
     }
 }
 
@@ -313,23 +316,20 @@ fn write_contents(path: &Path, contents: &Contents<'_>, options: PixelOptions) -
 }
 
 fn check_domain<D: Domain>(path: &Path, declared: Option<DomainTag>) -> Result<()> {
-    match declared {
-        Some(tag) if tag.name() != D::NAME => {
-            let conversion = match tag {
-                DomainTag::Linear => "udc tonemap",
-                DomainTag::ToneMapped => "udc tonemap --inverse",
-            };
-            let (found, needed) = (tag.name(), D::NAME);
-            Err(Error::format(
-                path,
-                format!(
-                    "holds {found} values where {needed} ones are needed; pass `--domain {found}` to a command that \
-                     has it, or convert the file with `{conversion}`"
-                ),
-            ))
-        }
-        _ => Ok(()),
-    }
+    let Some(tag) = declared.filter(|tag| tag.name() != D::NAME) else { return Ok(()) };
+    let (found, needed) = (tag.name(), D::NAME);
+    let convert_by = |command: &str| {
+        format!("pass `--domain {found}` to a command that has it, or convert the file with `{command}`")
+    };
+    let advice = match tag {
+        DomainTag::Linear => convert_by("udc tonemap"),
+        DomainTag::ToneMapped => convert_by("udc tonemap --inverse"),
+        DomainTag::Display => format!(
+            "use the image as it was before `udc finish`, or pass `--domain {needed}` to a command that has it to take \
+             the values for that"
+        ),
+    };
+    Err(Error::format(path, format!("holds {found} values where {needed} ones are needed; {advice}")))
 }
 
 fn check_cooked(path: &Path, pixels: &Pixels) -> Result<()> {

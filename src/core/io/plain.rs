@@ -1,12 +1,15 @@
 //! Reads the small files beside images: text, folder listings, kernel codes as NumPy vectors.
 
 use std::fs;
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::Path;
+
+use sha2::{Digest, Sha256};
 
 use super::array::read_array;
 use crate::core::error::{Error, Result};
 use crate::core::kernel_code::KernelCode;
+use crate::core::psf::hex;
 
 /// The longest kernel code that is believed: a larger file is something else, such as an image.
 const LONGEST_CODE: usize = 4096;
@@ -25,6 +28,25 @@ pub fn read_text(path: &Path) -> Result<String> {
 /// [`Error::Io`] when the file cannot be read.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|error| Error::io("read", path, error))
+}
+
+/// SHA-256 of a file, in hexadecimal.
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be read.
+pub fn sha256_of_file(path: &Path) -> Result<String> {
+    const BLOCK_BYTES: usize = 1 << 18;
+    let mut hash = Sha256::new();
+    let mut block = vec![0; BLOCK_BYTES];
+    let mut file = fs::File::open(path).map_err(|error| Error::io("read", path, error))?;
+    loop {
+        match file.read(&mut block) {
+            Ok(0) => return Ok(hex(&hash.finalize())),
+            Ok(count) => hash.update(&block[..count]),
+            Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            Err(error) => return Err(Error::io("read", path, error)),
+        }
+    }
 }
 
 /// Reads the first bytes of a file.

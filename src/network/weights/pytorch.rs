@@ -101,11 +101,35 @@ pub(super) fn infer_architecture(tensors: &BTreeMap<String, Values>) -> Result<A
     };
     let filter_size = match shape("dynamic_kernel.3.0.weight") {
         None => default.filter_size,
-        Some(shape) => (shape[0] / (4 * features).max(1)).isqrt(),
+        Some(&[filters, ..]) => (filters / (4 * features).max(1)).isqrt(),
+        Some([]) => {
+            let reason =
+                "dynamic_kernel.3.0.weight is a single number, expected the weights of a convolution";
+            return Err(Error::Unsupported(reason.to_owned()));
+        }
     };
     let is_multi = condition == Condition::None || tensors.contains_key("dynamic_kernel1.3.0.weight");
     let scales = if is_multi { Scales::Multi } else { Scales::Single };
     let architecture = Architecture { features, condition, scales, filter_size, code_dim, ..default };
     architecture.validate()?;
     Ok(architecture)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_without_axes_are_no_network() {
+        let tensor =
+            |shape: &[usize]| Values { shape: shape.to_vec(), values: vec![0.0; shape.iter().product()] };
+        let mut tensors = BTreeMap::from([
+            ("conv_11.0.weight".to_owned(), tensor(&[4, CHANNELS, 3, 3])),
+            ("dynamic_kernel.3.0.weight".to_owned(), tensor(&[])),
+        ]);
+        let message = infer_architecture(&tensors).unwrap_err().to_string();
+        assert!(message.contains("dynamic_kernel.3.0.weight is a single number"), "{message}");
+        tensors.insert("conv_11.0.weight".to_owned(), tensor(&[]));
+        assert!(infer_architecture(&tensors).is_err());
+    }
 }
