@@ -106,7 +106,8 @@ impl State {
 ///
 /// B is that of an unbounded frame, so that the step is exact but for the border, which the iteration repairs where
 /// no light outside of it is unknown; else B would turn what that light leaves unexplained into ringing. Nor does it
-/// suit noise, which its first step amplifies far below the misfit that noise leaves. With unexplained saturated pixels or noise it may lead away: it ends as soon as the objective rises.
+/// suit noise, which its first step amplifies far below the misfit that noise leaves. With unexplained saturated
+/// pixels it may lead away: it ends as soon as the objective rises.
 fn iterate_fixed_point(objective: &Objective<'_>, mut best: State, limits: &Limits<'_>) -> Result<State> {
     let inverse = approximate_inverse(objective.blur());
     for _ in 0..FIXED_POINT_STEPS {
