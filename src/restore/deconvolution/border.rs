@@ -21,8 +21,8 @@ pub(super) fn extended_size(image: [usize; 2], psf: [usize; 2], border: Border) 
 
 /// Continues `plane`, which keeps its place at the top left, to `size`: by darkness, or smoothly.
 ///
-/// Smoothly: behind the last pixel of a row comes the row mirrored, fading into the mirrored beginning of the row, which
-/// is what stands before its first pixel when the result is repeated; then the same along columns.
+/// Smoothly: behind the last pixel of a row comes the row mirrored, fading into the mirrored beginning of the row,
+/// which is what stands before its first pixel when the result is repeated; then the same along columns.
 pub(super) fn extend(plane: ArrayView2<'_, f32>, size: [usize; 2], border: Border) -> Array2<f32> {
     let (height, width) = plane.dim();
     let mut extended = Array2::zeros(size);

@@ -2,8 +2,8 @@
 //!
 //! Two stages. Where nothing is unknown around the frame and no noise is found, first a fixed-point iteration with the
 //! regularised inverse of the PSF, which solves the unsaturated case to many digits in a few steps and stops by itself
-//! where it does not help; then conjugate gradients on the pixels that are not held at zero, which never make the objective
-//! worse.
+//! where it does not help; then conjugate gradients on the pixels that are not held at zero, which never make the
+//! objective worse.
 
 use ndarray::{Array2, ArrayView1, ArrayView2, Zip};
 use rustfft::num_complex::Complex64;

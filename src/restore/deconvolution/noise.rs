@@ -38,8 +38,8 @@ struct Detail {
 /// `sᵢ = max(0, dᵢ² − d₁²)/κᵢ`. Where the PSF leaves nothing of the finest band, this is d₁, whatever the scene; where
 /// it leaves much, noise-free captures have σ = 0.
 ///
-/// Demosaicing takes noise out of the finest band, where the next one, with `s₂ ≤ s₃` alone, still shows it: the greater
-/// of both estimates counts.
+/// Demosaicing takes noise out of the finest band, where the next one, with `s₂ ≤ s₃` alone, still shows it: the
+/// greater of both estimates counts.
 pub(super) fn estimate(capture: ArrayView2<'_, f32>, otf: (&[Complex64], [usize; 2]), alpha: f32) -> f64 {
     let logarithm = capture.mapv(|v| (v.max(0.0) + alpha).ln());
     let detail =
