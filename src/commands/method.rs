@@ -13,7 +13,7 @@ pub(super) enum MethodArg {
     WienerOrieux,
     /// Richardson–Lucy iteration
     RichardsonLucy,
-    /// Non-negative weighted least squares, frame border and saturation modelled
+    /// Non-negative weighted least squares, light around the frame and saturation modelled
     Constrained,
 }
 

@@ -170,6 +170,32 @@ fn deconvolves_by_every_method() {
 }
 
 #[test]
+fn refuses_flags_that_the_method_would_ignore() {
+    let scratch = scratch();
+    let restore = |how: &[&str], flags: &[&str], code: i32| {
+        let common = ["restore", "scene.exr", "-o", "o.exr", "--overwrite"];
+        fail(scratch.path(), &[&common[..], how, flags].concat(), code)
+    };
+    let belongings: [(&[&str], &[&str], &str); 4] = [
+        (&["--iterations", "3"], &["wiener", "wiener-orieux"], "richardson-lucy and constrained"),
+        (&["--seed", "1"], &["wiener", "richardson-lucy", "constrained"], "wiener-orieux"),
+        (&["--balance", "3"], &["wiener-orieux", "richardson-lucy", "constrained"], "wiener"),
+        (&["--mask-saturated"], &["richardson-lucy", "constrained"], "wiener and wiener-orieux"),
+    ];
+    let (model, code) = (model(), code());
+    let network = ["--model", &model, "--code", &code];
+    for (flag, others, methods) in belongings {
+        for other in others {
+            let said = restore(&["--method", other, "--psf", "psf.exr"], flag, 2);
+            let belongs = format!("{} belongs to --method {methods}", flag[0]);
+            assert!(said.contains(&belongs) && said.contains(other), "{said}");
+        }
+        assert!(restore(&network, flag, 2).contains(flag[0]), "{flag:?}");
+    }
+    assert!(restore(&network, &["--border", "zero"], 2).contains("--border"));
+}
+
+#[test]
 fn gives_the_same_bytes_with_one_and_two_threads() {
     let scratch = scratch();
     for method in ["wiener-orieux", "constrained"] {
@@ -296,7 +322,20 @@ fn takes_no_more_memory_than_it_said() {
     let network = ["--model", "model.safetensors", "--code", &code];
     let (tiled, wiener) =
         ([&network[..], &["--tile", "128"]].concat(), ["--method", "wiener", "--psf", "psf.exr"]);
-    for (side, how) in [(64, &network[..]), (384, &network), (384, &tiled), (768, &wiener)] {
+    let deconvolution =
+        |method, border| ["--method", method, "--psf", "psf.exr", "--border", border, "--x-max", "6"];
+    let (lucy, constrained) =
+        (deconvolution("richardson-lucy", "smooth"), deconvolution("constrained", "smooth"));
+    let dark = deconvolution("constrained", "zero");
+    for (side, how) in [
+        (64, &network[..]),
+        (384, &network),
+        (384, &tiled),
+        (768, &wiener),
+        (768, &lucy),
+        (768, &constrained),
+        (768, &dark),
+    ] {
         write_scene(&scratch.path().join("large.exr"), side, side);
         std::fs::rename(scratch.path().join("large.exr"), scratch.path().join("scene.exr")).unwrap();
         let (estimated, taken) = memory_of(scratch.path(), how);

@@ -147,8 +147,9 @@ impl Degraded<'_> {
 
     fn deconvolve(&self, method: MethodArg, curve: ToneCurve) -> error::Result<ToneMappedImage> {
         let ToneCurve { alpha, x_max } = curve;
-        let config =
-            DeconvolutionConfig { alpha, saturation: x_max, ..DeconvolutionConfig::of_method(method.into()) };
+        let border = self.dataset.formation.boundary.into();
+        let default = DeconvolutionConfig::of_method(method.into());
+        let config = DeconvolutionConfig { alpha, saturation: x_max, border, ..default };
         let bank = self.dataset.bank.as_ref().expect("checked before the work");
         let psf = &bank.psfs[self.kernel];
         let (size, of_psf) = ([self.image.height(), self.image.width()], [psf.height(), psf.width()]);

@@ -12,21 +12,24 @@ use crate::core::fft::fast_length;
 pub(super) fn extended_size(image: [usize; 2], psf: [usize; 2], border: Border) -> [usize; 2] {
     match border {
         Border::Periodic => image,
-        Border::Smooth => std::array::from_fn(|axis| {
+        Border::Smooth | Border::Zero => std::array::from_fn(|axis| {
             let reach = psf[axis].min(2 * image[axis]).max(16);
             fast_length(image[axis] + reach)
         }),
     }
 }
 
-/// Continues `plane`, which keeps its place at the top left, to `size`.
+/// Continues `plane`, which keeps its place at the top left, to `size`: by darkness, or smoothly.
 ///
-/// Behind the last pixel of a row comes the row mirrored, fading into the mirrored beginning of the row, which
-/// is what stands before its first pixel when the result is repeated; then the same along columns.
-pub(super) fn extend(plane: ArrayView2<'_, f32>, size: [usize; 2]) -> Array2<f32> {
+/// Smoothly: behind the last pixel of a row comes the row mirrored, fading into the mirrored beginning of the row,
+/// which is what stands before its first pixel when the result is repeated; then the same along columns.
+pub(super) fn extend(plane: ArrayView2<'_, f32>, size: [usize; 2], border: Border) -> Array2<f32> {
     let (height, width) = plane.dim();
     let mut extended = Array2::zeros(size);
     extended.slice_mut(s![..height, ..width]).assign(&plane);
+    if border == Border::Zero {
+        return extended;
+    }
     for mut row in extended.slice_mut(s![..height, ..]).axis_iter_mut(Axis(0)) {
         let (known, unknown) = row.view_mut().split_at(Axis(0), width);
         fade(known.view(), unknown);
@@ -62,7 +65,7 @@ mod tests {
     #[test]
     fn continues_a_ramp_without_a_step() {
         let ramp = Array2::from_shape_fn((20, 30), |(y, x)| (y + x) as f32);
-        let extended = extend(ramp.view(), [48, 64]);
+        let extended = extend(ramp.view(), [48, 64], Border::Smooth);
         assert_eq!(extended.slice(s![..20, ..30]), ramp);
         let (height, width) = extended.dim();
         for y in 0..height {
@@ -76,7 +79,7 @@ mod tests {
 
     #[test]
     fn a_border_longer_than_the_frame_is_filled() {
-        let extended = extend(Array2::from_elem((2, 3), 7.0).view(), [32, 20]);
+        let extended = extend(Array2::from_elem((2, 3), 7.0).view(), [32, 20], Border::Smooth);
         assert!(extended.iter().all(|&v| (v - 7.0_f32).abs() < 1e-5));
     }
 }

@@ -1,8 +1,9 @@
-//! Restores a plane as the scene, non-negative and dark outside of the frame, that explains the capture best.
+//! Restores a plane as the non-negative scene that explains the capture best.
 //!
-//! Two stages. First a fixed-point iteration with the regularised inverse of the PSF, which solves the
-//! unsaturated, noise-free case to many digits in a few steps and stops by itself where it does not help;
-//! then conjugate gradients on the pixels that are not held at zero, which never make the objective worse.
+//! Two stages. Where nothing is unknown around the frame and no noise is found, first a fixed-point iteration with the
+//! regularised inverse of the PSF, which solves the unsaturated case to many digits in a few steps and stops by itself
+//! where it does not help; then conjugate gradients on the pixels that are not held at zero, which never make the
+//! objective worse.
 
 use ndarray::{Array2, ArrayView1, ArrayView2, Zip};
 use rustfft::num_complex::Complex64;
@@ -11,6 +12,7 @@ use super::objective::{Objective, sum_of_rows};
 use super::operator::Blur;
 use super::{DeconvolutionConfig, noise, saturation};
 use crate::core::error::Result;
+use crate::core::progress::Progress;
 
 /// Regularisation of the approximate inverse `H̄/(|H|² + ε)`: at most 1/(2√ε) ≈ 50 times a residual.
 const INVERSE_EPSILON: f64 = 1e-4;
@@ -50,22 +52,36 @@ struct State {
     value: f64,
 }
 
-/// Minimises the [`Objective`] over x ≥ 0 in at most `iterations` conjugate-gradient steps.
+/// Where an iteration ends.
+struct Limits<'a> {
+    /// Conjugate-gradient steps.
+    iterations: usize,
+    /// The misfit down to which the capture is explained.
+    explained: f64,
+    progress: &'a Progress,
+}
+
+/// Minimises the [`Objective`] over x ≥ 0 in at most `config.iterations` conjugate-gradient steps.
 pub(super) fn restore(
     capture: ArrayView2<'_, f32>,
     psf: ArrayView2<'_, f32>,
     config: &DeconvolutionConfig,
+    progress: &Progress,
 ) -> Result<Array2<f32>> {
-    let blur = Blur::new([capture.nrows(), capture.ncols()], psf)?;
+    let blur = Blur::new([capture.nrows(), capture.ncols()], psf, config.border)?;
     let level = saturation::level(config.saturation);
     let alpha = config.alpha;
-    let sigma = noise::estimate(capture, blur.otf(), blur.grid()[1], alpha);
-    let mut objective = Objective::new(&blur, capture, alpha, level);
+    let sigma = noise::estimate(capture, blur.otf(), alpha);
+    let mut objective = Objective::new(&blur, blur.surround(capture), alpha, level);
     objective.penalise_roughness(roughness(sigma, saturation::any(capture, level)));
     let explained = capture.len() as f64 * (DISCREPANCY * sigma).max(EXPLAINED).powi(2);
-    let state = iterate_fixed_point(&objective, explained);
-    let state = descend(&objective, state, config.iterations, explained, DARKNESS * alpha);
-    Ok(state.x)
+    let limits = Limits { iterations: config.iterations, explained, progress };
+    let mut state = State::new(&objective, objective.capture().mapv(|v| v.max(0.0)));
+    if !blur.has_surrounding() && DISCREPANCY * sigma <= EXPLAINED {
+        state = iterate_fixed_point(&objective, state, &limits)?;
+    }
+    let state = descend(&objective, state, DARKNESS * alpha, &limits)?;
+    Ok(blur.frame_of(state.x))
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "a weight in f32")]
@@ -86,15 +102,17 @@ impl State {
     }
 }
 
-/// `x ← max(0, x + B(y − A x))` from the capture on, B the regularised inverse; the best state of all.
+/// `x ← max(0, x + B(y − A x))`, B the regularised inverse; the best state of all.
 ///
-/// B is that of an unbounded frame, so that the step is exact but for the border, which the iteration repairs.
-/// With unexplained saturated pixels or noise it may lead away: it ends as soon as the objective rises.
-fn iterate_fixed_point(objective: &Objective<'_>, explained: f64) -> State {
-    let mut best = State::new(objective, objective.capture().mapv(|v| v.max(0.0)));
+/// B is that of an unbounded frame, so that the step is exact but for the border, which the iteration repairs where
+/// no light outside of it is unknown; else B would turn what that light leaves unexplained into ringing. Nor does it
+/// suit noise, which its first step amplifies far below the misfit that noise leaves. With unexplained saturated
+/// pixels it may lead away: it ends as soon as the objective rises.
+fn iterate_fixed_point(objective: &Objective<'_>, mut best: State, limits: &Limits<'_>) -> Result<State> {
     let inverse = approximate_inverse(objective.blur());
     for _ in 0..FIXED_POINT_STEPS {
-        if best.misfit <= explained {
+        limits.progress.check()?;
+        if best.misfit <= limits.explained {
             break;
         }
         let correction = objective.blur().filter(&objective.residual(&best.predicted), &inverse);
@@ -106,11 +124,12 @@ fn iterate_fixed_point(objective: &Objective<'_>, explained: f64) -> State {
         }
         best = next;
     }
-    best
+    Ok(best)
 }
 
 fn approximate_inverse(blur: &Blur) -> Vec<Complex64> {
-    blur.otf().0.iter().map(|h| h.conj() / (h.norm_sqr() + INVERSE_EPSILON)).collect()
+    let (otf, _grid) = blur.otf();
+    otf.iter().map(|h| h.conj() / (h.norm_sqr() + INVERSE_EPSILON)).collect()
 }
 
 /// Preconditioned conjugate gradients on the free pixels, projected; each step lowers the objective.
@@ -118,18 +137,13 @@ fn approximate_inverse(blur: &Blur) -> Vec<Complex64> {
 /// # Equation
 /// Free are pixels above zero and those that the slope g pushes up. Direction `d = −M⁻¹g + β·d` with
 /// Polak–Ribière's β ≥ 0, step `−⟨d, g⟩/⟨d, J″d⟩`, halved while the projection to x ≥ 0 raises the objective.
-fn descend(
-    objective: &Objective<'_>,
-    mut state: State,
-    iterations: usize,
-    explained: f64,
-    darkness: f32,
-) -> State {
+fn descend(objective: &Objective<'_>, mut state: State, darkness: f32, limits: &Limits<'_>) -> Result<State> {
     let majoriser = objective.majoriser(darkness);
     let mut direction = Array2::<f32>::zeros(state.x.dim());
     let mut previous: Option<(Array2<f32>, f64)> = None;
-    for _ in 0..iterations {
-        if state.misfit <= explained {
+    for _ in 0..limits.iterations {
+        limits.progress.check()?;
+        if state.misfit <= limits.explained {
             break;
         }
         let gradient = free_gradient(objective, &state);
@@ -148,7 +162,7 @@ fn descend(
             break;
         }
     }
-    state
+    Ok(state)
 }
 
 /// Half the slope of the objective, zero at pixels that are held at zero.

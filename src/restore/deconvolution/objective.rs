@@ -1,15 +1,20 @@
 //! What the constrained deconvolution minimises: value and slope of the weighted least squares.
 
-use ndarray::{Array2, ArrayView2, Axis, Zip};
+use ndarray::{Array2, Axis, Zip};
 use rayon::prelude::*;
 
 use super::operator::Blur;
+
+/// The part of a seen pixel's curvature that a pixel in the surrounding has at least, whose light hardly reaches the
+/// frame: it keeps its first guess rather than take what is left of others' misfit.
+const UNSEEN: f32 = 1e-3;
 
 /// The weighted least squares of one plane.
 ///
 /// # Equation
 /// `J(x) = Σ w²·r² + λ·Σ w²·|∇x|²` with `r = A x − y` and `w = 1/(y + α)`, α of the tone mapping; at
-/// saturated pixels r counts only where it is negative, since the capture bounds the light from below.
+/// saturated pixels r counts only where it is negative, since the capture bounds the light from below. In the
+/// surrounding of the frame r = 0, and y is the continuation that w and the majoriser need.
 ///
 /// The slope of the tone mapping is `φ′(y) = α/(y + α)²`, so that w is its square root up to a factor. φ′
 /// itself would be the metric of the result, but spans the square of the scene's dynamic range: the
@@ -17,7 +22,8 @@ use super::operator::Blur;
 /// noise of a bracketed capture, which grows with the light.
 pub(super) struct Objective<'a> {
     blur: &'a Blur,
-    capture: ArrayView2<'a, f32>,
+    /// y.
+    capture: Array2<f32>,
     saturation: f32,
     /// w².
     weights: Array2<f32>,
@@ -26,7 +32,8 @@ pub(super) struct Objective<'a> {
 }
 
 impl<'a> Objective<'a> {
-    pub(super) fn new(blur: &'a Blur, capture: ArrayView2<'a, f32>, alpha: f32, saturation: f32) -> Self {
+    /// Sets up J for a capture that is continued into the surrounding of the frame.
+    pub(super) fn new(blur: &'a Blur, capture: Array2<f32>, alpha: f32, saturation: f32) -> Self {
         let weights = capture.mapv(|y| (y.max(0.0) + alpha).powi(-2));
         Self { blur, capture, saturation, weights, roughness: 0.0 }
     }
@@ -40,17 +47,18 @@ impl<'a> Objective<'a> {
         self.blur
     }
 
-    pub(super) fn capture(&self) -> ArrayView2<'a, f32> {
-        self.capture
+    pub(super) fn capture(&self) -> &Array2<f32> {
+        &self.capture
     }
 
-    /// r, zero at saturated pixels that `predicted` = A x explains.
+    /// r, zero at saturated pixels that `predicted` = A x explains and in the surrounding.
     pub(super) fn residual(&self, predicted: &Array2<f32>) -> Array2<f32> {
         let mut residual = predicted.clone();
-        Zip::from(&mut residual).and(self.capture).par_for_each(|r, &y| {
+        Zip::from(&mut residual).and(&self.capture).par_for_each(|r, &y| {
             let explained = y >= self.saturation && *r >= y;
             *r = if explained { 0.0 } else { *r - y };
         });
+        self.blur.clear_surrounding(&mut residual);
         residual
     }
 
@@ -79,11 +87,12 @@ impl<'a> Objective<'a> {
         predicted: &Array2<f32>,
     ) -> f64 {
         let mut counted = blurred.clone();
-        Zip::from(&mut counted).and(predicted).and(self.capture).par_for_each(|d, &p, &y| {
+        Zip::from(&mut counted).and(predicted).and(&self.capture).par_for_each(|d, &p, &y| {
             if y >= self.saturation && p >= y {
                 *d = 0.0;
             }
         });
+        self.blur.clear_surrounding(&mut counted);
         let misfit = self.weighted_sum(&counted, &counted);
         misfit + f64::from(self.roughness) * self.roughness_of(direction, direction)
     }
@@ -94,10 +103,11 @@ impl<'a> Objective<'a> {
         let reference = self.capture.mapv(|y| y.max(0.0) + darkness);
         let mut blurred = self.blur.apply(&reference);
         blurred *= &self.weights;
+        self.blur.clear_surrounding(&mut blurred);
         let mut majoriser = self.blur.transpose(&blurred);
         // Each difference ∇ couples two pixels: 4 · 2 bounds its square.
         Zip::from(&mut majoriser).and(&reference).and(&self.weights).par_for_each(|m, &x, &w| {
-            *m = (*m / x).max(f32::MIN_POSITIVE * 1e8) + 8.0 * self.roughness * w;
+            *m = (*m / x).max(UNSEEN * w) + 8.0 * self.roughness * w;
         });
         majoriser
     }

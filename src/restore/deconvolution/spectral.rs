@@ -13,6 +13,7 @@ pub(super) struct Spectral {
     convolver: Convolver,
     otf: PlaneSpectrum,
     laplacian: PlaneSpectrum,
+    border: Border,
 }
 
 impl Spectral {
@@ -24,7 +25,7 @@ impl Spectral {
         let otf = convolver.kernel_spectrum(psf)?;
         let stencil = arr2(&[[0.0, -1.0, 0.0], [-1.0, 4.0, -1.0], [0.0, -1.0, 0.0]]);
         let laplacian = Convolver::new(size, [3, 3], Boundary::Periodic)?.kernel_spectrum(stencil.view())?;
-        Ok(Self { convolver, otf, laplacian })
+        Ok(Self { convolver, otf, laplacian, border })
     }
 
     /// The transform H of the PSF.
@@ -58,7 +59,7 @@ impl Spectral {
 
     /// The transform of a plane, continued to the grid.
     pub(super) fn transform(&self, plane: ArrayView2<'_, f32>) -> PlaneSpectrum {
-        self.convolver.plane_spectrum(extend(plane, self.convolver.image_size()).view())
+        self.convolver.plane_spectrum(extend(plane, self.convolver.image_size(), self.border).view())
     }
 
     /// Filters a spectrum and transforms it back to the whole grid.

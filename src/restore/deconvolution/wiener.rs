@@ -6,6 +6,7 @@ use rustfft::num_complex::Complex64;
 use super::spectral::Spectral;
 use super::{DeconvolutionConfig, saturation};
 use crate::core::error::Result;
+use crate::core::progress::Progress;
 
 /// Filters a plane.
 ///
@@ -16,11 +17,12 @@ pub(super) fn restore(
     plane: ArrayView2<'_, f32>,
     psf: ArrayView2<'_, f32>,
     config: &DeconvolutionConfig,
+    progress: &Progress,
 ) -> Result<Array2<f32>> {
     let spectral = Spectral::new([plane.nrows(), plane.ncols()], psf, config.border)?;
     let filter = spectral.wiener_filter(1.0, f64::from(config.balance));
     let plane = if config.mask_saturated {
-        fill_saturated(plane, &spectral, &filter, saturation::level(config.saturation))
+        fill_saturated(plane, &spectral, &filter, saturation::level(config.saturation), progress)?
     } else {
         plane.to_owned()
     };
@@ -33,17 +35,19 @@ pub(super) fn fill_saturated(
     spectral: &Spectral,
     filter: &[Complex64],
     level: f32,
-) -> Array2<f32> {
+    progress: &Progress,
+) -> Result<Array2<f32>> {
     let mut filled = plane.to_owned();
     if !saturation::any(plane, level) {
-        return filled;
+        return Ok(filled);
     }
     let again: Vec<Complex64> = filter.iter().zip(spectral.otf()).map(|(g, h)| g * h).collect();
     for _ in 0..saturation::FILL_ROUNDS {
+        progress.check()?;
         let predicted = apply(spectral, filled.view(), &again);
         filled = saturation::fill(plane, level, &predicted);
     }
-    filled
+    Ok(filled)
 }
 
 fn apply(spectral: &Spectral, plane: ArrayView2<'_, f32>, filter: &[Complex64]) -> Array2<f32> {
@@ -95,7 +99,8 @@ mod tests {
         let capture = blurred(&scene);
         let inside = s![24..72, 24..72];
         let error = |border| {
-            let restored = restore(capture.slice(inside), psf().view(), &config(border)).unwrap();
+            let restored =
+                restore(capture.slice(inside), psf().view(), &config(border), &Progress::default()).unwrap();
             let scene = scene.slice(inside);
             let whole = rmse(restored.view(), scene);
             (whole, rmse(restored.slice(s![12..36, 12..36]), scene.slice(s![12..36, 12..36])))
@@ -115,7 +120,7 @@ mod tests {
         let lamp = s![28..35, 38..45];
         let error = |mask_saturated| {
             let config = DeconvolutionConfig { mask_saturated, saturation: 20.0, ..config(Border::Smooth) };
-            let mut restored = restore(capture.view(), psf().view(), &config).unwrap();
+            let mut restored = restore(capture.view(), psf().view(), &config, &Progress::default()).unwrap();
             restored.slice_mut(lamp).assign(&scene.slice(lamp));
             rmse(restored.view(), scene.view())
         };

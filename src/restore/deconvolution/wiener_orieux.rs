@@ -9,6 +9,7 @@ use super::spectral::Spectral;
 use super::{DeconvolutionConfig, saturation, wiener};
 use crate::core::error::{Error, Result};
 use crate::core::fft::PlaneSpectrum;
+use crate::core::progress::Progress;
 use crate::core::rng;
 
 /// Samples that are drawn before the mean is taken: the chain forgets its start in a few steps.
@@ -46,16 +47,18 @@ pub(super) fn restore(
     psf: ArrayView2<'_, f32>,
     config: &DeconvolutionConfig,
     channel: usize,
+    progress: &Progress,
 ) -> Result<Array2<f32>> {
     let spectral = Spectral::new([plane.nrows(), plane.ncols()], psf, config.border)?;
     let plane = if config.mask_saturated {
         let filter = spectral.wiener_filter(1.0, FILL_BALANCE);
-        wiener::fill_saturated(plane, &spectral, &filter, saturation::level(config.saturation))
+        let level = saturation::level(config.saturation);
+        wiener::fill_saturated(plane, &spectral, &filter, level, progress)?
     } else {
         plane.to_owned()
     };
     let data = spectral.transform(plane.view());
-    let mut filter = mean_filter(&spectral, &data, &format!("{}/{channel}", config.seed))?;
+    let mut filter = mean_filter(&spectral, &data, &format!("{}/{channel}", config.seed), progress)?;
     for (filter, data) in filter.iter_mut().zip(&data) {
         *filter *= data;
     }
@@ -65,11 +68,17 @@ pub(super) fn restore(
 }
 
 /// The mean over the chain of the filters `γₙ·H̄ / (γₙ|H|² + γₓ|Λ|²)`.
-fn mean_filter(spectral: &Spectral, data: &[Complex64], seed: &str) -> Result<PlaneSpectrum> {
+fn mean_filter(
+    spectral: &Spectral,
+    data: &[Complex64],
+    seed: &str,
+    progress: &Progress,
+) -> Result<PlaneSpectrum> {
     let mut sum = vec![Complex64::default(); data.len()];
     let (mut noise, mut scene) = (1.0_f64, 1.0_f64);
     let mut kept = 0_usize;
     for iteration in 0..MAX_SAMPLES {
+        progress.check()?;
         let norms = sample_norms(spectral, data, [noise, scene], &format!("{seed}/{iteration}"));
         let mut rng = rng::stream(0, &format!("{seed}/{iteration}/precisions"));
         let count = (spectral.height() * spectral.width()) as f64;
@@ -212,6 +221,10 @@ mod tests {
         DeconvolutionConfig { border: Border::Periodic, seed, ..default }
     }
 
+    fn restored(capture: &Array2<f32>, seed: u64) -> Array2<f32> {
+        restore(capture.view(), psf().view(), &config(seed), 0, &Progress::default()).unwrap()
+    }
+
     fn rmse(a: &Array2<f32>, b: &Array2<f32>) -> f32 {
         ((a - b).mapv(|v| v * v).sum() / a.len() as f32).sqrt()
     }
@@ -221,10 +234,11 @@ mod tests {
     fn finds_about_the_best_balance_for_any_noise() {
         for sigma in [0.003, 0.02, 0.1] {
             let capture = capture(sigma);
-            let ours = rmse(&restore(capture.view(), psf().view(), &config(1), 0).unwrap(), &scene());
+            let ours = rmse(&restored(&capture, 1), &scene());
             let of_balance = |exponent: i32| {
                 let config = DeconvolutionConfig { balance: 10f32.powf(exponent as f32 / 4.0), ..config(1) };
-                rmse(&wiener::restore(capture.view(), psf().view(), &config).unwrap(), &scene())
+                let restored = wiener::restore(capture.view(), psf().view(), &config, &Progress::default());
+                rmse(&restored.unwrap(), &scene())
             };
             let best = (-24..=8).map(of_balance).fold(f32::INFINITY, f32::min);
             assert!(ours < 1.1 * best, "noise of {sigma}: {ours} where {best} is possible");
@@ -234,16 +248,14 @@ mod tests {
     #[test]
     fn repeats_itself_and_depends_little_on_the_seed() {
         let capture = capture(0.02);
-        let restored = |seed| restore(capture.view(), psf().view(), &config(seed), 0).unwrap();
-        let first = restored(1);
-        assert_eq!(first, restored(1));
-        let other = restored(2);
+        let first = restored(&capture, 1);
+        assert_eq!(first, restored(&capture, 1));
+        let other = restored(&capture, 2);
         assert!(first != other && rmse(&first, &other) < 0.05 * rmse(&first, &capture));
     }
 
     #[test]
     fn a_dark_frame_stays_dark() {
-        let restored = restore(Array2::zeros((12, 10)).view(), psf().view(), &config(1), 0).unwrap();
-        assert!(restored.iter().all(|&v| v == 0.0));
+        assert!(restored(&Array2::zeros((12, 10)), 1).iter().all(|&v| v == 0.0));
     }
 }
