@@ -322,7 +322,8 @@ mod tests {
                 let told = [times[0], times[1] * wrong, times[2]];
                 let motions = motions(&frames, &told, 0.99).unwrap();
                 suspected += motions.iter().filter(|motion| motion.is_none()).count();
-                check_motion(&motions, &[1, 2, 3], Some(1.0)).unwrap_or_else(|error| panic!("{seed}: {error}"));
+                check_motion(&motions, &[1, 2, 3], Some(1.0))
+                    .unwrap_or_else(|error| panic!("{seed}: {error}"));
             }
         }
         assert!(suspected > 40, "{suspected} displacements were tempting, too few to test anything");
