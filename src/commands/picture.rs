@@ -30,15 +30,9 @@ impl AnyImage {
         encoding: &Encoding,
         domain: Option<DomainArg>,
     ) -> Result<Self> {
-        let is_integer = matches!(encoding.format, Format::Png | Format::Jpeg | Format::Tiff)
-            && encoding.sample_type.starts_with("uint");
         let declared = pixels.domain.map(DomainArg::from);
         match domain.or(declared) {
-            None if is_integer && pixels.raw.is_none() => bail!(
-                "{} does not say whether its values are linear or tone-mapped: add --domain linear or --domain \
-                 tone-mapped",
-                path.display()
-            ),
+            None if must_be_told(&pixels, encoding) => bail!(domain_needed(path)),
             Some(DomainArg::ToneMapped) => Ok(Self::ToneMapped(image_of::<ToneMapped>(path, pixels)?)),
             Some(DomainArg::Linear) | None => Ok(Self::Linear(image_of::<Linear>(path, pixels)?)),
         }
@@ -79,6 +73,22 @@ impl AnyImage {
         }
         Ok(())
     }
+}
+
+/// Whether an image may as well be linear as tone-mapped: integers that are no camera's raw ones.
+pub(crate) fn must_be_told(pixels: &Pixels, encoding: &Encoding) -> bool {
+    pixels.domain.is_none()
+        && pixels.raw.is_none()
+        && matches!(encoding.format, Format::Png | Format::Jpeg | Format::Tiff)
+        && encoding.sample_type.starts_with("uint")
+}
+
+/// What to say of such an image.
+pub(crate) fn domain_needed(path: &Path) -> String {
+    format!(
+        "{} does not say whether its values are linear or tone-mapped: add --domain linear or --domain tone-mapped",
+        path.display()
+    )
 }
 
 /// Refuses linear light in a file of integers, before the work.
