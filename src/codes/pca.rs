@@ -24,8 +24,8 @@ const TIE: f64 = 1e-6;
 /// eigenvectors and eigenvalues of the K × K Gram matrix X·Xᵀ, all in f64. The signs of the components are
 /// free; they are chosen so that the first kernel of the set has non-negative coefficients. Where that
 /// coefficient is zero up to rounding (as for the middle of a symmetric set), the largest coefficient of
-/// the component, the earliest of equals, is the positive one, and the first kernel's is stored as zero if rounding made
-/// it negative.
+/// the component, the earliest of equals, is the positive one, and the first kernel's is stored as zero if
+/// rounding made it negative.
 ///
 /// # Errors
 /// [`Error::Shape`] when the PSFs differ in size; [`Error::Config`] when `dim` is zero or more than the set

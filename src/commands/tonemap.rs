@@ -75,7 +75,10 @@ impl TonemapArgs {
                 false => (self.output.clone(), None),
             };
             Format::of_extension(&output)?;
-            check_output(&output, session.overwrite)?;
+            // In a folder that is yet to be made nothing can be in the way.
+            if folder.as_deref().is_none_or(Path::is_dir) {
+                check_output(&output, session.overwrite)?;
+            }
             if let Some(other) = jobs.iter().find(|job| job.output == output) {
                 let (a, b) = (other.input.display(), input.display());
                 bail!("{a} and {b} would both be written to {}", output.display());

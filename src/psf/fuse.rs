@@ -139,8 +139,8 @@ impl Fused {
 ///
 /// # Errors
 /// [`Error::Config`] for levels out of range, exposure times that contradict the pictures, and mosaics without
-/// pattern; [`Error::Shape`] for a pattern given with three channels; [`Error::Unsupported`] when the camera moved, or a
-/// pixel that no mask discards holds no finite number.
+/// pattern; [`Error::Shape`] for a pattern given with three channels; [`Error::Unsupported`] when the camera moved, or
+/// a pixel that no mask discards holds no finite number.
 ///
 /// # Panics
 /// Never: a bracket has at least one exposure.

@@ -60,8 +60,8 @@ const MEMORY_LIMIT_BYTES: usize = 2 << 30;
 /// covered area, by less than 1 % of each pixel (tested by halving the grid pitch).
 ///
 /// # Errors
-/// [`Error::Config`] for values out of range, grids that alias and panels that pass no light; what reading a layout picture meets;
-/// [`Error::Unsupported`] when the window sees no light or the work would not fit in memory.
+/// [`Error::Config`] for values out of range, grids that alias and panels that pass no light; what reading a layout picture
+/// meets; [`Error::Unsupported`] when the window sees no light or the work would not fit in memory.
 pub fn simulate_psf(config: &DisplayConfig, progress: &Progress) -> Result<SimulatedPsf> {
     config.check()?;
     let bench = Bench::new(config)?;
