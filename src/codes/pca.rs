@@ -24,7 +24,8 @@ const TIE: f64 = 1e-6;
 /// eigenvectors and eigenvalues of the K × K Gram matrix X·Xᵀ, all in f64. The signs of the components are
 /// free; they are chosen so that the first kernel of the set has non-negative coefficients. Where that
 /// coefficient is zero up to rounding (as for the middle of a symmetric set), the largest coefficient of
-/// the component, the earliest of equals, is the positive one.
+/// the component, the earliest of equals, is the positive one, and the first kernel's is stored as zero if
+/// rounding made it negative.
 ///
 /// # Errors
 /// [`Error::Shape`] when the PSFs differ in size; [`Error::Config`] when `dim` is zero or more than the set
@@ -51,7 +52,8 @@ pub fn make_bank(psfs: Vec<Psf>, angles_deg: Option<Vec<f64>>, dim: usize) -> Re
         explained_variance: singular.iter().map(|s| to_f32(s * s / (psfs.len() - 1) as f64)).collect(),
         mean: mean.iter().map(|&v| to_f32(v)).collect(),
     };
-    let codes = Array2::from_shape_fn((psfs.len(), dim), |(k, j)| to_f32(left[[k, j]] * singular[j]));
+    let mut codes = Array2::from_shape_fn((psfs.len(), dim), |(k, j)| to_f32(left[[k, j]] * singular[j]));
+    codes.row_mut(0).mapv_inplace(|code| code.max(0.0));
     KernelBank::new(psfs, codes, basis, angles_deg)
 }
 
@@ -211,6 +213,16 @@ mod tests {
     fn gives_the_first_kernel_non_negative_coefficients() {
         let bank = make_bank(set(), None, 4).unwrap();
         assert!(bank.code(0).iter().all(|&c| c >= 0.0), "{}", bank.code(0));
+    }
+
+    /// Every one of these sets leaves some first coefficients to rounding.
+    #[test]
+    fn rounding_makes_no_first_coefficient_negative() {
+        for width in [0.3, 0.5, 0.8, 1.1, 1.3] {
+            let set = [0.0, width, -width, 2.0 * width, -2.0 * width].map(spot).to_vec();
+            let bank = make_bank(set, None, 4).unwrap();
+            assert!(bank.code(0).iter().all(|&c| c >= 0.0), "{width}: {}", bank.code(0));
+        }
     }
 
     /// The first kernel lies exactly between the two others: its first coefficient is rounding only.

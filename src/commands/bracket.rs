@@ -9,11 +9,13 @@ use ndarray::Array3;
 use udc::core::bayer::BayerPattern;
 use udc::core::error::Error;
 use udc::core::io::{DomainTag, Encoding, Pixels, RawMetadata, inspect_image, inspect_mosaic};
+use udc::core::progress::Progress;
 use udc::psf::{FuseConfig, Fused, MergeRule, show_time};
 
 #[derive(Args, Debug)]
 pub(crate) struct BracketArgs {
-    /// Exposure times of a bracket, in the order of the files [default: those in the files]
+    /// Exposure times of a bracket, in the order of the files [default: those in the files, else in `udc fuse`
+    /// 1,1/4,1/16, with --psf 1,1/32,1/768]
     #[arg(long, value_name = "T,T,…", value_delimiter = ',', value_parser = parse_fraction)]
     pub(crate) exposures: Option<Vec<f64>>,
     /// Take the ratios of the exposure times from the pictures, where cameras round them
@@ -104,17 +106,19 @@ impl BracketArgs {
             max_motion_px: if self.allow_motion { None } else { default.max_motion_px },
             ..default
         };
-        config.check()?;
+        // Without --white, the files may say it.
+        FuseConfig { white: self.white.unwrap_or(f64::MAX), ..config.clone() }.check()?;
         Ok(config)
     }
 
-    /// Reads the pictures of a bracket.
-    pub(crate) fn read(&self, files: &[PathBuf]) -> Result<Pictures> {
+    /// Reads the pictures of a bracket, unless the user asks to stop.
+    pub(crate) fn read(&self, files: &[PathBuf], progress: &Progress) -> Result<Pictures> {
         let mut config = self.config()?;
         let mut raw: Option<RawMetadata> = None;
         let mut largest = None;
         let (mut planes, mut times, mut isos) = (Vec::with_capacity(files.len()), Vec::new(), Vec::new());
         for (index, file) in files.iter().enumerate() {
+            progress.check()?;
             let (pixels, encoding) = self.read_picture(file)?;
             if index == 0 {
                 raw.clone_from(&pixels.raw);
@@ -141,6 +145,10 @@ impl BracketArgs {
             if let (None, Some(gains)) = (&self.white_balance, raw.white_balance) {
                 config.white_balance = gains;
             }
+        }
+        if self.white.is_none() && config.black >= config.white {
+            let (black, white) = (config.black, config.white);
+            bail!("black {black} does not lie below white {white}: give --white as well, in the same units");
         }
         let times = exposures(times, isos).map(relative_to_longest);
         Ok(Pictures { planes, times, config })
@@ -260,6 +268,20 @@ impl From<Bayer> for BayerPattern {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[derive(clap::Parser)]
+    struct Flags {
+        #[command(flatten)]
+        bracket: BracketArgs,
+    }
+
+    #[test]
+    fn reads_no_further_picture_once_the_user_asks_to_stop() {
+        let flags = <Flags as clap::Parser>::parse_from(["udc"]);
+        let interrupted = Progress::new(false, std::sync::Arc::new(true.into()));
+        let error = flags.bracket.read(&["missing.exr".into()], &interrupted).err().unwrap();
+        assert!(crate::commands::was_interrupted(&error), "{error:#}");
+    }
 
     #[test]
     fn reads_numbers_and_fractions() {

@@ -8,7 +8,8 @@ use serde_json::json;
 
 use super::Session;
 use super::domain::DomainArg;
-use udc::core::io::{DomainTag, PixelOptions, check_output, read_pixels, write_pixels};
+use super::picture::{domain_needed, must_be_told};
+use udc::core::io::{DomainTag, Format, PixelOptions, check_output, inspect_image, write_pixels};
 use udc::core::provenance::Provenance;
 use udc::network::weights;
 
@@ -28,10 +29,10 @@ pub(crate) struct ConvertArgs {
     /// Write half floats, in formats that have them
     #[arg(long)]
     half: bool,
-    /// Say what the values are, of a file that does not
+    /// Say what the values are, of a file that does not; .exr needs it of integers, and else takes them for linear
     #[arg(long, value_enum, value_name = "DOMAIN")]
     domain: Option<DomainArg>,
-    /// Clip values above 1 when the output has integers
+    /// Clip values that the output cannot hold: negative ones, and above 1 in integers
     #[arg(long)]
     clip: bool,
 }
@@ -45,7 +46,7 @@ impl ConvertArgs {
             weights::convert(&self.input, &self.output, session.overwrite).with_context(doing)?;
             return session.say(format_args!("{output}: {}", weights::describe(&self.output)?));
         }
-        let mut pixels = read_pixels(&self.input).with_context(doing)?;
+        let (mut pixels, encoding) = inspect_image(&self.input).with_context(doing)?;
         let wanted = self.domain.map(DomainTag::from);
         if let (Some(declared), Some(wanted)) = (pixels.domain, wanted)
             && declared != wanted
@@ -56,15 +57,33 @@ impl ConvertArgs {
                 wanted.name()
             );
         }
+        if wanted.is_none() && must_be_told(&pixels, &encoding) && self.writes_exr() {
+            bail!(domain_needed(&self.input));
+        }
         pixels.domain = pixels.domain.or(wanted);
+        let is_assumed = pixels.domain.is_none() && self.writes_exr();
+        if is_assumed {
+            pixels.domain = Some(DomainTag::Linear);
+        }
         let source = pixels.provenance.take();
         let config =
             json!({"input": input.to_string(), "half": self.half, "clip": self.clip, "source": source});
         pixels.provenance = Some(Provenance::new("convert", &config));
         let clip = self.clip || matches!(pixels.domain, Some(DomainTag::ToneMapped | DomainTag::Display));
-        let options = PixelOptions { half: self.half, overwrite: session.overwrite, clip, eight_bit: false };
+        let options =
+            PixelOptions { half: self.half, overwrite: session.overwrite, clip, ..PixelOptions::default() };
         write_pixels(&self.output, &pixels, options).with_context(doing)?;
+        if is_assumed {
+            session.warn(format_args!(
+                "{input} does not say its domain; {output} says linear (add --domain tone-mapped if that is wrong)"
+            ));
+        }
         let (channels, height, width) = pixels.planes.dim();
         session.say(format_args!("{output}: {width} × {height}, {channels} channels"))
+    }
+
+    /// Whether the output must say its domain.
+    fn writes_exr(&self) -> bool {
+        Format::of_extension(&self.output).is_ok_and(|format| format == Format::Exr)
     }
 }

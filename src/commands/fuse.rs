@@ -4,7 +4,7 @@ mod summary;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use clap::{Args, ValueEnum};
 use ndarray::{Array2, Array3};
 use serde_json::json;
@@ -66,20 +66,24 @@ impl FuseArgs {
             check_float_output(&self.output)?;
         }
         check_output(&self.output, session.overwrite)?;
+        let measure = self.psf.then(|| self.measure_config());
+        measure.as_ref().map_or(Ok(()), MeasureConfig::check)?;
 
-        let pictures = self.bracket.read(&files).with_context(doing)?;
+        let pictures = self.bracket.read(&files, &session.progress).with_context(doing)?;
         let given = self.bracket.exposures.clone().or(pictures.times);
-        let times = given.unwrap_or_else(|| PSF_BRACKET.to_vec());
+        let times = given.map_or_else(|| self.default_times(files.len()), Ok).with_context(doing)?;
         let mask = self.mask.as_deref().map(read_mask).transpose()?;
         let mut bracket = Bracket::new(pictures.planes, &times).with_context(doing)?;
         if let Some(mask) = &mask {
             bracket = bracket.with_mask(mask.clone()).with_context(doing)?;
         }
         let config = FuseConfig { demosaic_linear: self.psf, ..pictures.config };
-        let fused = fuse(bracket, &config).with_context(doing)?;
-        let measure = self.psf.then(|| self.measure_config());
+        session.progress.check()?;
+        let fused = session.timed("fusing", || fuse(bracket, &config)).with_context(doing)?;
+        session.progress.check()?;
         let measured = measure.as_ref().map(|measure| measure_psf(&fused.image, mask.as_ref(), measure));
         let measured = measured.transpose().with_context(doing)?;
+        session.progress.check()?;
 
         let resolved = json!({"inputs": files, "exposures": times, "fuse": config, "psf": measure});
         let provenance = Some(Provenance::new("fuse", &resolved));
@@ -96,6 +100,20 @@ impl FuseArgs {
         session.say(if self.json { summary.json().to_string() } else { summary.text() })
     }
 
+    /// The published exposures; a picture alone is the longest exposure.
+    fn default_times(&self, pictures: usize) -> Result<Vec<f64>> {
+        let times = if self.psf { PSF_BRACKET } else { SCENE_BRACKET };
+        match pictures {
+            1 => Ok(vec![1.0]),
+            _ if pictures == times.len() => Ok(times.to_vec()),
+            _ => bail!(
+                "{pictures} pictures do not say their exposure times, and a published bracket has {}: add --exposures \
+                 T,T,… in the order of the files",
+                times.len()
+            ),
+        }
+    }
+
     fn measure_config(&self) -> MeasureConfig {
         let default = MeasureConfig::default();
         MeasureConfig {
@@ -107,6 +125,9 @@ impl FuseArgs {
 
 /// The exposures of the paper's PSF bracket.
 const PSF_BRACKET: [f64; 3] = [1.0, 1.0 / 32.0, 1.0 / 768.0];
+
+/// The exposures of the paper's scene bracket.
+const SCENE_BRACKET: [f64; 3] = [1.0, 1.0 / 4.0, 1.0 / 16.0];
 
 fn read_mask(file: &Path) -> udc::core::error::Result<Array2<bool>> {
     let planes: Array3<f32> = read_pixels(file)?.planes;

@@ -32,18 +32,12 @@ impl AnyImage {
         encoding: &Encoding,
         domain: Option<DomainArg>,
     ) -> Result<Self> {
-        let is_integer = matches!(encoding.format, Format::Png | Format::Jpeg | Format::Tiff)
-            && encoding.sample_type.starts_with("uint");
         let domain = domain.map(DomainTag::from);
         if domain.is_some() && pixels.domain == Some(DomainTag::Display) {
             pixels.domain = domain;
         }
         match domain.or(pixels.domain) {
-            None if is_integer && pixels.raw.is_none() => bail!(
-                "{} does not say whether its values are linear or tone-mapped: add --domain linear or --domain \
-                 tone-mapped",
-                path.display()
-            ),
+            None if must_be_told(&pixels, encoding) => bail!(domain_needed(path)),
             Some(DomainTag::ToneMapped) => Ok(Self::ToneMapped(image_of::<ToneMapped>(path, pixels)?)),
             Some(DomainTag::Linear | DomainTag::Display) | None => {
                 Ok(Self::Linear(image_of::<Linear>(path, pixels)?))
@@ -86,6 +80,22 @@ impl AnyImage {
         }
         Ok(())
     }
+}
+
+/// Whether an image may as well be linear as tone-mapped: integers that are no camera's raw ones.
+pub(crate) fn must_be_told(pixels: &Pixels, encoding: &Encoding) -> bool {
+    pixels.domain.is_none()
+        && pixels.raw.is_none()
+        && matches!(encoding.format, Format::Png | Format::Jpeg | Format::Tiff)
+        && encoding.sample_type.starts_with("uint")
+}
+
+/// What to say of such an image.
+pub(crate) fn domain_needed(path: &Path) -> String {
+    format!(
+        "{} does not say whether its values are linear or tone-mapped: add --domain linear or --domain tone-mapped",
+        path.display()
+    )
 }
 
 /// Refuses linear light in a file of integers, before the work.

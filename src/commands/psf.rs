@@ -34,6 +34,12 @@ impl PsfArgs {
         let config = self.config().with_context(doing)?;
         check_float_output(&self.output)?;
         check_output(&self.output, session.overwrite)?;
+        if config.display.is_featureless() {
+            session.warn(format_args!(
+                "the panel of {} has no sub-pixels, openings or wiring: its PSF is that of the bare lens",
+                self.display.display()
+            ));
+        }
         let simulated = simulate_psf(&config, &session.progress).with_context(doing)?;
         session.detail(format_args!(
             "grid of {0} × {0} points, {1:.3} µm apart; sensor {2:.4} mm behind the lens; arrays of {3} MiB",

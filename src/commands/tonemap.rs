@@ -2,17 +2,21 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::Session;
+use super::picture::AnyImage;
+use super::queue::{Stages, run_all};
 use udc::core::image::{Linear, ToneMapped};
-use udc::core::io::{WriteOptions, check_output, expand_inputs, read_image, write_image};
+use udc::core::io::{Format, WriteOptions, check_output, create_folder, expand_inputs, read_image};
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
 
 /// Apply the tone mapping or its inverse
+///
+/// A file that cannot be mapped is named at the end, the others are done.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Example: udc tonemap scene.exr -o scene.png\n         udc tonemap --inverse restored.png -o \
@@ -53,63 +57,95 @@ enum FormatArg {
 impl TonemapArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let curve = ToneCurve::new(self.alpha, self.x_max)?;
-        for (input, output) in self.pairs(session)? {
-            session.progress.check()?;
-            self.convert(&input, &output, curve, session)
-                .with_context(|| format!("tone mapping {}", input.display()))?;
-            session.tell(output.display());
-        }
-        Ok(())
+        let jobs = self.jobs(session)?;
+        run_all(&Mapping { args: &self, curve, session }, &jobs, session)
     }
 
-    /// The output of each input; makes the output folder and refuses outputs that exist, before any work.
-    fn pairs(&self, session: &Session) -> Result<Vec<(PathBuf, PathBuf)>> {
+    /// What becomes what; refuses outputs that exist before any work.
+    fn jobs(&self, session: &Session) -> Result<Vec<Job>> {
         let inputs = expand_inputs(&self.inputs)?;
-        let to_folder = inputs.len() > 1 || self.output.is_dir();
-        if to_folder {
-            std::fs::create_dir_all(&self.output)
-                .with_context(|| format!("creating the folder {}", self.output.display()))?;
-        }
+        let to_folder =
+            inputs.len() > 1 || self.inputs.iter().any(|input| input.is_dir()) || self.output.is_dir();
         let extension = self.format.to_possible_value().expect("no format is hidden").get_name().to_owned();
-        let output_of = |input: &Path| match input.file_stem() {
-            Some(stem) if to_folder => {
-                let mut name = stem.to_owned();
-                name.push(".");
-                name.push(&extension);
-                self.output.join(name)
+        let mut jobs: Vec<Job> = Vec::with_capacity(inputs.len());
+        for input in inputs {
+            let name = input.file_stem().unwrap_or_default().to_string_lossy();
+            let (output, folder) = match to_folder {
+                true => (self.output.join(format!("{name}.{extension}")), Some(self.output.clone())),
+                false => (self.output.clone(), None),
+            };
+            Format::of_extension(&output)?;
+            // In a folder that is yet to be made nothing can be in the way.
+            if folder.as_deref().is_none_or(Path::is_dir) {
+                check_output(&output, session.overwrite)?;
             }
-            _ => self.output.clone(),
-        };
-        let pairs: Vec<(PathBuf, PathBuf)> =
-            inputs.into_iter().map(|input| (input.clone(), output_of(&input))).collect();
-        for (index, (input, output)) in pairs.iter().enumerate() {
-            check_output(output, session.overwrite)?;
-            if let Some((other, _)) = pairs[..index].iter().find(|(_, earlier)| earlier == output) {
-                bail!(
-                    "{} and {} would both be written to {}",
-                    other.display(),
-                    input.display(),
-                    output.display()
-                );
+            if let Some(other) = jobs.iter().find(|job| job.output == output) {
+                let (a, b) = (other.input.display(), input.display());
+                bail!("{a} and {b} would both be written to {}", output.display());
             }
+            jobs.push(Job { input, output, folder });
         }
-        Ok(pairs)
+        Ok(jobs)
+    }
+}
+
+/// One image to make.
+struct Job {
+    input: PathBuf,
+    output: PathBuf,
+    /// The folder to make for it.
+    folder: Option<PathBuf>,
+}
+
+struct Mapping<'a> {
+    args: &'a TonemapArgs,
+    curve: ToneCurve,
+    session: &'a Session,
+}
+
+impl Stages for Mapping<'_> {
+    type Job = Job;
+    type Input = AnyImage;
+    type Output = AnyImage;
+
+    fn doing(&self, job: &Job) -> String {
+        format!("tone mapping {}", job.input.display())
     }
 
-    fn convert(&self, input: &Path, output: &Path, curve: ToneCurve, session: &Session) -> Result<()> {
-        let config = json!({"input": input.to_string_lossy(), "inverse": self.inverse, "tone": curve});
+    fn output<'a>(&self, job: &'a Job) -> &'a Path {
+        &job.output
+    }
+
+    fn describe(&self, job: &Job) -> Value {
+        json!({"input": job.input.to_string_lossy(), "inverse": self.args.inverse, "tone": self.curve})
+    }
+
+    fn read(&self, job: &Job) -> Result<AnyImage> {
+        Ok(match self.args.inverse {
+            true => AnyImage::ToneMapped(read_image::<ToneMapped>(&job.input)?),
+            false => AnyImage::Linear(read_image::<Linear>(&job.input)?),
+        })
+    }
+
+    fn compute(&self, _: &Job, image: AnyImage) -> Result<AnyImage> {
+        Ok(match image {
+            AnyImage::Linear(image) => AnyImage::ToneMapped(self.curve.tone_map(&image)),
+            AnyImage::ToneMapped(image) => AnyImage::Linear(self.curve.inverse_tone_map(&image)),
+        })
+    }
+
+    fn write(&self, job: &Job, image: AnyImage) -> Result<()> {
         let options = WriteOptions {
-            half: self.half,
-            overwrite: session.overwrite,
-            provenance: Some(Provenance::new("tonemap", &config)),
+            half: self.args.half,
+            overwrite: self.session.overwrite,
+            provenance: Some(Provenance::new("tonemap", &self.describe(job))),
         };
-        if self.inverse {
-            let image = read_image::<ToneMapped>(input)?;
-            write_image(output, &curve.inverse_tone_map(&image), &options)?;
-        } else {
-            let image = read_image::<Linear>(input)?;
-            write_image(output, &curve.tone_map(&image), &options)?;
+        if let Some(folder) = &job.folder {
+            create_folder(folder)?;
         }
+        let domain = image.domain();
+        image.write(&job.output, domain, self.curve, &options)?;
+        self.session.tell(job.output.display());
         Ok(())
     }
 }

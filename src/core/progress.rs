@@ -1,9 +1,10 @@
 //! Lets a stage say how far it is, and learn that it should stop, without knowing who listens.
 
+use std::io::{self, IsTerminal as _, Write as _};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 
 use super::error::{Error, Result};
 
@@ -14,6 +15,51 @@ use super::error::{Error, Result};
 pub struct Progress {
     visible: bool,
     interrupted: Arc<AtomicBool>,
+}
+
+/// How often bars are drawn where no terminal shows them: each drawing stays in the log.
+const PLAIN_HZ: u8 = 2;
+
+/// A stderr that is no terminal, such as a log or a pipe: bars overwrite their line by a carriage return.
+#[derive(Debug)]
+struct PlainStderr;
+
+impl TermLike for PlainStderr {
+    fn width(&self) -> u16 {
+        80
+    }
+
+    fn move_cursor_up(&self, _: usize) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn move_cursor_down(&self, _: usize) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn move_cursor_right(&self, _: usize) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn move_cursor_left(&self, _: usize) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn write_line(&self, line: &str) -> io::Result<()> {
+        writeln!(io::stderr().lock(), "{line}")
+    }
+
+    fn write_str(&self, text: &str) -> io::Result<()> {
+        write!(io::stderr().lock(), "{text}")
+    }
+
+    fn clear_line(&self) -> io::Result<()> {
+        self.write_str("\r")
+    }
+
+    fn flush(&self) -> io::Result<()> {
+        io::stderr().lock().flush()
+    }
 }
 
 impl Progress {
@@ -37,7 +83,12 @@ impl Progress {
         }
         let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {per_sec} ETA {eta}")
             .expect("the template is a constant");
-        let bar = ProgressBar::new(length).with_style(style).with_message(what);
+        let target = if io::stderr().is_terminal() {
+            ProgressDrawTarget::stderr()
+        } else {
+            ProgressDrawTarget::term_like_with_hz(Box::new(PlainStderr), PLAIN_HZ)
+        };
+        let bar = ProgressBar::with_draw_target(Some(length), target).with_style(style).with_message(what);
         bar.enable_steady_tick(std::time::Duration::from_millis(200));
         bar
     }

@@ -22,9 +22,6 @@ pub(super) struct Exposure {
     pub(super) planes: Array3<f32>,
 }
 
-/// The fewest exposures that span the range of a light source and of its flare.
-const FEWEST_EXPOSURES: usize = 3;
-
 impl Bracket {
     /// Puts pictures and exposure times together, in the same order; only the ratios of times matter.
     ///
@@ -32,26 +29,9 @@ impl Bracket {
     /// Each `[channels, height, width]` with 3 channels (RGB), 1 (a mosaic) or 4 (a packed mosaic).
     ///
     /// # Errors
-    /// [`Error::Shape`] for pictures of different sizes or another number than there are times, or fewer than
-    /// three; [`Error::Config`] for times that are not positive or not distinct; [`Error::Unsupported`] for values
-    /// that are not finite.
+    /// [`Error::Shape`] for pictures of different sizes or another number than there are times, or none;
+    /// [`Error::Config`] for times that are not positive or not distinct.
     pub fn new(pictures: Vec<Array3<f32>>, times: &[f64]) -> Result<Self> {
-        if pictures.len() == times.len() && pictures.len() < FEWEST_EXPOSURES {
-            let expected = format!("at least {FEWEST_EXPOSURES} exposures");
-            return Err(Error::shape("bracket", expected, format!("{}", pictures.len())));
-        }
-        Self::of_any_length(pictures, times)
-    }
-
-    /// Takes a single picture for a bracket of exposure time 1, so that it is levelled and demosaiced like one.
-    ///
-    /// # Errors
-    /// As [`new`](Self::new).
-    pub fn single(picture: Array3<f32>) -> Result<Self> {
-        Self::of_any_length(vec![picture], &[1.0])
-    }
-
-    fn of_any_length(pictures: Vec<Array3<f32>>, times: &[f64]) -> Result<Self> {
         check_times(times, pictures.len())?;
         check_pictures(&pictures)?;
         let mut exposures: Vec<Exposure> = pictures
@@ -62,6 +42,14 @@ impl Bracket {
             .collect();
         exposures.sort_by(|a, b| b.time.total_cmp(&a.time));
         Ok(Self { exposures, valid: None })
+    }
+
+    /// Takes a single picture for a bracket of exposure time 1, so that it is levelled and demosaiced like one.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn single(picture: Array3<f32>) -> Result<Self> {
+        Self::new(vec![picture], &[1.0])
     }
 
     /// Says which pixels are good; the others are filled from their neighbours after merging.
@@ -115,7 +103,10 @@ fn check_times(times: &[f64], pictures: usize) -> Result<()> {
 }
 
 fn check_pictures(pictures: &[Array3<f32>]) -> Result<()> {
-    let (channels, height, width) = pictures[0].dim();
+    let Some(first) = pictures.first() else {
+        return Err(Error::shape("bracket", "at least one picture", "none"));
+    };
+    let (channels, height, width) = first.dim();
     if !matches!(channels, 1 | 3 | 4) || height == 0 || width == 0 {
         let found = format!("{channels} channels of {height} × {width}");
         return Err(Error::shape("bracket", "pictures of 1, 3 or 4 channels", found));
@@ -129,12 +120,6 @@ fn check_pictures(pictures: &[Array3<f32>]) -> Result<()> {
                 format!("{channels} channels of {height} × {width} like the first"),
                 format!("{c} channels of {h} × {w}"),
             ));
-        }
-        if let Some(((c, y, x), value)) = picture.indexed_iter().find(|(_, v)| !v.is_finite()) {
-            return Err(Error::Unsupported(format!(
-                "picture {number} of the bracket holds {value} at row {y}, column {x}, channel {c}; replace \
-                 such pixels by numbers before fusing"
-            )));
         }
     }
     Ok(())

@@ -4,7 +4,8 @@ mod check;
 
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
@@ -81,11 +82,32 @@ impl Default for SensorConfig {
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct SpectrumConfig {
     /// What the red channel sees.
+    #[serde(deserialize_with = "pairs")]
     pub red: Vec<(f64, f64)>,
     /// What the green channel sees.
+    #[serde(deserialize_with = "pairs")]
     pub green: Vec<(f64, f64)>,
     /// What the blue channel sees.
+    #[serde(deserialize_with = "pairs")]
     pub blue: Vec<(f64, f64)>,
+}
+
+/// Reads lists of exactly two numbers; serde alone would pass over a third.
+fn pairs<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<(f64, f64)>, D::Error> {
+    let lists: Vec<Vec<f64>> = Vec::deserialize(deserializer)?;
+    let pair = |list: Vec<f64>| match list[..] {
+        [wavelength_nm, weight] => Ok((wavelength_nm, weight)),
+        _ => Err(D::Error::custom(format!("expected [wavelength nm, weight], found {} numbers", list.len()))),
+    };
+    lists.into_iter().map(pair).collect()
+}
+
+/// Reads exactly two numbers.
+fn two<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 2], D::Error> {
+    let list: Vec<f64> = Vec::deserialize(deserializer)?;
+    list.try_into().map_err(|list: Vec<f64>| {
+        D::Error::custom(format!("expected two numbers, right and down, found {}", list.len()))
+    })
 }
 
 impl Default for SpectrumConfig {
@@ -194,6 +216,7 @@ pub struct LayoutConfig {
     /// How far the panel is turned, counter-clockwise as the camera sees it.
     pub angle_deg: f64,
     /// How far the panel is moved to the right and down.
+    #[serde(deserialize_with = "two")]
     pub offset_um: [f64; 2],
     /// pentile, stripe: the side of a pixel.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -306,6 +329,16 @@ impl DisplayConfig {
         }
         config.check()?;
         Ok(config)
+    }
+}
+
+impl LayoutConfig {
+    /// Whether a panel has nothing that could diffract light: its PSF is the bare lens's.
+    pub fn is_featureless(&self) -> bool {
+        matches!(self.kind, LayoutKind::Pentile | LayoutKind::Stripe)
+            && [&self.red, &self.green, &self.blue].iter().all(|region| region.is_none())
+            && self.openings.is_empty()
+            && self.wiring.is_empty()
     }
 }
 

@@ -1,6 +1,6 @@
 //! Turns a bracket of exposures into one linear image of high dynamic range.
 
-use ndarray::{Array3, Axis, Zip};
+use ndarray::{Array2, Array3, Axis, Zip};
 use serde::{Deserialize, Serialize};
 
 use crate::core::error::{Error, Result};
@@ -139,7 +139,8 @@ impl Fused {
 ///
 /// # Errors
 /// [`Error::Config`] for levels out of range, exposure times that contradict the pictures, and mosaics without
-/// pattern; [`Error::Shape`] for a pattern given with three channels; [`Error::Unsupported`] when the camera moved.
+/// pattern; [`Error::Shape`] for a pattern given with three channels; [`Error::Unsupported`] when the camera moved, or
+/// a pixel that no mask discards holds no finite number.
 ///
 /// # Panics
 /// Never: a bracket has at least one exposure.
@@ -147,7 +148,8 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
     config.check()?;
     let (numbers, mut times) = (bracket.numbers(), bracket.times());
     let Bracket { exposures, valid } = bracket;
-    let frames = scaled_frames(exposures.into_iter().map(|exposure| exposure.planes).collect(), config)?;
+    let mut frames = scaled_frames(exposures.into_iter().map(|exposure| exposure.planes).collect(), config)?;
+    check_finite(&mut frames, valid.as_ref(), &numbers)?;
     check_black(&frames)?;
     check_order(&frames, &times, &numbers)?;
     let mut ratio_found = ratios_found(&frames, &times, config.saturation);
@@ -245,6 +247,22 @@ fn scaled_frames(pictures: Vec<Array3<f32>>, config: &FuseConfig) -> Result<Vec<
         planes
     };
     Ok(pictures.into_iter().map(frame).collect())
+}
+
+/// Refuses values that are not finite; those that the mask discards become black until they are filled.
+fn check_finite(frames: &mut [Array3<f32>], valid: Option<&Array2<bool>>, numbers: &[usize]) -> Result<()> {
+    for (frame, number) in frames.iter_mut().zip(numbers) {
+        for ((c, y, x), value) in frame.indexed_iter_mut().filter(|(_, value)| !value.is_finite()) {
+            if valid.is_none_or(|valid| valid[[y, x]]) {
+                return Err(Error::Unsupported(format!(
+                    "picture {number} of the bracket holds {value} at row {y}, column {x}, channel {c}; replace such \
+                     pixels by numbers, or discard them by a mask"
+                )));
+            }
+            *value = 0.0;
+        }
+    }
+    Ok(())
 }
 
 /// Values below black by this share of the range are not noise: a sensor's read noise is a tenth of that.

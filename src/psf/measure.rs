@@ -7,6 +7,7 @@ use crate::core::error::{Error, Result};
 use crate::core::image::LinearImage;
 use crate::core::psf::Psf;
 
+use super::MAX_SIZE_PX;
 use super::quality::{PsfQuality, assess_psf};
 
 /// What sums to one.
@@ -36,6 +37,19 @@ impl Default for MeasureConfig {
     /// 800 pixels, each channel of unit sum.
     fn default() -> Self {
         Self { size: 800, normalize: Normalization::Channel }
+    }
+}
+
+impl MeasureConfig {
+    /// Checks the size.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when it is zero or larger than any sensor's frame.
+    pub fn check(&self) -> Result<()> {
+        if (1..=MAX_SIZE_PX).contains(&self.size) {
+            return Ok(());
+        }
+        Err(Error::config("size", format!("must be between 1 and {MAX_SIZE_PX}, found {}", self.size)))
     }
 }
 
@@ -81,15 +95,13 @@ const CENTROID_REACH: usize = 4;
 /// `valid` marks the pixels that were measured; others are not used for the background.
 ///
 /// # Errors
-/// [`Error::Config`] for a size of zero; [`Error::Unsupported`] when a channel has no light above the background.
+/// [`Error::Config`] for a size out of range; [`Error::Unsupported`] when a channel has no light above the background.
 pub fn measure_psf(
     picture: &LinearImage,
     valid: Option<&Array2<bool>>,
     config: &MeasureConfig,
 ) -> Result<MeasuredPsf> {
-    if config.size == 0 {
-        return Err(Error::config("size", "must be at least 1 pixel"));
-    }
+    config.check()?;
     let background = [0, 1, 2].map(|channel| border_level(picture.channel(channel), valid));
     let mut light = picture.planes().mapv(f64::from);
     for (mut plane, background) in light.outer_iter_mut().zip(&background) {
@@ -161,20 +173,22 @@ fn median(values: &mut [f64]) -> f64 {
 
 /// The pixel nearest to the centroid of the brightest spot.
 ///
-/// The spot is the brightest 3 × 3 neighbourhood, so that a lone hot pixel does not pass for one; the window of
-/// the centroid then follows it until both agree.
+/// The spot is the brightest 3 × 3 neighbourhood, so that a lone hot pixel does not pass for one, or the middle of a
+/// saturated core; the window of the centroid then follows it until both agree.
 fn main_peak(light: &Array2<f64>) -> [usize; 2] {
     let (height, width) = light.dim();
     let around = |y: usize, x: usize| {
         let rows = y.saturating_sub(1)..(y + 2).min(height);
-        light.slice(s![rows, x.saturating_sub(1)..(x + 2).min(width)]).sum()
+        light.slice(s![rows, x.saturating_sub(1)..(x + 2).min(width)])
     };
-    let mut peak = [0, 0];
-    let mut brightest = f64::NEG_INFINITY;
-    for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
-        let sum = around(y, x);
-        if sum > brightest {
-            (brightest, peak) = (sum, [y, x]);
+    let means = Array2::from_shape_fn((height, width), |(y, x)| around(y, x).mean().unwrap_or_default());
+    let mut peak = plateau_centre(&means);
+    if touches_border(peak, [height, width]) {
+        // Half a neighbourhood: a peak one pixel further inside has a smaller mean than its outer neighbour.
+        let [y, x] = peak;
+        let (place, value) = brightest(around(y, x));
+        if value > light[peak] {
+            peak = [y.saturating_sub(1) + place[0], x.saturating_sub(1) + place[1]];
         }
     }
     for _ in 0..8 {
@@ -191,6 +205,53 @@ fn main_peak(light: &Array2<f64>) -> [usize; 2] {
         peak = nearest;
     }
     peak
+}
+
+fn touches_border(place: [usize; 2], size: [usize; 2]) -> bool {
+    place.iter().zip(size).any(|(&place, length)| place == 0 || place + 1 == length)
+}
+
+/// The first place of the highest value.
+fn brightest(values: ArrayView2<'_, f64>) -> ([usize; 2], f64) {
+    values.indexed_iter().fold(([0, 0], f64::NEG_INFINITY), |best, ((y, x), &value)| {
+        if value > best.1 { ([y, x], value) } else { best }
+    })
+}
+
+/// Values this close to the highest, as a share of it, are as high: rounding and interpolation leave less.
+const LEVEL: f64 = 1e-3;
+
+/// The middle of the largest connected region that is as bright as the brightest pixel: one pixel, or where a source is
+/// saturated in every exposure, many.
+fn plateau_centre(means: &Array2<f64>) -> [usize; 2] {
+    let (_, highest) = brightest(means.view());
+    let mut unseen = means.mapv(|mean| mean >= highest - LEVEL * highest.abs());
+    let mut largest = (0, [0, 0]);
+    for first in (0..means.len()).map(|index| [index / means.ncols(), index % means.ncols()]) {
+        if !unseen[first] {
+            continue;
+        }
+        let (count, sums) = take_region(&mut unseen, first);
+        if count > largest.0 {
+            largest = (count, sums.map(|sum| (sum + count / 2) / count));
+        }
+    }
+    largest.1
+}
+
+/// Clears the connected region of set pixels that holds `first`; returns how many there were, and the sums of their
+/// places.
+fn take_region(set: &mut Array2<bool>, first: [usize; 2]) -> (usize, [usize; 2]) {
+    let (mut open, mut count, mut sums) = (vec![first], 0, [0, 0]);
+    while let Some(place) = open.pop() {
+        let Some(pixel) = set.get_mut(place).filter(|pixel| **pixel) else { continue };
+        *pixel = false;
+        let [y, x] = place;
+        count += 1;
+        sums = [sums[0] + y, sums[1] + x];
+        open.extend([[y.wrapping_sub(1), x], [y + 1, x], [y, x.wrapping_sub(1)], [y, x + 1]]);
+    }
+    (count, sums)
 }
 
 /// The centre of mass of the light in a window around `centre`, the window's darkest value being no light.
@@ -293,6 +354,35 @@ mod tests {
         let measured = measure_psf(&picture(40, 40, (20.0, 12.0)), None, &config).unwrap();
         assert!((measured.padded - (1.0 - 1600.0 / 3600.0)).abs() < 1e-12);
         assert_eq!(measured.psf.planes()[[0, 30, 0]], 0.0);
+    }
+
+    #[test]
+    fn centres_a_source_that_is_saturated_in_every_exposure() {
+        for level in [20.0, 1.0] {
+            let planes = picture(90, 120, (47.0, 64.0)).into_planes().mapv(|v| v.min(level));
+            let config = MeasureConfig { size: 40, normalize: Normalization::None };
+            let measured = measure_psf(&LinearImage::from_planes(planes).unwrap(), None, &config).unwrap();
+            assert_eq!(measured.displacement_px, [2, 4], "cut at {level}");
+        }
+    }
+
+    #[test]
+    fn finds_a_peak_in_and_beside_the_outermost_pixels() {
+        for (y, x) in [(0, 30), (1, 30), (2, 30), (30, 59), (30, 58), (30, 57), (0, 0), (59, 1)] {
+            let image = picture(60, 60, (y as f64, x as f64));
+            let config = MeasureConfig { size: 20, normalize: Normalization::None };
+            let measured = measure_psf(&image, None, &config).unwrap();
+            assert_eq!(measured.displacement_px, [y - 30, x - 30]);
+        }
+    }
+
+    #[test]
+    fn refuses_a_size_that_no_sensor_has() {
+        for size in [0, 100_000, usize::MAX] {
+            let config = MeasureConfig { size, ..MeasureConfig::default() };
+            let message = measure_psf(&picture(30, 30, (15.0, 15.0)), None, &config).unwrap_err().to_string();
+            assert!(message.contains("between 1 and 8192"), "{message}");
+        }
     }
 
     #[test]

@@ -29,3 +29,6 @@ pub use fuse::{FuseConfig, Fused, MergeRule, fuse};
 pub use measure::{MeasureConfig, MeasuredPsf, Normalization, measure_psf};
 pub use propagate::{SimulatedPsf, simulate_psf};
 pub use quality::{PsfQuality, assess_psf};
+
+/// The largest side of a PSF in pixels: more than any sensor's frame is a typing error.
+const MAX_SIZE_PX: usize = 8192;

@@ -60,8 +60,8 @@ const MEMORY_LIMIT_BYTES: usize = 2 << 30;
 /// covered area, by less than 1 % of each pixel (tested by halving the grid pitch).
 ///
 /// # Errors
-/// [`Error::Config`] for values out of range and grids that alias; what reading a layout picture meets;
-/// [`Error::Unsupported`] when the window sees no light or the work would not fit in memory.
+/// [`Error::Config`] for values out of range, grids that alias and panels that pass no light; what reading a layout picture
+/// meets; [`Error::Unsupported`] when the window sees no light or the work would not fit in memory.
 pub fn simulate_psf(config: &DisplayConfig, progress: &Progress) -> Result<SimulatedPsf> {
     config.check()?;
     let bench = Bench::new(config)?;
@@ -153,7 +153,8 @@ impl Bench {
         let propagation_bytes = propagation_bytes(&grid, integral.samples(size_px), size_px);
         check_memory(propagation_bytes, || {
             format!(
-                "{} samples and a grid of {} points on a side; reduce sensor.size-px, the defocus or the aperture",
+                "{} samples and a grid of {} points on a side; reduce sensor.size-px, \
+                 sensor.pixel-pitch-um, the defocus or the aperture",
                 integral.samples(size_px),
                 grid.size
             )
@@ -167,6 +168,11 @@ impl Bench {
         let spread_m = longest_m * optics.reduced_gap_m * band;
         let cell = UnitCell::of(&config.display, band)?
             .within(optics.aperture_m / optics.magnification + 2.0 * spread_m);
+        let mean_power = cell.mean_power();
+        if mean_power <= 0.0 {
+            let reason = "the panel passes no light: give a background-transmittance above 0, or an opening";
+            return Err(Error::config("display", reason));
+        }
         let orders_bytes = Orders::memory_bytes(&cell, band);
         check_memory(orders_bytes, || {
             let [height, width] = cell.period_m().map(|side| side * 1e3);
@@ -186,7 +192,7 @@ impl Bench {
             pupil_area_m2: pupil.coverage.sum() * grid.pitch_m.powi(2),
             pupil,
             orders: Orders::of(&cell, band),
-            mean_power: cell.mean_power(),
+            mean_power,
             window_m,
             memory_bytes: propagation_bytes + orders_bytes,
         })

@@ -109,7 +109,7 @@ impl Grid {
         if grid.size > LARGEST_GRID {
             return Err(Error::Unsupported(format!(
                 "the light needs a grid of {} points on a side, more than {LARGEST_GRID}; reduce sensor.size-px, \
-                 the defocus or the aperture, or set a coarser [sampling] grid",
+                 sensor.pixel-pitch-um, the defocus or the aperture, or set a coarser [sampling] grid",
                 grid.size
             )));
         }

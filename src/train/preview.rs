@@ -22,7 +22,7 @@ pub(super) fn write(folder: &Path, index: usize, patch: &Patch, restored: &ToneM
     let path = folder.join(format!("{}.png", index + 1));
     let images = [patch.degraded.planes(), restored.planes(), patch.ground_truth.planes()];
     let row = concatenate(Axis(2), &images).map_err(|error| Error::format(&path, error.to_string()))?;
-    let options = PixelOptions { overwrite: true, clip: true, eight_bit: true, half: false };
+    let options = PixelOptions { overwrite: true, clip: true, eight_bit: true, ..PixelOptions::default() };
     io::write_pixels(&path, &Pixels::of_planes(row), options)
 }
 

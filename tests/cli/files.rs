@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::common::{fail, succeed, udc};
+use super::tiff::{Field, Tiff};
 
 fn fixture(name: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/files").join(name);
@@ -187,6 +188,50 @@ fn convert_refuses_to_clip_unless_told() {
 }
 
 #[test]
+fn every_exr_that_convert_writes_says_its_domain() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = udc(folder.path(), &["convert", &fixture("hwc_f4.npy"), "float.exr"]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && stderr.contains("says linear"), "{stderr}");
+    assert_eq!(stderr.trim_end().lines().count(), 1, "{stderr}");
+    assert!(!succeed(folder.path(), &["info", "float.exr"]).contains("not declared"));
+    for name in ["rgb8.png", "rgb16.tif", "flat.jpg"] {
+        let message = refused(folder.path(), &["convert", &fixture(name), "integer.exr"]);
+        assert!(message.contains("--domain linear or --domain tone-mapped"), "{message}");
+    }
+    succeed(folder.path(), &["convert", &fixture("rgb8.png"), "integer.exr", "--domain", "tone-mapped"]);
+    assert!(succeed(folder.path(), &["info", "integer.exr"]).contains("tone-mapped"));
+    succeed(folder.path(), &["convert", &fixture("rgb8.png"), "integer.tif"]);
+}
+
+#[test]
+fn a_jpeg_that_was_cut_off_is_refused_and_one_with_more_behind_it_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = std::fs::read(fixture("flat.jpg")).unwrap();
+    std::fs::write(folder.path().join("cut.jpg"), &whole[..whole.len() - 4]).unwrap();
+    let message = refused(folder.path(), &["convert", "cut.jpg", "a.npy"]);
+    assert!(message.contains("truncated"), "{message}");
+    std::fs::write(folder.path().join("more.jpg"), [&whole[..], b"maker's notes"].concat()).unwrap();
+    succeed(folder.path(), &["convert", "more.jpg", "a.npy"]);
+}
+
+#[test]
+fn tiff_files_of_wide_integers_and_of_wide_positions_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut file = Tiff::new();
+    let mut fields = file.image(2, &[7; 4 * 5 * 6], [4, 5]);
+    fields.retain(|(tag, _)| *tag != 258);
+    fields.push((258, Field::Shorts(vec![32; 3])));
+    let first = file.directory(fields);
+    std::fs::write(folder.path().join("wide.tif"), file.finish(first)).unwrap();
+    let message = refused(folder.path(), &["convert", "wide.tif", "a.npy"]);
+    assert!(message.contains("32-bit integers"), "{message}");
+    std::fs::write(folder.path().join("big.tif"), b"II+\0\x08\0\0\0\x10\0\0\0\0\0\0\0").unwrap();
+    let message = refused(folder.path(), &["convert", "big.tif", "a.npy"]);
+    assert!(message.contains("BigTIFF"), "{message}");
+}
+
+#[test]
 fn convert_refuses_to_rename_a_domain() {
     let folder = tempfile::tempdir().unwrap();
     succeed(folder.path(), &["convert", &fixture("hwc_f4.npy"), "a.exr", "--domain", "linear"]);
@@ -245,6 +290,21 @@ fn tonemap_writes_several_images_to_a_folder() {
     let clash = [fixture("rgb16.png"), fixture("rgb16.tif")];
     let message = fail(folder.path(), &["tonemap", &clash[0], &clash[1], "-o", "clash"], 1);
     assert!(message.contains("both be written"), "{message}");
+    assert!(!folder.path().join("clash").exists());
+}
+
+#[test]
+fn tonemap_maps_the_rest_of_a_folder_whose_one_file_is_damaged() {
+    let folder = tempfile::tempdir().unwrap();
+    let captures = folder.path().join("in");
+    std::fs::create_dir(&captures).unwrap();
+    std::fs::copy(fixture("hwc_f4.npy"), captures.join("b.npy")).unwrap();
+    succeed(folder.path(), &["tonemap", "in", "-o", "one"]);
+    assert_eq!(names(&folder.path().join("one")), ["b.exr"]);
+    std::fs::write(captures.join("a.exr"), "no image").unwrap();
+    let message = fail(folder.path(), &["tonemap", "in", "-o", "two"], 1);
+    assert!(message.contains("1 of 2 images") && message.contains("a.exr"), "{message}");
+    assert_eq!(names(&folder.path().join("two")), ["b.exr"]);
 }
 
 #[test]

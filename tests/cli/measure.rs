@@ -96,14 +96,52 @@ fn warns_of_pixels_that_are_saturated_everywhere() {
 }
 
 #[test]
-fn refuses_a_bracket_with_two_exposures() {
+fn fuses_one_or_two_exposures_but_asks_for_the_times_of_two() {
     let folder = tempdir().unwrap();
     write_bracket(folder.path(), &scene(3));
-    let message = fail(folder.path(), &["fuse", "--exposures", "1,1/32", "a.npy", "b.npy", "-o", "o.exr"], 1);
-    assert!(message.contains("at least 3 exposures, found 2"), "{message}");
-    let message = fail(folder.path(), &["fuse", "a.npy", "b.npy", "-o", "o.exr"], 1);
-    assert!(message.contains("fusing bracket a.npy b.npy"), "{message}");
-    assert!(!folder.path().join("o.exr").exists());
+    let message = fail(folder.path(), &["fuse", "a.npy", "b.npy", "-o", "o.npy"], 1);
+    assert!(message.contains("fusing bracket a.npy b.npy") && message.contains("--exposures"), "{message}");
+    assert!(!folder.path().join("o.npy").exists());
+    let brightest = |args: &[&str]| {
+        succeed(folder.path(), &[&["fuse", "-o", "o.npy", "--overwrite"], args].concat());
+        let fused = read_pixels(&folder.path().join("o.npy")).unwrap().planes;
+        fused.iter().copied().fold(0.0, f32::max)
+    };
+    assert!((brightest(&["a.npy", "b.npy", "--exposures", "1,1/32"]) - 32.0).abs() < 1e-4);
+    assert!((brightest(&["a.npy"]) - 1.0).abs() < 1e-6);
+}
+
+#[test]
+fn pictures_that_say_no_times_are_a_scene_bracket() {
+    let folder = tempdir().unwrap();
+    let scene = scene(3).mapv(|v| v / 100.0);
+    for (name, time) in [("a.npy", 1.0), ("b.npy", 0.25), ("c.npy", 0.0625)] {
+        write(folder.path(), name, scene.mapv(|v| (v * time).min(1.0)));
+    }
+    succeed(folder.path(), &["fuse", "a.npy", "b.npy", "c.npy", "-o", "o.npy"]);
+    let fused = read_pixels(&folder.path().join("o.npy")).unwrap().planes;
+    assert!(fused.iter().zip(&scene).all(|(a, b)| (a / b - 1.0).abs() < 1e-5));
+    let help = succeed(folder.path(), &["fuse", "--help"]);
+    assert!(help.contains("1,1/4,1/16"), "{help}");
+}
+
+#[test]
+fn refuses_an_impossible_size_before_it_reads_pictures() {
+    let folder = tempdir().unwrap();
+    std::fs::write(folder.path().join("a.npy"), "no picture").unwrap();
+    for size in ["0", "100000", "18446744073709551615"] {
+        let message = fail(folder.path(), &["fuse", "a.npy", "-o", "o.exr", "--psf", "--size", size], 1);
+        assert!(message.contains("between 1 and 8192"), "{message}");
+    }
+}
+
+#[test]
+fn a_black_level_in_integers_asks_for_the_white_level() {
+    let folder = tempdir().unwrap();
+    write_bracket(folder.path(), &scene(3));
+    let message =
+        fail(folder.path(), &["fuse", "a.npy", "b.npy", "c.npy", "-o", "o.exr", "--black", "64"], 1);
+    assert!(message.contains("black 64") && message.contains("give --white"), "{message}");
 }
 
 #[test]
@@ -139,6 +177,40 @@ fn simulates_the_psf_of_a_display_file() {
     assert_eq!(brightest, (32, 32));
     succeed(folder.path(), &["psf", "--display", "panel.toml", "-o", "odd.npy", "--size", "33"]);
     assert_eq!(read_psf(&folder.path().join("odd.npy")).unwrap().height(), 33);
+}
+
+#[test]
+fn says_of_a_panel_that_it_has_no_features_or_passes_no_light() {
+    let folder = tempdir().unwrap();
+    let panel = "[sensor]\nsize-px = 32\n[display]\nkind = \"pentile\"\npitch-um = 60\n";
+    std::fs::write(folder.path().join("bare.toml"), panel).unwrap();
+    let output = crate::common::udc(folder.path(), &["psf", "--display", "bare.toml", "-o", "psf.npy"]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && stderr.contains("bare lens"), "{stderr}");
+    std::fs::write(folder.path().join("dark.toml"), format!("{panel}background-transmittance = 0\n"))
+        .unwrap();
+    let message = fail(folder.path(), &["psf", "--display", "dark.toml", "-o", "dark.npy"], 1);
+    assert!(message.contains("passes no light"), "{message}");
+}
+
+#[test]
+fn a_grid_that_is_too_large_names_the_pixel_pitch() {
+    let folder = tempdir().unwrap();
+    std::fs::write(folder.path().join("panel.toml"), "[sensor]\nsize-px = 64\npixel-pitch-um = 1120\n")
+        .unwrap();
+    let message = fail(folder.path(), &["psf", "--display", "panel.toml", "-o", "psf.npy"], 1);
+    assert!(message.contains("sensor.pixel-pitch-um"), "{message}");
+}
+
+#[test]
+fn progress_is_drawn_without_a_terminal_when_asked_for() {
+    let folder = tempdir().unwrap();
+    std::fs::write(folder.path().join("panel.toml"), DISPLAY).unwrap();
+    let args = ["psf", "--display", "panel.toml", "--overwrite", "-o", "psf.npy", "--progress"];
+    let stderr = |when: &str| crate::common::udc(folder.path(), &[&args[..], &[when]].concat()).stderr;
+    let drawn = String::from_utf8(stderr("always")).unwrap();
+    assert!(drawn.contains("wavelengths") && drawn.contains("/3"), "{drawn:?}");
+    assert!(stderr("auto").is_empty());
 }
 
 #[test]

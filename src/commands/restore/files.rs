@@ -90,8 +90,9 @@ impl RestoreArgs {
                 return Ok(Capture { pixels, saturation: None });
             }
         }
-        let mut pictures =
-            session.timed(format_args!("reading {}", job.name()), || self.raw.read(&job.inputs))?;
+        let mut pictures = session.timed(format_args!("reading {}", job.name()), || {
+            self.raw.read(&job.inputs, &session.progress)
+        })?;
         let bracket = if self.is_bracket() {
             let Some(times) = self.raw.exposures.clone().or(pictures.times) else {
                 bail!(

@@ -44,6 +44,9 @@ pub(super) const EXTENSIONS: [(&str, Format); 8] = [
     ("hdr", Format::Hdr),
 ];
 
+/// How TIFF files of 64-bit positions start.
+const BIG_TIFF: [&[u8]; 2] = [b"II+\0", b"MM\0+"];
+
 impl Format {
     /// The format's usual name.
     pub fn name(self) -> &'static str {
@@ -98,6 +101,12 @@ pub(super) fn read_recognised(path: &Path) -> Result<(Format, Vec<u8>)> {
     let mut bytes = Vec::new();
     file.by_ref().take(16).read_to_end(&mut bytes).map_err(read_error)?;
     let Some(format) = Format::of_contents(&bytes) else {
+        if BIG_TIFF.iter().any(|signature| bytes.starts_with(signature)) {
+            return Err(Error::format(
+                path,
+                "is a BigTIFF, which is not supported; write a classic TIFF, or .exr",
+            ));
+        }
         let reason = if bytes.is_empty() { "the file is empty" } else { "the contents are not an image" };
         return Err(Error::format(path, format!("{reason}; expected EXR, NPY, HDR, PNG, TIFF or JPEG")));
     };

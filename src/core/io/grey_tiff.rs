@@ -6,13 +6,10 @@ use ndarray::Array3;
 
 use super::MAX_PIXELS;
 use super::planes::gather;
-use super::tiff_directory::{BITS, COMPRESSION, Directory, HEIGHT, SAMPLES, WIDTH};
+use super::tiff_directory::{BITS, COMPRESSION, Directory, FLOAT, HEIGHT, SAMPLE_FORMAT, SAMPLES, WIDTH};
 
 const STRIP_OFFSETS: u16 = 273;
 const STRIP_BYTES: u16 = 279;
-const SAMPLE_FORMAT: u16 = 339;
-/// The value of [`SAMPLE_FORMAT`] for IEEE floats.
-const FLOAT: usize = 3;
 /// The value of [`COMPRESSION`] for none.
 const UNCOMPRESSED: usize = 1;
 

@@ -17,6 +17,7 @@ mod format;
 mod grey_tiff;
 mod guard;
 mod inputs;
+mod jpeg;
 mod npy;
 mod plain;
 mod planes;
@@ -244,7 +245,8 @@ pub fn write_psf(path: &Path, psf: &Psf, options: &WriteOptions) -> Result<()> {
 
 /// Writes an image in the format of the path's extension.
 ///
-/// Integer formats clip tone-mapped values to `[0, 1]`; linear values above one are refused there.
+/// Integer formats clip tone-mapped values to `[0, 1]`; linear values above one are refused there. Negative ones, which
+/// noise around black leaves, become zero there and in Radiance HDR.
 ///
 /// # Errors
 /// [`Error::Io`] when the file cannot be written or exists; [`Error::Unsupported`] when the format cannot hold
@@ -259,7 +261,8 @@ pub fn write_image<D: Domain>(path: &Path, image: &Image<D>, options: &WriteOpti
     };
     let clip = D::NAME == ToneMapped::NAME;
     let WriteOptions { half, overwrite, .. } = *options;
-    write_contents(path, &contents, PixelOptions { half, overwrite, clip, eight_bit: false })
+    let options = PixelOptions { half, overwrite, clip, clip_negative: true, eight_bit: false };
+    write_contents(path, &contents, options)
 }
 
 /// How pixels of any meaning are written.
@@ -269,8 +272,10 @@ pub struct PixelOptions {
     pub half: bool,
     /// Whether an existing file may be replaced.
     pub overwrite: bool,
-    /// Whether values outside of an integer format's range may be clipped.
+    /// Whether values outside of a format's range may be clipped.
     pub clip: bool,
+    /// Whether negative values may be clipped, in formats that have none.
+    pub clip_negative: bool,
     /// 8 bits instead of 16, in formats that have both.
     pub eight_bit: bool,
 }

@@ -15,7 +15,7 @@ use super::format::{Encoding, Format};
 use super::grey_tiff;
 use super::guard::guarded;
 use super::planes::{from_interleaved, to_interleaved};
-use super::{MAX_PIXELS, PixelOptions, Pixels, tiff_directory};
+use super::{MAX_PIXELS, PixelOptions, Pixels, jpeg, tiff_directory};
 use crate::core::error::{Error, Result};
 
 /// The most memory a decoder may take beside the image: a frame of [`MAX_PIXELS`] at 16 bits.
@@ -26,6 +26,9 @@ const MAX_RATIO: u64 = 4096;
 
 /// Beyond this the files grow and the pictures do not get better to the eye.
 const JPEG_QUALITY: u8 = 95;
+
+/// The brightest value of Radiance HDR: a mantissa of 255/256 and an exponent of 127.
+const HDR_MAX: f32 = 255.0 / 256.0 * (1u128 << 127) as f32;
 
 /// Decodes an image; grey stays one plane, integers are divided by their type's maximum. A fourth channel is kept if it is
 /// `packed` with the others.
@@ -39,6 +42,13 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: Format, packed: bool) ->
     {
         let planes = planes.map_err(|reason| Error::format(path, reason))?;
         return Ok((Pixels::of_planes(planes), Encoding { format, sample_type: "float".to_owned() }));
+    }
+    if format == Format::Tiff && tiff_directory::holds_wide_integers(bytes) {
+        let reason = "holds 32-bit integers, which are not read; write 16-bit integers or 32-bit floats";
+        return Err(Error::format(path, reason));
+    }
+    if format == Format::Jpeg && !jpeg::is_whole(bytes) {
+        return Err(Error::format(path, "is truncated or damaged: the end of the image is missing"));
     }
     let image = guarded(|| decode_dynamic(bytes, format)).map_err(|reason| Error::format(path, reason))?;
     let sample_type = match image.color() {
@@ -142,32 +152,53 @@ pub(super) fn encode(
     format: Format,
     options: PixelOptions,
 ) -> Result<Vec<u8>, String> {
-    if format == Format::Hdr {
-        return encode_hdr(planes);
+    let channels = planes.dim().0;
+    if channels != 1 && channels != 3 {
+        return Err(format!("{} cannot hold {channels} channels; write .npy", format.name()));
     }
-    check_range(planes, format, options.clip)?;
-    encode_integers(planes, format, options.eight_bit)
+    check_values(planes, format, options)?;
+    if format == Format::Hdr {
+        encode_hdr(planes)
+    } else {
+        encode_integers(planes, format, options.eight_bit)
+    }
 }
 
-fn check_range(planes: &ArrayView3<'_, f32>, format: Format, clip: bool) -> Result<(), String> {
-    let max = planes.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-    if clip || max <= 1.0 {
-        return Ok(());
+/// Refuses values that the format would change beyond rounding, unless they may be clipped.
+fn check_values(planes: &ArrayView3<'_, f32>, format: Format, options: PixelOptions) -> Result<(), String> {
+    let name = format.name();
+    if let Some(((c, y, x), value)) = planes.indexed_iter().find(|(_, value)| !value.is_finite()) {
+        return Err(format!(
+            "{name} cannot hold {value}, found at row {y}, column {x}, channel {c}; replace such values, or write .exr \
+             or .npy"
+        ));
     }
-    Err(format!(
-        "{} holds values up to 1 and the image reaches {max}; tone map it first (`udc tonemap`), write .exr, \
-         .hdr or .npy, or clip it with `udc convert --clip`",
-        format.name()
-    ))
+    let min = planes.iter().copied().fold(f32::INFINITY, f32::min);
+    let max = planes.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    if min < 0.0 && !(options.clip || options.clip_negative) {
+        return Err(format!(
+            "{name} holds no negative values and the image goes down to {min}; write .exr or .npy, or clip it with \
+             `udc convert --clip`"
+        ));
+    }
+    match format {
+        _ if options.clip => Ok(()),
+        Format::Hdr if max > HDR_MAX => Err(format!(
+            "{name} ends at {HDR_MAX:.3e} and the image reaches {max:.3e}; write .exr or .npy, or clip it with `udc \
+             convert --clip`"
+        )),
+        Format::Hdr => Ok(()),
+        _ if max > 1.0 => Err(format!(
+            "{name} holds values up to 1 and the image reaches {max}; tone map it first (`udc tonemap`), write .exr, \
+             .hdr or .npy, or clip it with `udc convert --clip`"
+        )),
+        _ => Ok(()),
+    }
 }
 
 fn encode_integers(planes: &ArrayView3<'_, f32>, format: Format, eight_bit: bool) -> Result<Vec<u8>, String> {
     let (channels, height, width) = planes.dim();
-    let grey = match channels {
-        1 => true,
-        3 => false,
-        _ => return Err(format!("{} cannot hold {channels} channels; write .npy", format.name())),
-    };
+    let grey = channels == 1;
     let (samples, colour) = if eight_bit || format == Format::Jpeg {
         let samples = to_interleaved(planes, |v| [to_u8(v)]);
         (samples, if grey { ExtendedColorType::L8 } else { ExtendedColorType::Rgb8 })
@@ -191,10 +222,7 @@ fn encode_integers(planes: &ArrayView3<'_, f32>, format: Format, eight_bit: bool
 
 fn encode_hdr(planes: &ArrayView3<'_, f32>) -> Result<Vec<u8>, String> {
     let (channels, height, width) = planes.dim();
-    if channels != 1 && channels != 3 {
-        return Err(format!("Radiance HDR cannot hold {channels} channels; write .npy"));
-    }
-    let value = |c: usize, y, x| planes[[c.min(channels - 1), y, x]].max(0.0);
+    let value = |c: usize, y, x| planes[[c.min(channels - 1), y, x]].clamp(0.0, HDR_MAX);
     let pixels: Vec<Rgb<f32>> =
         (0..height * width).map(|i| Rgb([0, 1, 2].map(|c| value(c, i / width, i % width)))).collect();
     let mut bytes = Vec::new();

@@ -12,10 +12,13 @@ pub(super) const COMPRESSION: u16 = 259;
 pub(super) const PHOTOMETRIC: u16 = 262;
 pub(super) const SAMPLES: u16 = 277;
 const EXTRA_SAMPLES: u16 = 338;
+pub(super) const SAMPLE_FORMAT: u16 = 339;
 
 /// Values of [`PHOTOMETRIC`]: black is zero; red, green and blue.
 pub(super) const GREY: u16 = 1;
 pub(super) const RGB: u16 = 2;
+/// The value of [`SAMPLE_FORMAT`] for IEEE floats.
+pub(super) const FLOAT: usize = 3;
 /// The value of [`EXTRA_SAMPLES`] for an alpha.
 const ALPHA: u16 = 2;
 
@@ -149,6 +152,13 @@ impl<'a> Directory<'a> {
         let value = if self.big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
         bytes[place..place + 4].copy_from_slice(&value);
     }
+}
+
+/// Whether the samples are integers of 32 bits: some decoders take their bits for floats.
+pub(super) fn holds_wide_integers(bytes: &[u8]) -> bool {
+    Directory::first(bytes).is_some_and(|directory| {
+        directory.number(BITS) == Some(32) && directory.number(SAMPLE_FORMAT) != Some(FLOAT)
+    })
 }
 
 /// Declares four grey bands, as arrays are often stored, to be three colours and an alpha, which decoders know.

@@ -2,6 +2,8 @@
 
 use crate::core::error::{Error, Result};
 
+use crate::psf::MAX_SIZE_PX;
+
 use super::{DisplayConfig, LayoutConfig, LayoutKind, RegionConfig, SpectrumConfig};
 
 impl DisplayConfig {
@@ -19,9 +21,6 @@ impl DisplayConfig {
         self.display.check()
     }
 }
-
-/// Larger PSFs than any sensor's frame are a typing error.
-const MAX_SIZE_PX: usize = 8192;
 
 impl SpectrumConfig {
     fn check(&self) -> Result<()> {
@@ -190,6 +189,14 @@ mod tests {
         ] {
             assert!(matches!(parse(text), Err(Error::Config { .. })), "{text}");
         }
+    }
+
+    #[test]
+    fn numbers_too_many_are_refused_where_they_stand() {
+        let message = parse("[spectrum]\nred = [[610.0, 1.0, 7.0]]\n").unwrap_err().to_string();
+        assert!(message.contains("line 2") && message.contains("found 3 numbers"), "{message}");
+        let message = parse("[display]\noffset-um = [1, 2, 3]\n").unwrap_err().to_string();
+        assert!(message.contains("found 3"), "{message}");
     }
 
     #[test]

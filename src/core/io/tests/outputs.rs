@@ -100,6 +100,42 @@ fn integer_formats_refuse_bright_linear_images_and_clip_on_request() {
 }
 
 #[test]
+fn formats_refuse_values_that_they_cannot_hold() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, value: f32, options: PixelOptions| {
+        let path = folder.path().join(name);
+        let mut planes = Array3::from_elem((3, 2, 2), 0.5);
+        planes[[1, 1, 0]] = value;
+        write_pixels(&path, &Pixels::of_planes(planes), PixelOptions { overwrite: true, ..options })
+            .map(|()| read_pixels(&path).unwrap().planes[[1, 1, 0]])
+            .map_err(|error| error.to_string())
+    };
+    let clip = PixelOptions { clip: true, ..PixelOptions::default() };
+    for name in ["a.png", "a.tif", "a.jpg", "a.hdr"] {
+        for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            for options in [PixelOptions::default(), clip] {
+                let message = write(name, value, options).unwrap_err();
+                assert!(
+                    message.contains("row 1, column 0") && !message.contains("--clip"),
+                    "{name}: {message}"
+                );
+            }
+        }
+        let message = write(name, -0.25, PixelOptions::default()).unwrap_err();
+        assert!(message.contains("-0.25") && message.contains("--clip"), "{name}: {message}");
+        assert!(write(name, -0.25, clip).unwrap() < 0.2, "{name}");
+    }
+    assert!(write("a.hdr", 2e38, PixelOptions::default()).unwrap_err().contains("--clip"));
+    for (value, options) in [(1.69e38, PixelOptions::default()), (f32::MAX, clip)] {
+        let found = write("a.hdr", value, options).unwrap();
+        assert!((found / 1.69e38 - 1.0).abs() < 0.01, "{value} became {found}");
+    }
+    for (name, value) in [("a.exr", f32::NEG_INFINITY), ("a.npy", -0.25)] {
+        assert_eq!(write(name, value, PixelOptions::default()), Ok(value));
+    }
+}
+
+#[test]
 fn grey_and_packed_bayer_keep_their_planes_where_a_format_can() {
     let folder = tempfile::tempdir().unwrap();
     let grey = Pixels::of_planes(Array3::from_shape_fn((1, 5, 7), |(_, y, x)| (y * 7 + x) as f32 / 64.0));
