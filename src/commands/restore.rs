@@ -91,12 +91,12 @@ pub(crate) struct RestoreArgs {
     /// Write half floats, in formats that have them
     #[arg(long)]
     half: bool,
-    /// Irradiance that the tone mapping maps to one half
-    #[arg(long, value_name = "A", default_value_t = ToneCurve::default().alpha)]
-    alpha: f32,
-    /// Irradiance at which the capture saturates
-    #[arg(long, value_name = "X", default_value_t = ToneCurve::default().x_max)]
-    x_max: f32,
+    /// Irradiance that the tone mapping maps to one half [default: that of the model's training, else 0.25]
+    #[arg(long, value_name = "A")]
+    alpha: Option<f32>,
+    /// Irradiance at which the capture saturates [default: that of the model's training, else 500]
+    #[arg(long, value_name = "X")]
+    x_max: Option<f32>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -109,16 +109,22 @@ enum FormatArg {
 
 impl RestoreArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let curve = ToneCurve::new(self.alpha, self.x_max)?;
+        self.curve(None)?;
         self.raw.config()?;
         let mut jobs = self.jobs(session)?;
-        let engine = Engine::new(&self, curve, &jobs, session)?;
-        let restoration = Restoration { args: &self, engine, curve, session };
+        let engine = Engine::new(&self, &jobs, session)?;
+        let restoration = Restoration { args: &self, engine, session };
         if self.resume {
             jobs = remaining(&restoration, jobs, session)?;
         }
         let _folder = OutputFolder::of(&mut jobs.iter().map(|job| job.output.as_path()))?;
         run_all(&restoration, &jobs, session)
+    }
+
+    /// φ∘C as the flags say, and for what they do not say as a model was trained.
+    fn curve(&self, of_model: Option<ToneCurve>) -> Result<ToneCurve> {
+        let default = of_model.unwrap_or_default();
+        Ok(ToneCurve::new(self.alpha.unwrap_or(default.alpha), self.x_max.unwrap_or(default.x_max))?)
     }
 }
 
@@ -126,7 +132,6 @@ impl RestoreArgs {
 struct Restoration<'a> {
     args: &'a RestoreArgs,
     engine: Engine,
-    curve: ToneCurve,
     session: &'a Session,
 }
 
@@ -149,7 +154,7 @@ impl Stages for Restoration<'_> {
         let inputs: Vec<String> = job.inputs.iter().map(|input| text_of(input)).collect();
         json!({
             "inputs": inputs, "exposures": raw.exposures, "raw": is_raw.then(|| raw.config().ok()),
-            "tone": self.curve, "how": self.engine.describe(), "half": half,
+            "tone": self.engine.curve, "how": self.engine.describe(), "half": half,
             "domain": domain.map(DomainArg::name), "output-domain": output_domain.map(DomainArg::name),
         })
     }
@@ -168,7 +173,7 @@ impl Stages for Restoration<'_> {
     fn compute(&self, job: &Job, capture: Capture) -> Result<Self::Output> {
         self.session.progress.check()?;
         let domain = self.args.output_domain.unwrap_or(capture.pixels.domain());
-        let restore = || self.engine.restore(&job.name(), capture, self.curve, self.session);
+        let restore = || self.engine.restore(&job.name(), capture, self.session);
         Ok((self.session.timed(self.doing(job), restore)?, domain))
     }
 
@@ -181,7 +186,7 @@ impl Stages for Restoration<'_> {
             overwrite: self.session.overwrite,
             provenance: Some(Provenance::new("restore", &described)),
         };
-        let write = || restored.write(&job.output, domain, self.curve, &options);
+        let write = || restored.write(&job.output, domain, self.engine.curve, &options);
         self.session.timed(format_args!("writing {}", job.output.display()), write)?;
         self.session.tell(job.output.display());
         Ok(())

@@ -550,6 +550,31 @@ fn an_interrupt_leaves_finished_files_only() {
     assert_eq!(io::list_folder(&scratch.path().join("out")).unwrap().len(), count);
 }
 
+/// A network restores images that are tone-mapped as those that it learned from.
+#[test]
+fn tone_maps_as_the_model_was_trained_unless_told_otherwise() {
+    let scratch = scratch();
+    let mut trained = weights::read(Path::new(&model())).unwrap();
+    trained.origin.training = Some(serde_json::json!({"tone-curve": {"alpha": 2.0, "x-max": 5.0}}));
+    Model::new(trained).save(&scratch.path().join("trained.safetensors"), false).unwrap();
+    let code = code();
+    let restore = |model: &str, more: &[&str], output: &str| {
+        let common = ["restore", "scene.exr", "--model", model, "--code", &code, "-o", output];
+        let run = udc(scratch.path(), &[&common[..], more].concat());
+        assert!(run.status.success(), "{run:?}");
+        let said = String::from_utf8(run.stderr).unwrap();
+        (io::read_image::<Linear>(&scratch.path().join(output)).unwrap(), said)
+    };
+    let (of_model, said) = restore("trained.safetensors", &[], "of_model.exr");
+    assert!(!said.contains("warning"), "{said}");
+    let told = restore(&model(), &["--alpha", "2", "--x-max", "5"], "told.exr").0;
+    assert_eq!(of_model, told);
+    let (usual, said) = restore("trained.safetensors", &["--alpha", "0.25", "--x-max", "500"], "usual.exr");
+    assert!(said.contains("--alpha 2 --x-max 5"), "{said}");
+    assert_eq!(usual, restore(&model(), &[], "default.exr").0);
+    assert!(usual != of_model);
+}
+
 /// Where the CPU has no such products nothing changes, and the user is told.
 #[test]
 fn multiplies_as_precisely_as_told_and_says_what_it_did() {

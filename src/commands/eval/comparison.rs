@@ -40,7 +40,7 @@ impl<'a> Comparison<'a> {
     ) -> Result<Self> {
         for restorer in restorers {
             restorer.check(dataset)?;
-            restorer.warning(dataset).into_iter().for_each(|warning| session.warn(warning));
+            restorer.warnings(dataset).into_iter().for_each(|warning| session.warn(warning));
         }
         let limit = limit.unwrap_or(usize::MAX);
         let triplets = dataset.split(split)?.into_iter().take(limit).cloned().collect();

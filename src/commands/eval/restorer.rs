@@ -84,16 +84,24 @@ impl Restorer {
     }
 
     /// What may be wrong between the restoration and the dataset, and need not be.
-    pub(super) fn warning(&self, dataset: &Dataset) -> Option<String> {
-        let Self::Network(name, model, _) = self else { return None };
-        let own = &dataset.config.as_ref()?.bank_sha256;
-        let trained = model.origin().kernel_bank_sha256.as_ref()?;
-        (self.knows_the_kernel() && own != trained).then(|| {
+    pub(super) fn warnings(&self, dataset: &Dataset) -> Vec<String> {
+        let Self::Network(name, model, _) = self else { return Vec::new() };
+        let (origin, root) = (model.origin(), dataset.root.display());
+        let own = dataset.config.as_ref().map(|config| &config.bank_sha256);
+        let is_other = |trained: &String| self.knows_the_kernel() && own.is_some_and(|own| own != trained);
+        let bank = origin.kernel_bank_sha256.as_ref().filter(|trained| is_other(trained)).map(|_| {
             format!(
-                "{name} was trained with another kernel bank than that of {}: its codes mean other PSFs",
-                dataset.root.display()
+                "{name} was trained with another kernel bank than that of {root}: its codes mean other PSFs"
             )
-        })
+        });
+        let own = dataset.formation.curve().ok();
+        let curve = origin.tone_curve().filter(|trained| own.is_some_and(|own| own != *trained));
+        let curve = curve.map(|ToneCurve { alpha, x_max }| {
+            format!(
+                "{name} was trained on images tone-mapped with alpha {alpha} and x-max {x_max}, unlike {root}"
+            )
+        });
+        bank.into_iter().chain(curve).collect()
     }
 
     pub(super) fn restore(&self, degraded: &Degraded<'_>) -> error::Result<ToneMappedImage> {

@@ -69,6 +69,8 @@ enum BorderArg {
 /// What restores an image, and how much memory it may take.
 pub(super) struct Engine {
     kind: Kind,
+    /// φ∘C.
+    pub(super) curve: ToneCurve,
     max_memory: u64,
     /// Frames that the queue holds meanwhile; none for a single image.
     queued_frames: Option<u64>,
@@ -93,12 +95,20 @@ enum Kind {
 }
 
 impl Engine {
-    pub(super) fn new(args: &RestoreArgs, curve: ToneCurve, jobs: &[Job], session: &Session) -> Result<Self> {
+    pub(super) fn new(args: &RestoreArgs, jobs: &[Job], session: &Session) -> Result<Self> {
+        let mut curve = args.curve(None)?;
         let kind = match (&args.model, args.method.method(), &args.code.psf) {
             (Some(path), ..) => {
                 let (model, sha256) =
                     rayon::join(|| args.precision.load(path, session), || sha256_of_file(path));
                 let (model, sha256) = (Box::new(model?), sha256?);
+                let trained = model.origin().tone_curve();
+                curve = args.curve(trained)?;
+                if let Some(ToneCurve { alpha, x_max }) = trained.filter(|trained| *trained != curve) {
+                    session.warn(format_args!(
+                        "the model was trained on images tone-mapped with --alpha {alpha} --x-max {x_max}"
+                    ));
+                }
                 let code = args.code.resolve(&model, session)?;
                 NetworkRestorer::new(&model, code.example())?;
                 Kind::Network { path: text_of(path), sha256, model, code, tile: args.tile }
@@ -113,7 +123,7 @@ impl Engine {
         let pictures = jobs.iter().map(|job| job.inputs.len() as u64).max().unwrap_or(0);
         let queued_frames = (jobs.len() > 1).then_some(QUEUED_FRAMES + pictures);
         let said = Mutex::default();
-        Ok(Self { kind, max_memory: args.max_memory, queued_frames, highlights, said })
+        Ok(Self { kind, curve, max_memory: args.max_memory, queued_frames, highlights, said })
     }
 
     /// Packs a network's weights.
@@ -124,13 +134,8 @@ impl Engine {
     }
 
     /// Restores one capture; says beforehand what memory that takes.
-    pub(super) fn restore(
-        &self,
-        name: &str,
-        capture: Capture,
-        curve: ToneCurve,
-        session: &Session,
-    ) -> Result<AnyImage> {
+    pub(super) fn restore(&self, name: &str, capture: Capture, session: &Session) -> Result<AnyImage> {
+        let curve = self.curve;
         let saturation = capture.saturation.unwrap_or(curve.x_max).min(curve.x_max);
         let image = capture.pixels;
         let progress = if self.queued_frames.is_some() {
