@@ -1,7 +1,6 @@
 //! Whole images through the network without Burn's tensors: the kernels' steps, a few rows at a time.
 
 use std::collections::HashMap;
-use std::convert::Infallible;
 use std::sync::{Mutex, PoisonError};
 
 use ndarray::{Array3, ArrayView3, Axis};
@@ -9,7 +8,9 @@ use ndarray::{Array3, ArrayView3, Axis};
 use super::architecture::{Architecture, Kind};
 use super::parameters::Parameters;
 use super::{de_unet, discnet, sftmd, srmdnf};
+use crate::core::error::Result;
 use crate::core::image::{CHANNELS, ToneMappedImage};
+use crate::core::progress::Progress;
 use crate::kernels::stream::{Arena, Network, Plan, Source, Tensor};
 use crate::kernels::{Convolution, Geometry, Isa};
 
@@ -106,12 +107,16 @@ impl Inference {
 
     /// Restores an image with `room` bytes more than the least to use; `map` is `[b, height, width]`, or `[b, 1, 1]` for
     /// a code that is the same everywhere.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`](crate::core::error::Error::Interrupted) between portions of rows.
     pub(super) fn restore(
         &self,
         image: &ToneMappedImage,
         map: Option<ArrayView3<'_, f32>>,
         room: u64,
-    ) -> Array3<f32> {
+        progress: &Progress,
+    ) -> Result<Array3<f32>> {
         let (height, width) = (image.height(), image.width());
         let of_part = |part: Part| match part {
             Part::Image => image.planes(),
@@ -136,9 +141,9 @@ impl Inference {
         let kept = || self.arena.lock().unwrap_or_else(PoisonError::into_inner);
         let mut arena = std::mem::take(&mut *kept());
         let plan = self.plan(height, width, room);
-        let Ok(()) = plan.run(&mut arena, &sources, sink, |_| Ok::<(), Infallible>(()));
+        let outcome = plan.run(&mut arena, &sources, sink, |_| progress.check());
         *kept() = arena;
-        restored
+        outcome.map(|()| restored)
     }
 }
 

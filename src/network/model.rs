@@ -12,6 +12,7 @@ use super::weights::{self, Weights};
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
+use crate::core::progress::Progress;
 use crate::core::tone::ToneCurve;
 use crate::kernels::Isa;
 
@@ -102,7 +103,7 @@ impl Model {
     /// [`Error::Config`] when the network needs a code and there is none; [`Error::Shape`] when the code has
     /// another length.
     pub fn restore(&self, image: &ToneMappedImage, code: Option<&KernelCode>) -> Result<ToneMappedImage> {
-        self.restore_in(image, code.map(map_of_code), u64::MAX)
+        self.restore_in(image, code.map(map_of_code), u64::MAX, &Progress::default())
     }
 
     /// Restores an image whose PSF changes from pixel to pixel.
@@ -118,7 +119,7 @@ impl Model {
             let expected = format!("{} × {} as the image has", image.height(), image.width());
             return Err(Error::shape("degradation map", expected, format!("{height} × {width}")));
         }
-        self.restore_in(image, Some(map.view()), u64::MAX)
+        self.restore_in(image, Some(map.view()), u64::MAX, &Progress::default())
     }
 
     /// Restores an image with up to `room` bytes more than the least that it takes, which many threads make use of;
@@ -128,9 +129,10 @@ impl Model {
         image: &ToneMappedImage,
         map: Option<ArrayView3<'_, f32>>,
         room: u64,
+        progress: &Progress,
     ) -> Result<ToneMappedImage> {
         let map = if self.architecture().condition.uses_code() { Some(self.check_map(map)?) } else { None };
-        ToneMappedImage::from_planes(self.inference().restore(image, map, room))
+        ToneMappedImage::from_planes(self.inference().restore(image, map, room, progress)?)
     }
 
     /// Estimates the bytes of working memory that restoring an image of these sides takes at least, whatever the number

@@ -6,6 +6,7 @@ use super::tiles::{ALIGNMENT, Restorer};
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
+use crate::core::progress::Progress;
 use crate::network::{Model, map_of_code};
 
 /// What a network is told about the PSF.
@@ -80,7 +81,13 @@ impl Restorer for NetworkRestorer<'_> {
         self.model.working_bytes(height, width)
     }
 
-    fn restore(&self, image: &ToneMappedImage, top: usize, left: usize) -> Result<ToneMappedImage> {
+    fn restore(
+        &self,
+        image: &ToneMappedImage,
+        top: usize,
+        left: usize,
+        progress: &Progress,
+    ) -> Result<ToneMappedImage> {
         let map = match &self.conditioning {
             Conditioning::None => None,
             Conditioning::Code(code) => Some(map_of_code(code)),
@@ -88,14 +95,13 @@ impl Restorer for NetworkRestorer<'_> {
                 Some(map.slice(s![.., top..top + image.height(), left..left + image.width()]))
             }
         };
-        self.model.restore_in(image, map, self.room)
+        self.model.restore_in(image, map, self.room, progress)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::progress::Progress;
     use crate::network::weights::Weights;
     use crate::network::{Architecture, Condition, Initialisation, Kind, Origin, Parameters};
     use crate::restore::{Tiling, restore_tiled};
@@ -122,7 +128,7 @@ mod tests {
             let model = model(kind, condition);
             let code = Conditioning::Code(KernelCode::from_elem(5, 0.3));
             let restorer = NetworkRestorer::new(&model, code).unwrap();
-            let whole = restorer.restore(&image, 0, 0).unwrap();
+            let whole = restorer.restore(&image, 0, 0, &Progress::default()).unwrap();
             let largest = whole.as_slice().iter().fold(0.0f32, |m, v| m.max(v.abs()));
             let tiling = Tiling::with_tile(50, 403, 48, &restorer).unwrap();
             let tiled = restore_tiled(&image, &tiling, &restorer, &Progress::default()).unwrap();
@@ -130,6 +136,16 @@ mod tests {
             let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(error <= 1e-5 * largest, "{kind:?}: {error:e} of {largest}");
         }
+    }
+
+    #[test]
+    fn an_interrupt_ends_the_restoration_of_a_window() {
+        let model = model(Kind::Unet, Condition::None);
+        let restorer = NetworkRestorer::new(&model, Conditioning::None).unwrap();
+        let image = ToneMappedImage::from_planes(Array3::zeros((3, 40, 40))).unwrap();
+        let interrupted = Progress::new(false, std::sync::Arc::new(true.into()));
+        assert!(matches!(restorer.restore(&image, 0, 0, &interrupted), Err(Error::Interrupted)));
+        restorer.restore(&image, 0, 0, &Progress::default()).unwrap();
     }
 
     #[test]

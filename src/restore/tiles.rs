@@ -31,8 +31,14 @@ pub trait Restorer {
     /// Restores `image`, which starts at (`top`, `left`) of the whole image and ends before it or with it.
     ///
     /// # Errors
-    /// Those of the method of restoration.
-    fn restore(&self, image: &ToneMappedImage, top: usize, left: usize) -> Result<ToneMappedImage>;
+    /// Those of the method of restoration; [`Error::Interrupted`].
+    fn restore(
+        &self,
+        image: &ToneMappedImage,
+        top: usize,
+        left: usize,
+        progress: &Progress,
+    ) -> Result<ToneMappedImage>;
 }
 
 /// A half-open range of rows or columns with the halo that its restoration needs.
@@ -161,7 +167,7 @@ fn cut_evenly(side: usize, count: usize, restorer: &dyn Restorer) -> Vec<Span> {
 /// result is that of the whole image to the rounding of f32.
 ///
 /// # Errors
-/// Those of the restorer; [`Error::Interrupted`] between tiles.
+/// Those of the restorer; [`Error::Interrupted`].
 ///
 /// # Panics
 /// When the tiling was made for an image of another size, or the restorer changes a window's size: broken
@@ -175,7 +181,7 @@ pub fn restore_tiled(
     let bar = progress.bar(tiling.len() as u64, "restoring");
     if tiling.len() == 1 {
         progress.check()?;
-        let restored = restorer.restore(image, 0, 0)?;
+        let restored = restorer.restore(image, 0, 0, progress)?;
         assert_eq!(restored.planes().dim(), image.planes().dim());
         bar.finish_and_clear();
         return Ok(restored);
@@ -186,7 +192,7 @@ pub fn restore_tiled(
             progress.check()?;
             let (top, left) = (row.window_start, column.window_start);
             let window = image.crop(top, left, row.window_len(), column.window_len());
-            let window = restorer.restore(&window, top, left)?;
+            let window = restorer.restore(&window, top, left, progress)?;
             assert_eq!((window.height(), window.width()), (row.window_len(), column.window_len()));
             let kept = s![.., row.start - top..row.end - top, column.start - left..column.end - left];
             restored
@@ -258,7 +264,13 @@ mod tests {
             (height * width * 1000) as u64
         }
 
-        fn restore(&self, image: &ToneMappedImage, top: usize, left: usize) -> Result<ToneMappedImage> {
+        fn restore(
+            &self,
+            image: &ToneMappedImage,
+            top: usize,
+            left: usize,
+            _: &Progress,
+        ) -> Result<ToneMappedImage> {
             assert!(top.is_multiple_of(ALIGNMENT) && left.is_multiple_of(ALIGNMENT), "{top} {left}");
             let around = |at: usize| [at.checked_sub(HALO), Some(at + HALO)].into_iter().flatten();
             let sum = |(c, y, x): (usize, usize, usize)| {
@@ -277,7 +289,7 @@ mod tests {
     #[test]
     fn tiled_restoration_is_that_of_the_whole_image() {
         let image = image(203, 310);
-        let whole = Corners.restore(&image, 0, 0).unwrap();
+        let whole = Corners.restore(&image, 0, 0, &Progress::default()).unwrap();
         for tile in [64, 100, 200, 400] {
             let tiling = Tiling::with_tile(203, 310, tile, &Corners).unwrap();
             let tiled = restore_tiled(&image, &tiling, &Corners, &Progress::default()).unwrap();

@@ -359,7 +359,7 @@ fn as_many_threads_as_there_are_make_the_same_image_in_the_same_windows() {
             let run = udc(scratch.path(), &restore);
             assert!(run.status.success(), "{run:?}");
             let said = String::from_utf8(run.stderr).unwrap();
-            let windows = said.lines().find(|line| line.contains("windows of")).unwrap();
+            let windows = said.lines().find(|line| line.contains(" of up to ")).unwrap();
             let tiling = windows.rsplit_once(',').unwrap().0.to_owned();
             (tiling, std::fs::read(scratch.path().join(output)).unwrap())
         });

@@ -13,6 +13,7 @@ use udc::core::error::Error;
 use udc::core::image::{CHANNELS, ToneMappedImage};
 use udc::core::io::{read_psf, sha256_of_file};
 use udc::core::kernel_code::{KernelBank, KernelCode};
+use udc::core::progress::Progress;
 use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
 use udc::network::Model;
@@ -321,8 +322,14 @@ impl Restorer for Beside<'_> {
         self.restorer.alignment()
     }
 
-    fn restore(&self, image: &ToneMappedImage, top: usize, left: usize) -> Result<ToneMappedImage, Error> {
-        self.restorer.restore(image, top, left)
+    fn restore(
+        &self,
+        image: &ToneMappedImage,
+        top: usize,
+        left: usize,
+        progress: &Progress,
+    ) -> Result<ToneMappedImage, Error> {
+        self.restorer.restore(image, top, left, progress)
     }
 }
 
