@@ -49,6 +49,9 @@ pub struct DynamicFilterGradients {
 
 impl DynamicFilter {
     /// Takes the gradient of the output back to everything that it was computed from.
+    ///
+    /// # Panics
+    /// When the weights were packed for products in bfloat16.
     pub fn backward(
         &self,
         condition: &[f32],
@@ -243,7 +246,7 @@ impl Kernel for UnitBackward<'_, '_> {
                 let range = first * channels..(first + tile.pixels) * channels;
                 widen(&gradient[range.clone()], channels, output_gradient, padded);
                 condition_gradient.fill(0.0);
-                let view = inputs.view(simd, filter, unit.condition, unit.features, tile);
+                let view = inputs.view(simd, filter, (unit.condition, unit.features), tile);
                 for tap in 0..filter.size * filter.size {
                     let (dy, dx) = (tap / filter.size, tap % filter.size);
                     let at = (r + dy) * margin.row_len + (first + dx) * padded;

@@ -181,7 +181,7 @@ impl Kernel for FilterRows<'_> {
                 let next = if first + pixels < width { (row, first + pixels) } else { (row + 1, 0) };
                 let mut ahead = Ahead::new(block.fresh_runs(filter, next, pixels), groups);
                 let tile = PixelTile { row: block.first + row, first, pixels: pixels.min(width - first) };
-                let view = inputs.view(simd, filter, block.condition, block.features, tile);
+                let view = inputs.view(simd, filter, (block.condition, block.features), tile);
                 outputs.fill(0.0);
                 for tap in (0..filter.size * filter.size).step_by(filter.taps_together) {
                     let vectors = filter.vectors;
@@ -371,8 +371,7 @@ impl<'a> TileInputs<'a> {
         &'b mut self,
         simd: S,
         filter: &DynamicFilter,
-        condition: Rows<'b>,
-        features: Rows<'b>,
+        (condition, features): (Rows<'b>, Rows<'b>),
         tile: PixelTile,
     ) -> TileView<'b> {
         let (channels, half) = (filter.channels, filter.size / 2);

@@ -439,7 +439,7 @@ mod tests {
             let (mut one_by_one, mut signs) = (vec![0.0; S::LANES], vec![0.0; S::LANES]);
             for (index, number) in self.0[..S::LANES * S::PER_LANE].iter().enumerate() {
                 put_factor(&mut one_by_one[index / S::PER_LANE], S::PER_LANE, index, *number);
-                let sign = if index % 3 == 0 { -1.0 } else { 1.0 };
+                let sign = if index.is_multiple_of(3) { -1.0 } else { 1.0 };
                 put_factor(&mut signs[index / S::PER_LANE], S::PER_LANE, index, sign);
             }
             // SAFETY: all slices hold whole vectors, the numbers two.
@@ -457,7 +457,8 @@ mod tests {
     #[test]
     fn lanes_hold_as_many_numbers_as_they_say_rounded_to_nearest() {
         // Ties between two numbers of 8 bits, numbers beside ties, numbers of few bits, very large and small ones.
-        let mut numbers = vec![1.003_906_25, 1.011_718_75, 1.003_906_4, 1.003_906_1, -2.5, 3e38, -1e-30, 0.1];
+        let mut numbers =
+            vec![1.0 + 1.0 / 256.0, 1.0 + 3.0 / 256.0, 1.003_906_4, 1.003_906_1, -2.5, 3e38, -1e-30, 0.1];
         numbers.extend((1..=24).map(|i| (i as f32 * 0.37).sin()));
         for isa in
             Isa::available().into_iter().flat_map(|isa| [Some(isa), isa.with_bf16_products()]).flatten()
@@ -469,7 +470,7 @@ mod tests {
                 let (number, digit) = (f64::from(numbers[index]), 2f64.powi(-7));
                 let unit = digit * 2f64.powf(number.abs().log2().floor());
                 let rounded = if per_lane == 1 { number } else { (number / unit).round_ties_even() * unit };
-                if index % 3 == 0 { -rounded } else { rounded }
+                if index.is_multiple_of(3) { -rounded } else { rounded }
             };
             for (lane, found) in packed.iter().enumerate() {
                 let expected = 0.5 + (lane * per_lane..(lane + 1) * per_lane).map(rounded).sum::<f64>();
