@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use udc::network::{Architecture, Initialisation, Model, Origin, Parameters, weights::Weights};
+
 use super::common::{fail, succeed, udc};
 use super::tiff::{Field, Tiff};
 
@@ -105,12 +107,19 @@ fn info_says_how_far_a_run_has_come() {
     .unwrap();
     let text = succeed(folder.path(), &["info", "run"]);
     assert!(text.contains("training run, iteration 20 of 40") && text.contains("no model yet"), "{text}");
-    succeed(folder.path(), &["convert", &fixture("../discnet/0.pth"), "run/model.safetensors"]);
+    // The log has not every iteration.
+    let architecture = Architecture { features: 1, ..Architecture::default() };
+    let parameters = Parameters::random(&architecture, Initialisation::Released, 1);
+    let training = Some(serde_json::json!({"iteration": 24}));
+    let origin = Origin { training, ..Origin::default() };
+    let model = Model::new(Weights { architecture, parameters, origin });
+    model.save(&run.join("model.safetensors"), false).unwrap();
     let text = succeed(folder.path(), &["info", "run"]);
+    assert!(text.contains("training run, iteration 24 of 40") && text.contains("24 iterations"), "{text}");
     assert!(text.contains("0.25") && text.contains("parameters"), "{text}");
     let object: serde_json::Value =
         serde_json::from_str(&succeed(folder.path(), &["info", "--json", "run"])).unwrap();
-    assert_eq!((&object["kind"], &object["iteration"]), (&"run".into(), &20.into()));
+    assert_eq!((&object["kind"], &object["iteration"]), (&"run".into(), &24.into()));
 }
 
 #[test]

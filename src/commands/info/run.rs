@@ -21,12 +21,14 @@ pub(super) fn examine(folder: &Path) -> Result<(Value, String)> {
         .with_context(|| format!("reading the configuration of {}", folder.display()))?;
     let log = folder.join("metrics.jsonl");
     let last = last_values(&if log.is_file() { read_text(&log)? } else { String::new() });
-    let iteration = last.get("iteration").and_then(Value::as_u64).unwrap_or(0);
     let model = folder.join("model.safetensors");
     let (model, description) = match model.is_file() {
         true => super::examine_model(&model)?,
         false => (Value::Null, format!("no model yet\n{}", config.architecture.describe())),
     };
+    // The log has not every iteration, and the model is not of the last one.
+    let iterations = [last.get("iteration"), model.pointer("/training/iteration")];
+    let iteration = iterations.into_iter().flatten().filter_map(Value::as_u64).max().unwrap_or(0);
     let mut text = format!("training run, iteration {iteration} of {}\n", config.iterations);
     for (name, value) in last.iter().filter(|(name, _)| *name != "iteration") {
         writeln!(text, "  {name:<14}{value}")?;
