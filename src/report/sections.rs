@@ -9,6 +9,7 @@ use super::picture;
 use crate::core::dataset::{Dataset, Split};
 use crate::core::error::{Error, Result};
 use crate::core::kernel_code::KernelBank;
+use crate::core::metrics::Metric;
 use crate::core::psf::Psf;
 
 /// Decades of the logarithmic stretch of PSFs: a panel's sidelobes lie three to five below the peak.
@@ -135,7 +136,11 @@ pub fn evaluation(name: &str, metrics: &Value) -> Vec<Block> {
     let methods = metrics["methods"].as_array().cloned().unwrap_or_default();
     let names: Vec<&String> = metrics["mean"].as_object().map_or(Vec::new(), |mean| mean.keys().collect());
     let mut head = vec!["method".to_owned(), "images".to_owned()];
-    head.extend(names.iter().map(|name| name.to_uppercase()));
+    let heading = |name: &&String| {
+        let metric = Metric::ALL.into_iter().find(|metric| metric.name() == name.as_str());
+        metric.map_or_else(|| name.to_uppercase(), |metric| metric.heading().to_owned())
+    };
+    head.extend(names.iter().map(heading));
     let row = |method: &Value| {
         let label = label_of(method);
         let count = method["count"].to_string();
@@ -203,7 +208,8 @@ mod tests {
         let metrics = json!({"mean": {"psnr": 30.0}, "methods": [method("degraded", 20.0), method("net", 30.0)],
                              "excluded": [], "definition": {"quantise": true}});
         let blocks = evaluation("results", &metrics);
-        let Some(Block::Table(_, rows)) = blocks.get(1) else { panic!("a table follows the heading") };
+        let Some(Block::Table(head, rows)) = blocks.get(1) else { panic!("a table follows the heading") };
+        assert_eq!(head[..], ["method", "images", "PSNR (dB)"]);
         assert_eq!(rows[1], ["net", "2", "30.0000"]);
         assert!(blocks.iter().any(|block| matches!(block, Block::Chart(..))));
     }
