@@ -10,7 +10,7 @@ use udc::core::io::{Format, check_output};
 /// What `-o` names, and how files are named in it if it is a folder.
 pub(crate) struct Destination<'a> {
     pub(crate) path: &'a Path,
-    pub(crate) extension: &'static str,
+    pub(crate) extension: &'a str,
     /// Whether files that are there do not matter.
     pub(crate) accepts_existing: bool,
 }
@@ -21,6 +21,14 @@ pub(crate) struct Unplaced {
     pub(crate) name: String,
     /// What it is made of, for messages.
     pub(crate) source: String,
+}
+
+impl Unplaced {
+    /// The result of one file, named as it.
+    pub(crate) fn of_file(file: &Path) -> Self {
+        let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Self { name, source: file.display().to_string() }
+    }
 }
 
 impl Destination<'_> {

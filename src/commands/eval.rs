@@ -76,6 +76,7 @@ pub(crate) struct EvalArgs {
     highlights: Vec<HighlightsArg>,
     /// What the models multiply; a row for each of several [default: f32]
     #[arg(long, value_enum, value_name = "PRECISION", value_delimiter = ',', requires = "model")]
+    #[arg(conflicts_with = "restored")]
     precision: Vec<PrecisionArg>,
     /// Folder of restored images, instead of a dataset
     #[arg(long, value_name = "DIR", requires = "gt")]
@@ -95,7 +96,8 @@ pub(crate) struct EvalArgs {
     #[arg(long, requires = "dataset", conflicts_with = "restored")]
     mismatch: bool,
     /// Measure flare too, and beside it that of the same scenes clipped at a monitor's white [default: 1]
-    #[arg(long, value_name = "WHITE", requires = "dataset", conflicts_with = "restored", num_args = 0..=1, default_missing_value = "1")]
+    #[arg(long, value_name = "WHITE", requires = "dataset", conflicts_with = "restored")]
+    #[arg(num_args = 0..=1, default_missing_value = "1")]
     ldr: Option<f32>,
     /// What the images of folders hold, where they do not say so themselves
     #[arg(long, value_enum, requires = "restored", conflicts_with = "dataset")]

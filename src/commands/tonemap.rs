@@ -2,15 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::Session;
+use super::destination::{Destination, OutputFolder, Unplaced, without_repeats};
 use super::picture::AnyImage;
 use super::queue::{Stages, run_all};
 use udc::core::image::{Linear, ToneMapped};
-use udc::core::io::{Format, WriteOptions, check_output, create_folder, expand_inputs, read_image};
+use udc::core::io::{WriteOptions, expand_inputs, read_image};
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
 
@@ -26,7 +27,7 @@ pub(crate) struct TonemapArgs {
     /// Images, folders or patterns
     #[arg(required = true, value_name = "IN")]
     inputs: Vec<PathBuf>,
-    /// Image to write; a folder for several inputs
+    /// Image to write; a folder for several inputs, or if the name ends in a slash
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Map tone-mapped values back to linear light
@@ -58,34 +59,22 @@ impl TonemapArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let curve = ToneCurve::new(self.alpha, self.x_max)?;
         let jobs = self.jobs(session)?;
+        let _folder = OutputFolder::of(&mut jobs.iter().map(|job| job.output.as_path()))?;
         run_all(&Mapping { args: &self, curve, session }, &jobs, session)
     }
 
     /// What becomes what; refuses outputs that exist before any work.
     fn jobs(&self, session: &Session) -> Result<Vec<Job>> {
-        let inputs = expand_inputs(&self.inputs)?;
-        let to_folder =
-            inputs.len() > 1 || self.inputs.iter().any(|input| input.is_dir()) || self.output.is_dir();
-        let extension = self.format.to_possible_value().expect("no format is hidden").get_name().to_owned();
-        let mut jobs: Vec<Job> = Vec::with_capacity(inputs.len());
-        for input in inputs {
-            let name = input.file_stem().unwrap_or_default().to_string_lossy();
-            let (output, folder) = match to_folder {
-                true => (self.output.join(format!("{name}.{extension}")), Some(self.output.clone())),
-                false => (self.output.clone(), None),
-            };
-            Format::of_extension(&output)?;
-            // In a folder that is yet to be made nothing can be in the way.
-            if folder.as_deref().is_none_or(Path::is_dir) {
-                check_output(&output, session.overwrite)?;
-            }
-            if let Some(other) = jobs.iter().find(|job| job.output == output) {
-                let (a, b) = (other.input.display(), input.display());
-                bail!("{a} and {b} would both be written to {}", output.display());
-            }
-            jobs.push(Job { input, output, folder });
-        }
-        Ok(jobs)
+        let files = without_repeats(expand_inputs(&self.inputs)?);
+        let format = self.format.to_possible_value().expect("no format is hidden");
+        let destination = Destination {
+            path: &self.output,
+            extension: format.get_name(),
+            accepts_existing: session.overwrite,
+        };
+        let results: Vec<Unplaced> = files.iter().map(|file| Unplaced::of_file(file)).collect();
+        let outputs = destination.place(&results, self.inputs.iter().any(|input| input.is_dir()))?;
+        Ok(files.into_iter().zip(outputs).map(|(input, output)| Job { input, output }).collect())
     }
 }
 
@@ -93,8 +82,6 @@ impl TonemapArgs {
 struct Job {
     input: PathBuf,
     output: PathBuf,
-    /// The folder to make for it.
-    folder: Option<PathBuf>,
 }
 
 struct Mapping<'a> {
@@ -140,9 +127,6 @@ impl Stages for Mapping<'_> {
             overwrite: self.session.overwrite,
             provenance: Some(Provenance::new("tonemap", &self.describe(job))),
         };
-        if let Some(folder) = &job.folder {
-            create_folder(folder)?;
-        }
         let domain = image.domain();
         image.write(&job.output, domain, self.curve, &options)?;
         self.session.tell(job.output.display());

@@ -45,9 +45,9 @@ impl FinishArgs {
             extension: self.format.extension(),
             accepts_existing: session.overwrite || self.resume,
         };
-        let unplaced = |file: &PathBuf| Unplaced { name: stem(file), source: file.display().to_string() };
         let in_folder = inputs.iter().any(|input| input.is_dir());
-        let outputs = destination.place(&files.iter().map(unplaced).collect::<Vec<_>>(), in_folder)?;
+        let results: Vec<Unplaced> = files.iter().map(|file| Unplaced::of_file(file)).collect();
+        let outputs = destination.place(&results, in_folder)?;
         let with_companions = files.into_iter().zip(ccms).zip(references).zip(outputs);
         let job = |(((input, ccm), reference), output)| Job { input, ccm, reference, output };
         Ok(with_companions.map(job).collect())
@@ -117,14 +117,11 @@ fn belongs(file: &str, stem: &str) -> Option<bool> {
     }
 }
 
-fn stem(file: &Path) -> String {
-    file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
-}
-
 type Found = Vec<Option<PathBuf>>;
 
 /// The companions of every image; names what is missing, and warns of files that belong to no image.
 fn pair(files: &[PathBuf], companions: &[Companion; 2], session: &Session) -> Result<[Found; 2]> {
+    let stem = |file: &PathBuf| file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let mut found = [Vec::new(), Vec::new()];
     let mut missing = Vec::new();
     for file in files {

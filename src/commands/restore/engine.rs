@@ -161,7 +161,8 @@ impl Engine {
                     Conditioning::Map(map) => (map.len() * size_of::<f32>()) as u64,
                     Conditioning::None | Conditioning::Code(_) => 0,
                 };
-                // Tiles are chosen by what one thread takes: they, and results with them, do not depend on how many there are.
+                // Tiles are chosen by what one thread takes: they, and results with them, do not depend on how many there
+                // are.
                 let others = map + self.other_bytes([image.height(), image.width()], 1);
                 let mut restorer =
                     Beside { restorer: NetworkRestorer::new(model, conditioning)?, bytes: others };
