@@ -275,6 +275,7 @@ fn folders_take_no_flag_of_a_dataset() {
         &["--pictures", "1"],
         &["--regions"],
         &["--highlights", "keep"],
+        &["--precision", "bf16"],
     ] {
         let said = fail(scratch.path(), &[&folders[..], flag].concat(), 2);
         assert!(said.contains("cannot be used with"), "{flag:?}: {said}");
