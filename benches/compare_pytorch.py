@@ -6,9 +6,10 @@
 
 PyTorch must be installed; nothing else is needed. Times are the best of several calls. The dynamic filter
 is timed as it is usually written (filters stored, features unfolded), and so is training. The whole network is
-timed three times: planar and with such filters, as the method was published; with channels innermost and
-filters made tap by tap, so that they are never stored; and that in bfloat16, with which udc's own bfloat16 products
-are compared where the CPU has them. With --simd both programs use no more than these vector instructions.
+timed in three ways of writing it: planar and with such filters, as the method was published; tuned, with channels
+innermost and the stored filters applied tap by tap, features not unfolded; and tuned for memory too, with the filters
+of one tap made at a time. The tuned ones are timed in bfloat16 as well, with which udc's own bfloat16 products are
+compared where the CPU has them. With --simd both programs use no more than these vector instructions.
 """
 
 import argparse
@@ -71,16 +72,28 @@ def apply_filter(condition, features, weight, bias, slope):
     return (filters * windows).sum(2)
 
 
-def apply_filter_by_taps(condition, features, weight, bias, slope):
+def add_taps(features, filters_of):
+    """The sum over the taps of shifted features times the tap's filters."""
     height, width = features.shape[2:]
     padded = F.pad(features, [SIZE // 2] * 4, mode="replicate").contiguous(memory_format=torch.channels_last)
     result = torch.zeros_like(features)
     for tap in range(SIZE * SIZE):
-        of_tap = slice(tap, None, SIZE * SIZE)
         y, x = divmod(tap, SIZE)
-        filters = F.prelu(F.conv2d(condition, weight[of_tap], bias[of_tap]), slope)
-        result.addcmul_(filters, padded[:, :, y : y + height, x : x + width])
+        result.addcmul_(filters_of(tap), padded[:, :, y : y + height, x : x + width])
     return result
+
+
+def apply_filter_by_taps(condition, features, weight, bias, slope):
+    filters = F.prelu(F.conv2d(condition, weight, bias), slope)
+    return add_taps(features, lambda tap: filters[:, tap :: SIZE * SIZE])
+
+
+def make_filter_by_taps(condition, features, weight, bias, slope):
+    def filters_of(tap):
+        of_tap = slice(tap, None, SIZE * SIZE)
+        return F.prelu(F.conv2d(condition, weight[of_tap], bias[of_tap]), slope)
+
+    return add_taps(features, filters_of)
 
 
 def dynamic_filter(channels, images, side, with_gradient):
@@ -165,7 +178,9 @@ def networks(side, rounded):
     if not rounded:
         yield "as published", network(side, torch.contiguous_format, torch.float32, apply_filter)
         yield "tuned", network(side, last, torch.float32, apply_filter_by_taps)
+        yield "filters not stored", network(side, last, torch.float32, make_filter_by_taps)
     yield "tuned, bfloat16", network(side, last, torch.bfloat16, apply_filter_by_taps)
+    yield "filters not stored, bfloat16", network(side, last, torch.bfloat16, make_filter_by_taps)
 
 
 def training_step(images, side):
