@@ -16,6 +16,7 @@ mod events;
 mod files;
 mod finish;
 mod measure;
+mod negatives;
 #[path = "../common/perceptual_weights.rs"]
 mod perceptual_weights;
 mod raw;

@@ -266,10 +266,12 @@ fn negatives_are_a_bracket_by_their_own_times_and_sensitivities() {
 #[test]
 fn negatives_that_are_not_read_say_why() {
     let scratch = scratch();
-    fs::write(scratch.path().join("a.dng"), negative(Negative { compression: 7, ..Negative::default() }))
-        .unwrap();
-    let said = fail(scratch.path(), &[&["restore", "a.dng", "-o", "out.exr"][..], &HOW].concat(), 1);
-    assert!(said.contains("a.dng") && said.contains("uncompressed"), "{said}");
+    for (compression, why) in [(34892, "uncompressed"), (7, "a marker is missing"), (9, "compression 9")] {
+        let file = negative(Negative { compression, ..Negative::default() });
+        fs::write(scratch.path().join("a.dng"), file).unwrap();
+        let said = fail(scratch.path(), &[&["restore", "a.dng", "-o", "out.exr"][..], &HOW].concat(), 1);
+        assert!(said.contains("a.dng") && said.contains(why), "{said}");
+    }
     let whole = negative(Negative::default());
     let path = scratch.path().join("damaged.dng");
     for length in (0..whole.len()).step_by(97) {

@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use udc::core::io::{
     ArrayDescription, BankDescription, Description, ImageDescription, ModelDescription, PsfDescription,
+    RawMetadata,
 };
 
 /// Lines of text without a newline at the end.
@@ -35,6 +36,9 @@ fn render_image(text: &mut String, image: &ImageDescription) -> std::fmt::Result
     if let Some(iso) = image.iso {
         writeln!(text, "  ISO       {}", number(iso))?;
     }
+    if let Some(raw) = &image.raw {
+        render_raw(text, raw)?;
+    }
     writeln!(
         text,
         "  channel {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10}",
@@ -55,6 +59,17 @@ fn render_image(text: &mut String, image: &ImageDescription) -> std::fmt::Result
     }
     if let Some(provenance) = &image.provenance {
         writeln!(text, "  made by   {} {} {}", provenance.program, provenance.command, provenance.config)?;
+    }
+    Ok(())
+}
+
+fn render_raw(text: &mut String, raw: &RawMetadata) -> std::fmt::Result {
+    if let Some(pattern) = raw.bayer {
+        writeln!(text, "  mosaic    {}", format!("{pattern:?}").to_uppercase())?;
+    }
+    writeln!(text, "  levels    black {}, white {}", number(raw.black), number(raw.white))?;
+    if let Some([red, green, blue]) = raw.white_balance {
+        writeln!(text, "  gains     {} {} {}", number(red), number(green), number(blue))?;
     }
     Ok(())
 }

@@ -29,6 +29,7 @@ mod tiff_directory;
 use std::path::Path;
 
 use ndarray::{Array3, ArrayView2, ArrayView3, Axis, concatenate};
+use serde::Serialize;
 
 use super::bayer::BayerPattern;
 use super::error::{Error, Result};
@@ -110,7 +111,7 @@ pub struct Pixels {
 }
 
 /// What a camera's raw file says of its values; levels are in the units of the planes.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RawMetadata {
     /// The colours of the mosaic; none for three full planes.
     pub bayer: Option<BayerPattern>,

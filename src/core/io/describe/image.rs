@@ -3,7 +3,7 @@
 use ndarray::{Array3, Axis};
 use serde::Serialize;
 
-use crate::core::io::{DomainTag, Encoding, Pixels};
+use crate::core::io::{DomainTag, Encoding, Pixels, RawMetadata};
 use crate::core::provenance::Provenance;
 
 /// An image file.
@@ -23,6 +23,9 @@ pub struct ImageDescription {
     pub exposure_s: Option<f64>,
     /// The sensitivity (ISO) that the file declares.
     pub iso: Option<f64>,
+    /// What a camera's raw file says of its values.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub raw: Option<RawMetadata>,
     /// Number of values that are NaN or infinite.
     pub non_finite: usize,
     /// Number of values below zero.
@@ -62,6 +65,7 @@ pub(super) fn describe_image(pixels: Pixels, encoding: Encoding) -> ImageDescrip
         domain: pixels.domain.map(DomainTag::name),
         exposure_s: pixels.exposure_s,
         iso: pixels.iso,
+        raw: pixels.raw,
         non_finite: pixels.planes.iter().filter(|value| !value.is_finite()).count(),
         negative: pixels.planes.iter().filter(|value| **value < 0.0).count(),
         channels: channel_statistics(&pixels.planes),

@@ -1,8 +1,12 @@
 //! Reads the raw image of a digital negative (DNG 1.7): the values of the photosites, and what the file says of them.
 //!
-//! The raw image lies in the first directory or in one inside of it, beside previews. It is stored as a grey or RGB TIFF
-//! image is, but for what its samples are declared to be: it is decoded as such, cut to its active area, and every
-//! photosite brought to the same black level.
+//! The raw image lies in the first directory or in one inside of it, beside previews. Where it is stored as a grey or RGB
+//! TIFF image is, but for what its samples are declared to be, it is decoded as such; where it is packed, or compressed
+//! as lossless JPEG, by [`samples`]. Then it is made linear, cut to its active area, and every photosite brought to the
+//! same black level.
+
+mod lossless_jpeg;
+mod samples;
 
 use std::path::Path;
 
@@ -32,9 +36,9 @@ const ACTIVE_AREA: u16 = 50829;
 const CFA: usize = 32803;
 const LINEAR_RAW: usize = 34892;
 
-/// Values of [`COMPRESSION`]: none, LZW, deflate by two names; lossless or lossy JPEG.
+/// Values of [`COMPRESSION`]: none, LZW, deflate by two names; lossy JPEG and JPEG XL.
 const DECODED: [usize; 4] = [1, 5, 8, 32946];
-const JPEG: [usize; 2] = [7, 34892];
+const LOSSY: [usize; 2] = [34892, 52546];
 
 /// The most directories that are looked at: files have a raw image and a few previews.
 const MAX_DIRECTORIES: usize = 32;
@@ -54,12 +58,22 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
         .ok_or_else(|| damaged("is a DNG without a raw image; export it from the camera again".into()))?;
     check_encoding(&raw).map_err(damaged)?;
     let is_mosaic = raw.number(PHOTOMETRIC) == Some(CFA);
-    let promoted = raw.promoted(if is_mosaic { GREY } else { RGB });
-    let promoted = promoted.ok_or_else(|| damaged("is damaged: its raw directory is incomplete".into()))?;
-    let (pixels, encoding) = raster::decode(path, &promoted, Format::Tiff, false)?;
-    let mut planes = active_area(pixels.planes, &raw).map_err(damaged)?;
-    let largest = largest_value(&encoding);
-    let metadata = levelled(&mut planes, &raw, largest).map_err(damaged)?;
+    let (mut planes, mut encoding) = if samples::are_known(&raw) {
+        let planes = samples::decode(&raw).map_err(damaged)?.mapv(|value| f32::from(value) / WHOLE);
+        (planes, Encoding { format: Format::Tiff, sample_type: "uint16".to_owned() })
+    } else {
+        let promoted = raw.promoted(if is_mosaic { GREY } else { RGB });
+        let promoted =
+            promoted.ok_or_else(|| damaged("is damaged: its raw directory is incomplete".into()))?;
+        let (pixels, encoding) = raster::decode(path, &promoted, Format::Tiff, false)?;
+        (pixels.planes, encoding)
+    };
+    if let Some(table) = raw.numbers(LINEARIZATION_TABLE) {
+        linearise(&mut planes, &table, largest_value(&encoding)).map_err(damaged)?;
+        encoding.sample_type = "uint16".to_owned();
+    }
+    let mut planes = active_area(planes, &raw).map_err(damaged)?;
+    let metadata = levelled(&mut planes, &raw, largest_value(&encoding)).map_err(damaged)?;
     let bayer = is_mosaic.then(|| pattern_of(&raw)).transpose().map_err(damaged)?;
     let white_balance = gains_of(&raw).or_else(|| gains_of(&root));
     let in_exif =
@@ -79,12 +93,13 @@ fn raw_of(directories: Vec<Directory<'_>>) -> Option<Directory<'_>> {
 
 fn check_encoding(raw: &Directory<'_>) -> Result<(), String> {
     let compression = raw.number(COMPRESSION).unwrap_or(1);
-    if JPEG.contains(&compression) {
-        return Err(
-            "is a DNG compressed as JPEG, which is not read; convert it to an uncompressed DNG (in Adobe \
-                    DNG Converter: compatibility custom, uncompressed)"
-                .into(),
-        );
+    if LOSSY.contains(&compression) {
+        return Err("is a DNG compressed as lossy JPEG or JPEG XL, which is not read; convert it to an uncompressed DNG \
+                    (in Adobe DNG Converter: compatibility custom, uncompressed)"
+            .into());
+    }
+    if samples::are_known(raw) {
+        return Ok(());
     }
     if !DECODED.contains(&compression) {
         return Err(format!(
@@ -94,18 +109,31 @@ fn check_encoding(raw: &Directory<'_>) -> Result<(), String> {
     if let Some(bits) = raw.number(BITS).filter(|bits| ![8, 16, 32].contains(bits)) {
         return Err(format!("is a DNG of {bits} bits a sample, which is not read; write it with 16"));
     }
-    if raw.numbers(LINEARIZATION_TABLE).is_some() {
-        return Err(
-            "is a DNG whose values need a linearisation table, which is not read; write it linear".into()
-        );
-    }
     Ok(())
 }
+
+/// Replaces integers by their entries in a table, the last one for those behind it.
+fn linearise(planes: &mut Array3<f32>, table: &[usize], largest: f64) -> Result<(), String> {
+    let entry = |&value: &usize| u16::try_from(value).ok().map(|value| f32::from(value) / WHOLE);
+    let table = table.iter().map(entry).collect::<Option<Vec<_>>>();
+    let Some((table, last)) = table.as_ref().and_then(|table| Some((table, table.last()?))) else {
+        return Err("is damaged: its linearisation table is not of 16 bits".to_owned());
+    };
+    planes.mapv_inplace(|value| {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an integer of 16 bits")]
+        let index = (f64::from(value) * largest).round() as usize;
+        *table.get(index).unwrap_or(last)
+    });
+    Ok(())
+}
+
+/// The number that integers of 16 bits are divided by.
+const WHOLE: f32 = u16::MAX as f32;
 
 fn largest_value(encoding: &Encoding) -> f64 {
     match encoding.sample_type.as_str() {
         "uint8" => f64::from(u8::MAX),
-        "uint16" => f64::from(u16::MAX),
+        "uint16" => f64::from(WHOLE),
         _ => 1.0,
     }
 }
@@ -126,8 +154,11 @@ fn active_area(planes: Array3<f32>, raw: &Directory<'_>) -> Result<Array3<f32>, 
 fn levelled(planes: &mut Array3<f32>, raw: &Directory<'_>, largest: f64) -> Result<RawMetadata, String> {
     let channels = planes.dim().0;
     let in_planes = |levels: Vec<f64>| levels.into_iter().map(|level| level / largest).collect::<Vec<_>>();
-    let white =
-        raw.reals(WHITE_LEVEL).map_or(1.0, |levels| in_planes(levels).into_iter().fold(1.0, f64::min));
+    // Without a level, white is the largest number that the file's samples hold.
+    let whole =
+        raw.number(BITS).filter(|bits| *bits < 16).map_or(largest, |bits| f64::from((1_u32 << bits) - 1));
+    let white = raw.reals(WHITE_LEVEL).unwrap_or_else(|| vec![whole]);
+    let white = in_planes(white).into_iter().fold(1.0, f64::min);
     let blacks = raw.reals(BLACK_LEVEL).map_or(vec![0.0], in_planes);
     let (rows, columns) = match raw.numbers(BLACK_LEVEL_REPEAT).as_deref() {
         None => (1, 1),
