@@ -121,9 +121,11 @@ pub(crate) struct EvalArgs {
     allow_missing: bool,
 }
 
-/// The files, beside plots, that an evaluation writes when it is asked for them.
-const FURTHER_RESULTS: [&str; 6] =
-    ["regions.csv", "mismatch.json", "mismatch.csv", "ldr.json", "ldr.csv", "ldr.png"];
+/// The files, beside plots, that an evaluation writes when it is asked for them: the regions' numbers; a mismatch's
+/// matrices; what a monitor as the source would miss.
+const REGIONS_CSV: &str = "regions.csv";
+const MISMATCH: [&str; 2] = ["mismatch.json", "mismatch.csv"];
+const LDR: [&str; 3] = ["ldr.json", "ldr.csv", "ldr.png"];
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum SplitArg {
@@ -191,9 +193,10 @@ impl EvalArgs {
             self.write_mismatch(&matrices, &outputs)?;
         }
         if let Some(compared) = compared {
-            outputs.write("ldr.json", format!("{:#}\n", compared.to_json()).as_bytes())?;
-            outputs.write("ldr.csv", compared.to_csv().as_bytes())?;
-            outputs.write("ldr.png", compared.to_png())?;
+            let [json, csv, png] = LDR;
+            outputs.write(json, format!("{:#}\n", compared.to_json()).as_bytes())?;
+            outputs.write(csv, compared.to_csv().as_bytes())?;
+            outputs.write(png, compared.to_png())?;
             session.tell(compared.summary());
         }
         self.finish(&evaluation, &outputs, session)
@@ -239,17 +242,17 @@ impl EvalArgs {
         session: &Session,
     ) -> Result<Outputs<'a>> {
         let mut names = outputs::RESULTS.map(str::to_owned).to_vec();
-        names.extend(self.regions.then(|| "regions.csv".to_owned()));
+        names.extend(self.regions.then(|| REGIONS_CSV.to_owned()));
         let metrics = || config.metrics.iter().map(Measure::metric);
         names.extend(metrics().flat_map(plots::names));
         if self.mismatch {
             let plots =
                 (1..=told).flat_map(|number| metrics().map(move |m| plots::name_of_matrix(m, number)));
             names.extend(plots);
-            names.extend(["mismatch.json", "mismatch.csv"].map(str::to_owned));
+            names.extend(MISMATCH.map(str::to_owned));
         }
         if self.ldr.is_some() {
-            names.extend(["ldr.json", "ldr.csv", "ldr.png"].map(str::to_owned));
+            names.extend(LDR.map(str::to_owned));
         }
         for comparison in comparisons {
             let pictures = self.pictures(&self.name_of_dataset(&comparison.dataset.root));
@@ -260,9 +263,10 @@ impl EvalArgs {
     }
 
     fn write_mismatch(&self, matrices: &[Matrix], outputs: &Outputs<'_>) -> Result<()> {
-        let json: Vec<_> = matrices.iter().map(Matrix::to_json).collect();
-        outputs.write("mismatch.json", format!("{:#}\n", json!({"matrices": json})).as_bytes())?;
-        outputs.write("mismatch.csv", Matrix::to_csv(matrices).as_bytes())?;
+        let [json, csv] = MISMATCH;
+        let of_each: Vec<_> = matrices.iter().map(Matrix::to_json).collect();
+        outputs.write(json, format!("{:#}\n", json!({"matrices": of_each})).as_bytes())?;
+        outputs.write(csv, Matrix::to_csv(matrices).as_bytes())?;
         let mut methods: Vec<&str> = Vec::new();
         for matrix in matrices {
             if methods.last() != Some(&matrix.method.as_str()) {
@@ -278,7 +282,7 @@ impl EvalArgs {
     fn finish(&self, evaluation: &Evaluation, outputs: &Outputs<'_>, session: &Session) -> Result<()> {
         outputs.write_results(evaluation)?;
         if self.regions {
-            outputs.write("regions.csv", evaluation.regions_to_csv().as_bytes())?;
+            outputs.write(REGIONS_CSV, evaluation.regions_to_csv().as_bytes())?;
         }
         for (name, svg) in plots::draw(evaluation) {
             outputs.write(&name, svg.as_bytes())?;

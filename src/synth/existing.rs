@@ -52,7 +52,8 @@ impl Place {
             place.outdated = place.outdated_lists(synthesis, &names);
         } else if names.contains(&CONFIG_FILE.to_owned()) {
             place.join(&DatasetConfig::read(&place.root)?, synthesis, existing, &names)?;
-        } else if names.iter().any(|name| !is_hidden(name)) && !place.is_begun(&synthesis.config, &names) {
+        } else if names.iter().any(|name| !io::is_hidden(name)) && !place.is_begun(&synthesis.config, &names)
+        {
             return place
                 .refuse("is not empty and holds no dataset; name another folder, or pass --overwrite");
         }
@@ -106,7 +107,7 @@ impl Place {
     fn is_begun(&self, config: &DatasetConfig, names: &[String]) -> bool {
         let field = Path::new(FIELD_FILE);
         let comes_first = |name: &str| {
-            is_hidden(name)
+            io::is_hidden(name)
                 || [&config.bank, FIELD_FILE].contains(&name)
                 || field.file_stem().is_some_and(|folder| folder == name)
         };
@@ -208,11 +209,6 @@ fn first_dealt_otherwise<'a>(scenes: &'a [Scene], listed: &[Triplet]) -> Option<
         let split = sources.get(scene.source.as_str());
         ids.contains(scene.id.as_str()) || split.is_some_and(|split| *split != scene.split)
     })
-}
-
-/// Whether a name is one of those that folder listings leave out; temporary files have such names.
-fn is_hidden(name: &str) -> bool {
-    name.starts_with('.')
 }
 
 const SPLITS: [Split; 3] = [Split::Train, Split::Test, Split::Val];

@@ -8,7 +8,7 @@ use udc::core::io;
 use udc::eval::Evaluation;
 
 use super::pictures::{self, PictureName};
-use super::{FURTHER_RESULTS, plots};
+use super::{LDR, MISMATCH, REGIONS_CSV, plots};
 
 /// The files that every evaluation writes.
 pub(in crate::commands) const RESULTS: [&str; 3] = ["metrics.json", "metrics.csv", "table.md"];
@@ -65,7 +65,7 @@ impl<'a> Outputs<'a> {
 
     fn earlier_results(&self) -> Result<Vec<String>> {
         let is_own = |name: &String| {
-            let own = RESULTS.iter().chain(&FURTHER_RESULTS);
+            let own = RESULTS.iter().chain(&MISMATCH).chain(&LDR).chain([&REGIONS_CSV]);
             own.into_iter().any(|own| own == name) || plots::is_plot(name)
         };
         Ok(list(self.folder)?.into_iter().filter(is_own).collect())

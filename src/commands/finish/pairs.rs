@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 
-use udc::core::io::{expand_inputs, list_folder};
+use udc::core::io::{expand_inputs, is_hidden, list_folder};
 
 use super::FinishArgs;
 use crate::commands::Session;
@@ -80,7 +80,7 @@ impl Companion {
             None => Ok(Self::Nothing),
             Some(path) if path.is_dir() => {
                 let mut names = list_folder(path)?;
-                names.retain(|name| !name.starts_with('.'));
+                names.retain(|name| !is_hidden(name));
                 Ok(Self::Folder { names, path: path.to_owned() })
             }
             Some(path) => Ok(Self::File(path.to_owned())),

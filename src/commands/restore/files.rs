@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 
-use udc::core::io::{expand_inputs, inspect_image, list_folder};
+use udc::core::io::{expand_inputs, inspect_image, is_hidden, list_folder};
 use udc::psf::{Bracket, fuse};
 
 use super::RestoreArgs;
@@ -139,7 +139,7 @@ fn brackets(inputs: &[PathBuf]) -> Result<Groups> {
     let mut in_folder = false;
     for folder in folders {
         let names = list_folder(&folder)?;
-        let shown = names.iter().filter(|name| !name.starts_with('.'));
+        let shown = names.iter().filter(|name| !is_hidden(name));
         let inner: Vec<PathBuf> = shown.map(|name| folder.join(name)).filter(|path| path.is_dir()).collect();
         let is_flat = inner.is_empty();
         in_folder |= !is_flat;

@@ -1,5 +1,6 @@
 //! Expands what a user names — files, folders, patterns — to a list of image files.
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use super::format::Format;
@@ -42,7 +43,7 @@ fn images_of_folder(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(read_error)? {
         let path = entry.map_err(read_error)?.path();
-        if path.is_file() && is_image(&path) && !is_hidden(&path) {
+        if path.is_file() && is_image(&path) && !path.file_name().is_some_and(is_hidden) {
             files.push(path);
         }
     }
@@ -62,9 +63,9 @@ fn is_image(path: &Path) -> bool {
     is_raw || Format::known_extension(path).is_some()
 }
 
-/// Whether the name begins with a dot, as those of the files that macOS keeps beside others.
-fn is_hidden(path: &Path) -> bool {
-    path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."))
+/// Whether a file's name begins with a dot, as those of temporary files and of what macOS keeps beside others.
+pub fn is_hidden(name: impl AsRef<OsStr>) -> bool {
+    name.as_ref().as_encoded_bytes().starts_with(b".")
 }
 
 fn files_of_pattern(input: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
