@@ -18,4 +18,5 @@ pub mod provenance;
 pub mod psf;
 pub mod resample;
 pub mod rng;
+pub mod spread;
 pub mod tone;

@@ -12,6 +12,7 @@ use crate::core::error::Result;
 use crate::core::image::ToneMappedImage;
 use crate::core::metrics::{Measure, Metric, MetricDefinition};
 use crate::core::rng;
+use crate::core::spread::spread;
 use crate::network::Model;
 use crate::network::weights::Weights;
 
@@ -73,12 +74,12 @@ pub(super) struct Validator {
 impl Validator {
     /// Cuts one crop out of each of `validation.images` items, spread evenly.
     pub(super) fn new(data: &dyn TrainingData, measures: &[Measure], config: &TrainConfig) -> Result<Self> {
-        let count = config.validation.images.min(data.len());
-        let patch = |i: usize| {
+        let patch = |(i, item): (usize, usize)| {
             let mut rng = rng::stream(config.seed, &format!("validation/{i}"));
-            data.patch(i * data.len() / count, config.validation.crop, &mut rng)
+            data.patch(item, config.validation.crop, &mut rng)
         };
-        let patches = (0..count).map(patch).collect::<Result<_>>()?;
+        let items = spread(config.validation.images, data.len()).enumerate();
+        let patches = items.map(patch).collect::<Result<_>>()?;
         Ok(Self { patches, measures: measures.to_vec() })
     }
 

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use udc::core::error::Result;
 use udc::core::image::ToneMappedImage;
 use udc::core::io::{self, WriteOptions};
+use udc::core::spread::spread;
 use udc::eval::{Method, Sample};
 
 /// The folder of the pictures, within that of the results.
@@ -45,8 +46,7 @@ impl Pictures {
         scene: &str,
         methods: &[Method],
     ) -> Vec<String> {
-        let count = self.count.min(total);
-        if !(0..count).any(|k| k * total / count == index) {
+        if !spread(self.count, total).any(|kept| kept == index) {
             return Vec::new();
         }
         let name =
@@ -80,7 +80,7 @@ mod tests {
     fn names_say_scene_place_and_method_whatever_the_method_is_called() {
         let pictures = Pictures { folder: PathBuf::new(), count: 2, prefix: "a.b_".to_owned() };
         let methods: Vec<Method> = (0..11).map(|number| Method::restored(format!("{number}.pth"))).collect();
-        let files = pictures.files((2, 4), "street_r+00", &methods);
+        let files = pictures.files((3, 4), "street_r+00", &methods);
         let mut read: Vec<_> = files.iter().map(|file| PictureName::of_file(file).unwrap()).collect();
         assert_eq!(read[0], PictureName { scene: "a.b_street_r+00", number: 1, what: "0-pth" });
         assert_eq!(read[11].what, "ground truth");
