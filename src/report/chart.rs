@@ -165,7 +165,8 @@ impl Frame {
     fn draw_axes(&self, svg: &mut String, axes: &Axes) -> std::fmt::Result {
         let (left, _, top, bottom) = MARGIN;
         let right = self.right();
-        for tick in ticks(self.y) {
+        let rising = if axes.log_y { log_ticks(self.y) } else { ticks(self.y) };
+        for tick in rising {
             let y = self.place((self.x.0, tick)).1;
             let label = if axes.log_y { format_number(10f64.powf(tick)) } else { format_number(tick) };
             writeln!(
@@ -266,6 +267,25 @@ pub(super) fn ticks((low, high): (f64, f64)) -> Vec<f64> {
     ticks
 }
 
+/// The logarithms of a few round numbers within a range of logarithms: of powers of ten, with threes, or with twos and
+/// fives between them where those are too few, and of numbers at equal distances within less.
+fn log_ticks((low, high): (f64, f64)) -> Vec<f64> {
+    const FEWEST: usize = 3;
+    let (first, last) = (low.floor(), high.ceil());
+    if last - first > 6.0 {
+        return ticks((low, high)).into_iter().filter(|tick| tick.fract() == 0.0).collect();
+    }
+    let decades =
+        || std::iter::successors(Some(first), |decade| Some(decade + 1.0)).take_while(|d| *d <= last);
+    let steps: [&[f64]; 3] = [&[1.0], &[1.0, 3.0], &[1.0, 2.0, 5.0]];
+    let mut candidates = steps.into_iter().map(|steps| {
+        let ticks = decades().flat_map(|decade| steps.iter().map(move |step: &f64| decade + step.log10()));
+        ticks.filter(|tick| (low..=high).contains(tick)).collect::<Vec<_>>()
+    });
+    let between = || ticks((10f64.powf(low), 10f64.powf(high))).into_iter().map(f64::log10).collect();
+    candidates.find(|ticks| ticks.len() >= FEWEST).unwrap_or_else(between)
+}
+
 pub(super) fn format_number(value: f64) -> String {
     let magnitude = value.abs();
     if magnitude != 0.0 && !(1e-3..1e5).contains(&magnitude) {
@@ -287,6 +307,19 @@ mod tests {
     fn ticks_are_round_and_inside() {
         assert_eq!(ticks((0.0, 1.0)), vec![0.0, 0.2, 0.4, 0.6000000000000001, 0.8, 1.0]);
         assert!(ticks((3.1, 97.0)).iter().all(|t| (3.1..=97.0).contains(t) && t % 20.0 == 0.0));
+    }
+
+    #[test]
+    fn logarithmic_ticks_stand_for_round_numbers() {
+        let shown = |low: f64, high: f64| {
+            let ticks = log_ticks((low.log10(), high.log10())).into_iter();
+            ticks.map(|tick| format_number(10f64.powf(tick))).collect::<Vec<_>>()
+        };
+        assert_eq!(shown(0.005, 2.0), ["0.01", "0.1", "1"]);
+        assert_eq!(shown(0.015, 0.4), ["0.03", "0.1", "0.3"]);
+        assert_eq!(shown(0.04, 0.25), ["0.05", "0.1", "0.2"]);
+        assert_eq!(shown(0.041, 0.062), ["0.045", "0.05", "0.055", "0.06"]);
+        assert_eq!(shown(1e-8, 1.0).first().map(String::as_str), Some("1.0e-8"));
     }
 
     #[test]
