@@ -34,7 +34,7 @@ use files::{Capture, Job};
 ///
 /// Several inputs, or a folder, are restored one after another into the folder OUT; a file that cannot be
 /// restored is named at the end, the others are done. With --exposures or --bracket the files are one bracket, and each
-/// folder is one. An uncompressed DNG says the mosaic's colours, levels, gains, exposure time and ISO itself.
+/// folder is one. A DNG says the mosaic's colours, levels, gains, exposure time and ISO itself.
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("how").required(true).args(["model", "method"]))]
 #[command(after_help = "Examples:\n  \

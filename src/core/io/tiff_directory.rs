@@ -33,6 +33,9 @@ const RATIONAL: u16 = 5;
 const SRATIONAL: u16 = 10;
 const IFD: u16 = 13;
 
+/// The most directories of a field that are looked at: files have a raw image and a few previews.
+const MAX_DIRECTORIES: usize = 32;
+
 /// One directory of a file.
 pub(super) struct Directory<'a> {
     bytes: &'a [u8],
@@ -64,9 +67,15 @@ impl<'a> Directory<'a> {
         Some(directory)
     }
 
-    /// The directories whose positions a field lists.
+    /// The directories whose positions a field lists, of which there are a few.
     pub(super) fn inner(&self, tag: u16) -> impl Iterator<Item = Self> + '_ {
-        self.numbers(tag).unwrap_or_default().into_iter().filter_map(|start| self.at(start))
+        let places = self.numbers(tag).unwrap_or_default();
+        places.into_iter().take(MAX_DIRECTORIES).filter_map(|start| self.at(start))
+    }
+
+    /// Length of the file in bytes.
+    pub(super) fn file_len(&self) -> usize {
+        self.bytes.len()
     }
 
     fn u16(&self, place: usize) -> Option<u16> {

@@ -23,11 +23,11 @@ const SCAN: u8 = 0xda;
 /// Frames of every other process; among them are markers of no frame, which are met before.
 const OTHER_FRAMES: Range<u8> = 0xc0..0xd0;
 
-/// Decodes an image, whose samples may have up to 16 bits.
+/// Decodes an image of up to `most` samples, which may have up to 16 bits.
 ///
 /// # Errors
 /// Why it is no such image, or what is damaged.
-pub(super) fn decode(bytes: &[u8]) -> Result<Samples, String> {
+pub(super) fn decode(bytes: &[u8], most: usize) -> Result<Samples, String> {
     let mut segments = Segments { bytes, at: 0 };
     if segments.marker()? != START {
         return Err("no JPEG starts where one should".to_owned());
@@ -42,6 +42,9 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Samples, String> {
             SCAN => {
                 let frame = frame.ok_or("a scan comes before its frame")?;
                 let scan = Scan::read(segments.segment()?, &frame, &tables)?;
+                if frame.columns * frame.lines * frame.components > most {
+                    return Err(format!("it has more samples than the {most} of its tile or strip"));
+                }
                 return scan.decode(&segments.bytes[segments.at..], &frame, restarts.into());
             }
             END => return Err("it has no scan".to_owned()),

@@ -13,7 +13,7 @@ use std::path::Path;
 use ndarray::{Array3, s};
 
 use super::format::{Encoding, Format};
-use super::tiff_directory::{BITS, COMPRESSION, Directory, GREY, PHOTOMETRIC, RGB, WIDTH};
+use super::tiff_directory::{BITS, COMPRESSION, Directory, GREY, PHOTOMETRIC, RGB, SAMPLES, WIDTH};
 use super::{Pixels, RawMetadata, raster};
 use crate::core::bayer::BayerPattern;
 use crate::core::error::{Error, Result};
@@ -28,6 +28,8 @@ const DNG_VERSION: u16 = 50706;
 const LINEARIZATION_TABLE: u16 = 50712;
 const BLACK_LEVEL_REPEAT: u16 = 50713;
 const BLACK_LEVEL: u16 = 50714;
+const BLACK_LEVEL_OF_COLUMN: u16 = 50715;
+const BLACK_LEVEL_OF_ROW: u16 = 50716;
 const WHITE_LEVEL: u16 = 50717;
 const AS_SHOT_NEUTRAL: u16 = 50728;
 const ACTIVE_AREA: u16 = 50829;
@@ -40,9 +42,6 @@ const LINEAR_RAW: usize = 34892;
 const DECODED: [usize; 4] = [1, 5, 8, 32946];
 const LOSSY: [usize; 2] = [34892, 52546];
 
-/// The most directories that are looked at: files have a raw image and a few previews.
-const MAX_DIRECTORIES: usize = 32;
-
 /// Whether a TIFF file says that it is a digital negative, or holds a mosaic as one does.
 pub(super) fn is_dng(bytes: &[u8]) -> bool {
     Directory::first(bytes)
@@ -53,7 +52,7 @@ pub(super) fn is_dng(bytes: &[u8]) -> bool {
 pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
     let damaged = |reason: String| Error::format(path, reason);
     let root = Directory::first(bytes).ok_or_else(|| damaged("is damaged: it has no directory".into()))?;
-    let inner = root.inner(SUB_DIRECTORIES).take(MAX_DIRECTORIES);
+    let inner = root.inner(SUB_DIRECTORIES);
     let raw = raw_of(std::iter::once(Directory::first(bytes)).flatten().chain(inner).collect())
         .ok_or_else(|| damaged("is a DNG without a raw image; export it from the camera again".into()))?;
     check_encoding(&raw).map_err(damaged)?;
@@ -74,7 +73,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
     }
     let mut planes = active_area(planes, &raw).map_err(damaged)?;
     let metadata = levelled(&mut planes, &raw, largest_value(&encoding)).map_err(damaged)?;
-    let bayer = is_mosaic.then(|| pattern_of(&raw)).transpose().map_err(damaged)?;
+    let bayer = if is_mosaic { pattern_of(&raw).map_err(damaged)? } else { None };
     let white_balance = gains_of(&raw).or_else(|| gains_of(&root));
     let in_exif =
         |tag| positive(&root, tag).or_else(|| root.inner(EXIF).find_map(|exif| positive(&exif, tag)));
@@ -93,6 +92,15 @@ fn raw_of(directories: Vec<Directory<'_>>) -> Option<Directory<'_>> {
 
 fn check_encoding(raw: &Directory<'_>) -> Result<(), String> {
     let compression = raw.number(COMPRESSION).unwrap_or(1);
+    let (samples, needed) = match raw.number(PHOTOMETRIC) {
+        Some(CFA) => (raw.number(SAMPLES).unwrap_or(1), 1),
+        _ => (raw.number(SAMPLES).unwrap_or(1), 3),
+    };
+    if samples != needed {
+        return Err(format!(
+            "is a DNG of {samples} samples a pixel, where {needed} are read; write it as a mosaic"
+        ));
+    }
     if LOSSY.contains(&compression) {
         return Err("is a DNG compressed as lossy JPEG or JPEG XL, which is not read; convert it to an uncompressed DNG \
                     (in Adobe DNG Converter: compatibility custom, uncompressed)"
@@ -150,9 +158,10 @@ fn active_area(planes: Array3<f32>, raw: &Directory<'_>) -> Result<Array3<f32>, 
     }
 }
 
-/// Reads the levels, and brings every photosite to the mean black level where they have several.
+/// Reads the levels, and brings every photosite to the mean black level where they have several: one for each place of a
+/// repeated pattern, and what each column and row adds.
 fn levelled(planes: &mut Array3<f32>, raw: &Directory<'_>, largest: f64) -> Result<RawMetadata, String> {
-    let channels = planes.dim().0;
+    let (channels, height, width) = planes.dim();
     let in_planes = |levels: Vec<f64>| levels.into_iter().map(|level| level / largest).collect::<Vec<_>>();
     // Without a level, white is the largest number that the file's samples hold.
     let whole =
@@ -165,21 +174,35 @@ fn levelled(planes: &mut Array3<f32>, raw: &Directory<'_>, largest: f64) -> Resu
         Some(&[rows, columns]) => (rows, columns),
         Some(_) => return Err("is damaged: its black levels have no repeat pattern".into()),
     };
-    let black = blacks.iter().sum::<f64>() / blacks.len() as f64;
-    if blacks.iter().chain([&white]).any(|level| !level.is_finite()) || blacks.iter().any(|&b| b >= white) {
-        return Err(format!("is damaged: black levels {blacks:?} do not lie below white {white}"));
+    let added = |tag: u16, count: usize| {
+        let levels = raw.reals(tag).map_or(vec![0.0; count], in_planes);
+        let is_whole = levels.len() == count && levels.iter().all(|level| level.is_finite());
+        is_whole
+            .then_some(levels)
+            .ok_or("is damaged: its black levels of rows or columns do not fit its size")
+    };
+    let (of_columns, of_rows) = (added(BLACK_LEVEL_OF_COLUMN, width)?, added(BLACK_LEVEL_OF_ROW, height)?);
+    let mean = |levels: &[f64]| levels.iter().sum::<f64>() / levels.len() as f64;
+    let black = mean(&blacks) + mean(&of_columns) + mean(&of_rows);
+    let highest = |levels: &[f64]| levels.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let darkest = highest(&blacks) + highest(&of_columns) + highest(&of_rows);
+    if blacks.iter().chain([&white]).any(|level| !level.is_finite()) || darkest >= white {
+        return Err(format!("is damaged: black levels up to {darkest} do not lie below white {white}"));
     }
     let metadata = RawMetadata { bayer: None, black, white, white_balance: None };
-    if blacks.iter().all(|&b| (b - black).abs() < f64::EPSILON) {
+    let is_even = |levels: &[f64]| levels.iter().all(|&level| (level - levels[0]).abs() < f64::EPSILON);
+    if [&blacks, &of_columns, &of_rows].into_iter().all(|levels| is_even(levels)) {
         return Ok(metadata);
     }
     // Some writers give one level a channel and leave the repeat pattern out.
     let count = rows.checked_mul(columns).and_then(|sites| sites.checked_mul(channels));
+    let blacks = if is_even(&blacks) { vec![blacks[0]; count.unwrap_or(0).min(64)] } else { blacks };
     if count != Some(blacks.len()) {
         return Err(format!("is damaged: {} black levels for {rows} × {columns} photosites", blacks.len()));
     }
     for ((channel, y, x), value) in planes.indexed_iter_mut() {
-        let here = blacks[(y % rows * columns + x % columns) * channels + channel];
+        let here =
+            blacks[(y % rows * columns + x % columns) * channels + channel] + of_columns[x] + of_rows[y];
         let light = (f64::from(*value) - here) / (white - here);
         #[expect(clippy::cast_possible_truncation, reason = "images are kept in 32 bit")]
         let levelled = (black + light * (white - black)) as f32;
@@ -188,13 +211,13 @@ fn levelled(planes: &mut Array3<f32>, raw: &Directory<'_>, largest: f64) -> Resu
     Ok(metadata)
 }
 
-/// The colours of the first two rows.
-fn pattern_of(raw: &Directory<'_>) -> Result<BayerPattern, String> {
-    let sites = raw.numbers(CFA_PATTERN).unwrap_or_default();
+/// The colours of the first two rows; none where the file does not say them.
+fn pattern_of(raw: &Directory<'_>) -> Result<Option<BayerPattern>, String> {
+    let Some(sites) = raw.numbers(CFA_PATTERN) else { return Ok(None) };
     let repeats = raw.numbers(CFA_REPEAT).is_none_or(|repeat| repeat == [2, 2]);
     let pattern = <[usize; 4]>::try_from(sites).ok().filter(|_| repeats).and_then(BayerPattern::of_sites);
-    pattern
-        .ok_or_else(|| "is a DNG whose mosaic is no Bayer pattern; it cannot be demosaiced here".to_owned())
+    let reason = "is a DNG whose mosaic is no Bayer pattern; it cannot be demosaiced here";
+    pattern.map(Some).ok_or_else(|| reason.to_owned())
 }
 
 /// Gains that make neutral colours grey, 1 for green.

@@ -104,13 +104,17 @@ impl<'a> Image<'a> {
         let [area, chunk_area] = [(height, width), (self.chunk_height, self.chunk_width)]
             .map(|(rows, columns)| rows.checked_mul(columns).filter(|area| (1..=MAX_PIXELS).contains(area)));
         let sizes = area.zip(chunk_area).filter(|_| (1..=4).contains(&channels));
-        let (Some((area, _)), true) = (sizes, self.chunks.len() >= self.across() * self.down()) else {
+        let (Some(_), true) = (sizes, self.chunks.len() >= self.across() * self.down()) else {
             return Err(format!("is damaged: {height} × {width} × {channels} samples are not in its tiles"));
         };
-        // Each sample takes one bit at least.
-        let stored: usize = self.chunks.iter().map(|chunk| chunk.len()).sum();
-        if area * channels > stored.saturating_mul(8) {
-            return Err(format!("is truncated or damaged: {height} × {width} pixels in {stored} bytes"));
+        // Each sample takes a bit at least, and no two tiles the same; tiles are whole, and strips end with the image.
+        let is_tiled = raw.number(TILE_WIDTH).is_some();
+        let rows = if is_tiled { self.down() * self.chunk_height } else { height };
+        let (decoded, length) = (rows * (self.across() * self.chunk_width) * channels, raw.file_len());
+        if decoded > length.saturating_mul(8) {
+            return Err(format!(
+                "is truncated or damaged: {height} × {width} pixels do not fit in its {length} bytes"
+            ));
         }
         Ok(())
     }
@@ -134,7 +138,7 @@ impl<'a> Image<'a> {
         let lines = self.chunk_height.min(self.height - self.place(index).0);
         let chunk = self.chunks[index];
         let samples = if self.is_jpeg {
-            let samples = lossless_jpeg::decode(chunk).map_err(|reason| {
+            let samples = lossless_jpeg::decode(chunk, self.chunk_height * per_line).map_err(|reason| {
                 format!("is a DNG whose compressed raw image is damaged or not read: {reason}")
             })?;
             // Some writers store tiles as images of another shape, line after line.
