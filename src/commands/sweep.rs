@@ -103,7 +103,9 @@ impl SweepArgs {
                 }
             }
         }
-        sweep.write_tables(&rows, &failed)?;
+        if !rows.is_empty() || !self.output.join("table.md").exists() {
+            sweep.write_tables(&rows, &failed)?;
+        }
         if failed.is_empty() {
             return Ok(());
         }

@@ -27,6 +27,9 @@ const FIRST: &str = "first-moment/";
 const SECOND: &str = "second-moment/";
 const AVERAGE: &str = "average/";
 
+/// How the names of checkpoints end that are not complete.
+const DRAFT: &str = ".partial";
+
 /// What is put before the names of what the data are told apart by.
 const DATA: &str = "data/";
 
@@ -69,12 +72,37 @@ impl Checkpoints {
         Ok(iterations)
     }
 
+    /// Marks that the run has weights of its own from the start, until a checkpoint holds them.
+    pub(super) fn await_first(&self) -> Result<()> {
+        io::create_folder(&self.draft(0))
+    }
+
+    /// Whether a run was stopped before it kept the weights that it began with.
+    pub(super) fn awaits_first(&self) -> Result<bool> {
+        Ok(self.iterations()?.is_empty() && self.draft(0).is_dir())
+    }
+
+    /// Where a checkpoint is written before it is complete.
+    fn draft(&self, iteration: u64) -> PathBuf {
+        self.folder.join(format!("{iteration}{DRAFT}"))
+    }
+
+    /// Removes checkpoints that an interrupted save left incomplete.
+    pub(super) fn remove_unfinished(&self) -> Result<()> {
+        if !self.folder.is_dir() {
+            return Ok(());
+        }
+        let names = io::list_folder(&self.folder)?;
+        let mut drafts = names.iter().filter(|name| name.ends_with(DRAFT));
+        drafts.try_for_each(|name| io::remove(&self.folder.join(name)))
+    }
+
     /// Saves a checkpoint, unless there is one of this iteration, and removes all but the latest `keep`.
     pub(super) fn save(&self, checkpoint: &Checkpoint, model: &Weights, keep: usize) -> Result<()> {
         let iteration = checkpoint.state.iteration;
         let path = self.folder.join(iteration.to_string());
         if !path.is_dir() {
-            let draft = self.folder.join(format!("{iteration}.partial"));
+            let draft = self.draft(iteration);
             io::remove(&draft)?;
             io::create_folder(&draft)?;
             weights::write(&draft.join(MODEL_FILE), model, false)?;
@@ -94,11 +122,7 @@ impl Checkpoints {
         architecture: &Architecture,
         warn: &dyn Fn(&str),
     ) -> Result<Option<Checkpoint>> {
-        if self.folder.is_dir() {
-            for name in io::list_folder(&self.folder)?.iter().filter(|name| name.ends_with(".partial")) {
-                io::remove(&self.folder.join(name))?;
-            }
-        }
+        self.remove_unfinished()?;
         let mut damaged: Vec<(PathBuf, Error)> = Vec::new();
         for iteration in self.iterations()?.into_iter().rev() {
             let path = self.folder.join(iteration.to_string());

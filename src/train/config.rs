@@ -105,17 +105,18 @@ impl DataConfig {
     fn check_size(&self) -> Result<()> {
         /// Degraded and clean crop of three channels.
         const PIXEL_BYTES: u128 = 2 * 3 * size_of::<f32>() as u128;
-        /// What a network computes of a batch takes a hundred times its images and more.
-        const BATCH_BYTES: u128 = 4 << 30;
+        /// What a network computes of a batch takes a hundred times its images and more: 16 crops of 800 × 800 make
+        /// as many bytes, and the full network takes some 60 GiB for them.
+        const BATCH_BYTES: u128 = 256 << 20;
         const STEP_SAMPLES: u128 = 1 << 24;
         let [crop, batch, accumulate] = [self.crop, self.batch, self.accumulate].map(|count| count as u128);
         let bytes = batch.saturating_mul(crop.saturating_mul(crop).saturating_mul(PIXEL_BYTES));
         if bytes > BATCH_BYTES {
             let reason = format!(
-                "{batch} × {crop} × {crop} pixels take {} GiB before anything is computed of them, more than {}; make \
+                "{batch} × {crop} × {crop} pixels take {} MiB before anything is computed of them, more than {}; make \
                  data.batch or data.crop smaller (data.accumulate adds up batches)",
-                bytes >> 30,
-                BATCH_BYTES >> 30
+                bytes >> 20,
+                BATCH_BYTES >> 20
             );
             return Err(Error::config("data.batch", reason));
         }
@@ -447,7 +448,7 @@ mod tests {
         }
         assert!(message("", &["data.batch=0"]).contains("data.batch: must be at least 1"));
         let large = message("", &["data.batch=100000000"]);
-        assert!(large.contains("data.batch: 100000000 × 256 × 256 pixels take 146484 GiB"), "{large}");
+        assert!(large.contains("data.batch: 100000000 × 256 × 256 pixels take 150000000 MiB"), "{large}");
         assert!(message("", &["data.crop=4000000000"]).contains("data.batch: 1 × 4000000000"));
         assert!(message("", &["data.accumulate=100000000"]).contains("at most 16777216"));
         assert!(message("", &["optimizer.beta1=1.0"]).contains("optimizer.beta1"));

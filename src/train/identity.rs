@@ -12,6 +12,8 @@ pub struct DataIdentity {
     pub images_sha256: Option<String>,
     /// SHA-256 of the kernel bank behind the codes, where there is one.
     pub kernel_bank_sha256: Option<String>,
+    /// SHA-256 of the kernel codes, where no bank is behind them.
+    pub codes_sha256: Option<String>,
     /// φ∘C of the images.
     pub tone_curve: ToneCurve,
 }
@@ -23,6 +25,7 @@ impl DataIdentity {
         let parts = [
             ("images-sha256", self.images_sha256.clone()),
             ("kernel-bank-sha256", self.kernel_bank_sha256.clone()),
+            ("codes-sha256", self.codes_sha256.clone()),
             ("tone-curve", Some(format!("alpha {alpha}, x-max {x_max}"))),
         ];
         parts.into_iter().filter_map(|(name, part)| Some((name.to_owned(), part?))).collect()

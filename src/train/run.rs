@@ -3,6 +3,7 @@
 //!
 //! Each validation leaves pictures of its first images, `previews/<iteration>/<n>.png`: degraded, restored, clean.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -125,22 +126,19 @@ impl Job<'_> {
     fn open(&self, folder: &Path, start: Start, validator: Option<Validator>) -> Result<Run> {
         let checkpoints = Checkpoints::new(folder.join(CHECKPOINTS));
         let replaces = matches!(start, Start::Replace(_));
+        let mut lock = if folder.is_dir() { io::try_lock_folder(folder)? } else { None };
         let (initial, checkpoint) = match start {
             Start::New(initial) => {
                 refuse_run(folder)?;
+                checkpoints.remove_unfinished()?;
                 (initial, None)
             }
             Start::Replace(initial) => (initial, None),
-            Start::Resume => {
-                self.check_same(folder)?;
-                remove_unfinished(folder)?;
-                (None, checkpoints.latest(&self.config.architecture, self.warn)?)
-            }
+            Start::Resume => (None, self.latest(folder, &checkpoints)?),
         };
         let begins_with_weights = initial.is_some();
         let (trainer, best) = match checkpoint {
-            Some(Checkpoint { state, best, data }) => {
-                self.identity.check_same(&data)?;
+            Some(Checkpoint { state, best, .. }) => {
                 (Trainer::from_state(self.config, state, self.data.len(), self.backend)?, best)
             }
             None => (Trainer::new(self.config, initial, self.data.len(), self.backend)?, None),
@@ -153,6 +151,13 @@ impl Job<'_> {
             remove_run(folder)?;
         }
         io::create_folder(folder)?;
+        if lock.is_none() {
+            lock = io::try_lock_folder(folder)?;
+        }
+        if begins_with_weights {
+            // A run that is killed before its first checkpoint must not be resumed from random weights.
+            checkpoints.await_first()?;
+        }
         let text = self.config.to_toml();
         io::write_atomically(&folder.join(CONFIG_FILE), true, |out| out.write_all(text.as_bytes()))?;
         let log = open_log(&folder.join(LOG_FILE), trainer.iteration())?;
@@ -160,6 +165,7 @@ impl Job<'_> {
         let folder = folder.to_owned();
         let run = Run {
             folder,
+            _lock: lock,
             checkpoints,
             log,
             events,
@@ -170,10 +176,30 @@ impl Job<'_> {
             last_validation: None,
         };
         if begins_with_weights {
-            // A run that is killed before its first checkpoint must not be resumed from random weights.
             run.save_checkpoint(self)?;
         }
         Ok(run)
+    }
+
+    /// The checkpoint that a run goes on from; none where it had not come to one.
+    fn latest(&self, folder: &Path, checkpoints: &Checkpoints) -> Result<Option<Checkpoint>> {
+        self.check_same(folder)?;
+        if checkpoints.awaits_first()? {
+            let reason = "the run began with weights of --init and was stopped before it kept them; begin it again, with \
+                          --init and without --resume";
+            return Err(Error::format(folder, reason));
+        }
+        remove_unfinished(folder)?;
+        let Some(checkpoint) = checkpoints.latest(&self.config.architecture, self.warn)? else {
+            return Ok(None);
+        };
+        self.identity.check_same(&checkpoint.data)?;
+        let (done, asked) = (checkpoint.state.iteration, self.config.iterations);
+        if done > asked {
+            let reason = format!("is {asked}, and the run has made {done} already; give at least as many");
+            return Err(Error::config("iterations", reason));
+        }
+        Ok(Some(checkpoint))
     }
 
     /// Refuses to resume a run under another configuration than its own.
@@ -205,7 +231,8 @@ impl Job<'_> {
 fn holds_run(folder: &Path) -> Result<bool> {
     let log = folder.join(LOG_FILE);
     let has_log = log.is_file() && !io::read_text(&log)?.is_empty();
-    Ok(has_log || [CHECKPOINTS, MODEL_FILE].iter().any(|name| folder.join(name).exists()))
+    let has_checkpoint = !Checkpoints::new(folder.join(CHECKPOINTS)).iterations()?.is_empty();
+    Ok(has_log || has_checkpoint || folder.join(MODEL_FILE).exists())
 }
 
 fn refuse_run(folder: &Path) -> Result<()> {
@@ -248,6 +275,8 @@ fn open_log(path: &Path, iteration: u64) -> Result<LineLog> {
 /// A run between two steps.
 struct Run {
     folder: PathBuf,
+    /// Keeps other processes from training in the folder.
+    _lock: Option<File>,
     checkpoints: Checkpoints,
     log: LineLog,
     events: EventLog,

@@ -91,6 +91,7 @@ impl Source {
             Self::Stored(dataset) => DataIdentity {
                 images_sha256: Some(triplets_sha256(dataset)),
                 kernel_bank_sha256: bank_sha256(dataset).map(str::to_owned),
+                codes_sha256: dataset.config.is_none().then(|| codes_sha256(dataset)),
                 tone_curve: dataset.formation.curve()?,
             },
             Self::OnTheFly(live, dataset) => DataIdentity {
@@ -98,6 +99,7 @@ impl Source {
                     dataset.as_ref().map_or_else(|| names_sha256(&live.scenes), triplets_sha256),
                 ),
                 kernel_bank_sha256: Some(live.bank_sha256.clone()),
+                codes_sha256: None,
                 tone_curve: live.curve,
             },
         })
@@ -116,6 +118,15 @@ pub(in crate::commands) fn triplets_sha256(dataset: &Dataset) -> String {
 /// SHA-256 of a dataset's kernel bank, where it has one.
 pub(in crate::commands) fn bank_sha256(dataset: &Dataset) -> Option<&str> {
     dataset.config.as_ref().map(|config| config.bank_sha256.as_str())
+}
+
+/// SHA-256 of a dataset's kernel codes.
+fn codes_sha256(dataset: &Dataset) -> String {
+    let mut hash = Sha256::new();
+    for number in dataset.codes().iter().flatten() {
+        hash.update(number.to_le_bytes());
+    }
+    hex(&hash.finalize())
 }
 
 /// SHA-256 of the names of images; their folder may move.

@@ -66,7 +66,9 @@ impl DatasetConfig {
             let reason = format!("has version {found}; this program reads version {VERSION}");
             return Err(Error::format(&path, reason));
         }
-        parse_toml(&text).map_err(|reason| Error::format(&path, reason))
+        let config: Self = parse_toml(&text).map_err(|reason| Error::format(&path, reason))?;
+        config.formation.curve().map_err(|error| Error::format(&path, error.to_string()))?;
+        Ok(config)
     }
 
     /// The text of `dataset.toml`.

@@ -131,9 +131,9 @@ impl Dataset {
         present.dedup();
         let present: Vec<_> = present.into_iter().map(Split::name).collect();
         let reason = format!(
-            "the dataset has no {} split (only {}); synthesise it from two sources or more",
-            split.name(),
-            present.join(", ")
+            "the dataset has no {name} split (only {}); make one with `udc synth SCENES --split {name}`",
+            present.join(", "),
+            name = split.name()
         );
         Err(Error::format(&self.root, reason))
     }
@@ -141,6 +141,11 @@ impl Dataset {
     /// The names of the kernels, in the order of the bank.
     pub fn kernel_names(&self) -> &[String] {
         &self.kernels
+    }
+
+    /// The kernels' codes, in the order of [`Self::kernel_names`].
+    pub fn codes(&self) -> &[KernelCode] {
+        &self.codes
     }
 
     /// Length of a kernel code, b; 0 when the kernels have none.

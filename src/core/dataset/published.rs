@@ -21,7 +21,14 @@ const KERNELS: usize = 9;
 pub(super) fn open(root: &Path) -> Result<Dataset> {
     let name = set_name(root)?;
     let codes = (1..=KERNELS)
-        .map(|i| io::read_code(&root.join(CODES).join(format!("{name}_code_{i}.npy"))))
+        .map(|i| {
+            let path = root.join(CODES).join(format!("{name}_code_{i}.npy"));
+            if !path.is_file() {
+                let reason = format!("is missing; the set has {KERNELS} codes, copy them all to {CODES}/");
+                return Err(Error::format(&path, reason));
+            }
+            io::read_code(&path)
+        })
         .collect::<Result<Vec<_>>>()?;
     let mut triplets = Vec::new();
     for split in [Split::Train, Split::Test, Split::Val] {

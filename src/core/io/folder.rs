@@ -1,6 +1,6 @@
 //! Makes, publishes and removes folders, and appends lines to logs: what a long run needs beside whole files.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
@@ -22,6 +22,24 @@ pub fn lock_folder(folder: &Path) -> Option<File> {
     let file = File::open(folder).ok()?;
     file.lock().ok()?;
     Some(file)
+}
+
+/// Holds a folder until the returned file is dropped, or the process ends, unless another process holds it.
+///
+/// As with [`lock_folder`], nothing is returned where folders cannot be locked.
+///
+/// # Errors
+/// [`Error::Format`] when another process holds it.
+pub fn try_lock_folder(folder: &Path) -> Result<Option<File>> {
+    let Ok(file) = File::open(folder) else { return Ok(None) };
+    match file.try_lock() {
+        Ok(()) => Ok(Some(file)),
+        Err(TryLockError::WouldBlock) => {
+            let reason = "another process is writing there; wait for its end, or name another folder";
+            Err(Error::format(folder, reason))
+        }
+        Err(TryLockError::Error(_)) => Ok(None),
+    }
 }
 
 /// Removes a folder with all that is in it, or a file; nothing happens when there is none.

@@ -56,6 +56,13 @@ pub fn read_tensors(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<BTreeM
 }
 
 fn read_file(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<TensorFile> {
+    if path.is_dir() {
+        let model = path.join("model.safetensors");
+        return Err(Error::format(
+            path,
+            format!("is a folder; name a file of weights, as {}", model.display()),
+        ));
+    }
     let is_safetensors =
         path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("safetensors"));
     if is_safetensors { tensors::read(path) } else { pytorch::read(path, wanted) }
