@@ -140,7 +140,18 @@ impl Place {
         }
         let ids: BTreeMap<&str, Split> = others.iter().map(|t| (t.id.as_str(), t.split)).collect();
         let sources: BTreeMap<&str, Split> = others.iter().map(|t| (t.source.as_str(), t.split)).collect();
-        for Scene { id, source, .. } in scenes {
+        let own = if self.list().is_file() { listed(&self.list())? } else { Vec::new() };
+        let is_given = |triplet: &Triplet| scenes.iter().any(|scene| scene.id == triplet.id);
+        let kept: Vec<&Triplet> = own.iter().filter(|triplet| !is_given(triplet)).collect();
+        for Scene { id, source, split, .. } in scenes {
+            if let Some(kept) = kept.iter().find(|kept| kept.source == *source && kept.split != *split) {
+                let reason = format!(
+                    "has scenes of {source} in its {} split, and scenes of one panorama stay together; give all scenes, \
+                     as before, or make the new ones in another folder",
+                    kept.split.name()
+                );
+                return self.refuse(&reason);
+            }
             if let Some(split) = ids.get(id.as_str()) {
                 let reason = format!("has a scene {id} in its {} split; rename the file", split.name());
                 return self.refuse(&reason);

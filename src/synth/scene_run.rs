@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::core::dataset::{FormationConfig, Triplet};
-use crate::core::error::Result;
+use crate::core::error::{Error, Result};
 use crate::core::fft::Spectrum;
 use crate::core::field::PsfField;
 use crate::core::image::{Linear, LinearImage};
@@ -92,7 +92,7 @@ impl<'a> Run<'a> {
         let image = io::read_image::<Linear>(&scene.path)?;
         let size = [image.height(), image.width()];
         let kernels = self.take_kernels(size)?;
-        self.write_ground_truth(scene, &image)?;
+        self.write_ground_truth(scene, &image, todo.len() < self.names.len())?;
         let reading = started.elapsed();
         let started = Instant::now();
         let light = match &self.synthesis.field {
@@ -126,9 +126,19 @@ impl<'a> Run<'a> {
         }
     }
 
-    fn write_ground_truth(&self, scene: &Scene, image: &LinearImage) -> Result<()> {
+    /// Writes the ground truth anew; where some images of it are kept, it must be what it was.
+    fn write_ground_truth(&self, scene: &Scene, image: &LinearImage, is_kept: bool) -> Result<()> {
         let ground_truth = self.formation.ground_truth(image);
         let path = self.folder.root().join(self.ground_truth_path(scene));
+        if is_kept && !is_same(&io::read_image::<Linear>(&path)?, &ground_truth, self.synthesis.config.half) {
+            let reason = format!(
+                "{} has images of another {} than the one that is there now; make them anew with --overwrite, or in \
+                 another folder",
+                self.folder.root().display(),
+                scene.path.display()
+            );
+            return Err(Error::config("output", reason));
+        }
         io::write_image(&path, &ground_truth, &self.write_options(scene, None))
     }
 
@@ -176,4 +186,12 @@ impl<'a> Run<'a> {
             provenance: Some(Provenance::new("synth", &origin)),
         }
     }
+}
+
+/// Whether a stored image is that of a scene, but for the rounding of half floats.
+fn is_same(stored: &LinearImage, image: &LinearImage, half: bool) -> bool {
+    let (relative, absolute) = if half { (1.0 / 1024.0, 1e-7) } else { (0.0, 0.0) };
+    let near = |(a, b): (&f32, &f32)| (a - b).abs() <= relative * b.abs() + absolute;
+    let sides = |image: &LinearImage| [image.height(), image.width()];
+    sides(stored) == sides(image) && stored.as_slice().iter().zip(image.as_slice()).all(near)
 }
