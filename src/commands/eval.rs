@@ -202,13 +202,8 @@ impl EvalArgs {
         self.finish(&evaluation, &outputs, session)
     }
 
-    /// The name of a dataset's folder, or its path where another has the same name.
     fn name_of_dataset(&self, root: &Path) -> String {
-        let name = name_of(root);
-        match self.dataset.iter().filter(|other| name_of(other) == name).count() {
-            1 => name,
-            _ => root.to_string_lossy().into_owned(),
-        }
+        name_among(&self.dataset, root)
     }
 
     fn restorers(&self, session: &Session) -> Result<Vec<Restorer>> {
@@ -219,8 +214,10 @@ impl EvalArgs {
         for path in &self.model {
             let model = Model::load(path)?;
             for &precision in precisions {
-                let (name, model) =
-                    (precision.name_of(&name_of(path)), precision.apply(model.clone(), session));
+                let (name, model) = (
+                    precision.name_of(&name_among(&self.model, path)),
+                    precision.apply(model.clone(), session),
+                );
                 let of = |&highlights| Restorer::Network(name.clone(), Box::new(model.clone()), highlights);
                 restorers.extend(treatments.iter().map(of));
             }
@@ -309,6 +306,15 @@ impl EvalArgs {
 }
 
 /// What a model or a folder is called in tables: its name, with its folder's where the name says little.
+/// The name of a file or folder, or its path where another of them has the same name.
+fn name_among(all: &[PathBuf], path: &Path) -> String {
+    let name = name_of(path);
+    match all.iter().filter(|other| name_of(other) == name).count() {
+        1 => name,
+        _ => path.to_string_lossy().into_owned(),
+    }
+}
+
 fn name_of(path: &Path) -> String {
     let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
     let own = name(path).unwrap_or_else(|| path.display().to_string());

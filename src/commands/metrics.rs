@@ -13,7 +13,7 @@ use udc::perceptual::Lpips;
 #[derive(Args, Debug)]
 pub(super) struct MetricArgs {
     /// Metrics to compute
-    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MetricArg::Psnr, MetricArg::Ssim])]
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "psnr,ssim")]
     metrics: Vec<MetricArg>,
     /// Round images to 8 bits first, as the published evaluation does, or not
     #[arg(long, value_enum, default_value_t = DefinitionArg::Released)]

@@ -1,5 +1,7 @@
 //! Keeps the scores of images and turns them into means and JSON.
 
+use std::cmp::Ordering;
+
 use serde_json::{Map, Value, json};
 
 use super::EvalConfig;
@@ -96,12 +98,13 @@ impl Evaluation {
         self.excluded.push(Exclusion { dataset: None, id, kernel, reason: reason.into() });
     }
 
-    /// The kernels, in the order in which they first come.
+    /// The kernels, in the order of [`Self::rotations`].
     pub fn kernels(&self) -> Vec<&str> {
         self.rotations().into_iter().map(|(kernel, _)| kernel).collect()
     }
 
-    /// The kernels with their rotations in degrees, in the order in which they first come.
+    /// The kernels with their rotations in degrees, by which they are in order; where one has none, they are in the order
+    /// in which they first come.
     pub fn rotations(&self) -> Vec<(&str, Option<f64>)> {
         let mut found: Vec<(&str, Option<f64>)> = Vec::new();
         for label in self.scores.iter().map(|score| &score.label) {
@@ -110,6 +113,9 @@ impl Evaluation {
             {
                 found.push((kernel, label.angle_deg));
             }
+        }
+        if found.iter().all(|(_, angle)| angle.is_some()) {
+            found.sort_by(|(_, a), (_, b)| a.partial_cmp(b).unwrap_or(Ordering::Equal));
         }
         found
     }

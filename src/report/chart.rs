@@ -62,14 +62,11 @@ pub fn line_chart(series: &[Series], axes: &Axes) -> String {
     let Some(mut frame) = Frame::around(lines.iter().flatten().copied()) else {
         return "<p>No points to draw.</p>".to_owned();
     };
-    if series.len() > 2 {
-        // The legend of many lines would lie over them.
-        frame.legend = legend_width(series.iter().map(|one| one.name.as_str())) + LEGEND_SAMPLE;
-        #[expect(clippy::cast_precision_loss, reason = "a chart has few series")]
-        let height = MARGIN.2 + LEGEND_LINE * (series.len() + 1) as f64 + MARGIN.3;
-        frame.height = height.max(SIZE.1);
-    }
-    let mut svg = open(SIZE.0, frame.height);
+    frame.legend = legend_width(series.iter().map(|one| one.name.as_str())) + LEGEND_SAMPLE;
+    #[expect(clippy::cast_precision_loss, reason = "a chart has few series")]
+    let height = MARGIN.2 + LEGEND_LINE * (series.len() + 1) as f64 + MARGIN.3;
+    frame.height = height.max(SIZE.1);
+    let mut svg = open(SIZE.0, frame.height, &format!("{} by {}", axes.y, axes.x));
     frame.draw_axes(&mut svg, axes).expect("writing to a string cannot fail");
     for (index, (one, line)) in series.iter().zip(&lines).enumerate() {
         frame.draw_line(&mut svg, index, &one.name, line).expect("writing to a string cannot fail");
@@ -83,11 +80,12 @@ pub fn standalone(svg: &str) -> String {
     svg.replacen("<svg ", "<svg style=\"background:#ffffff;color:#1c1e21\" ", 1) + "\n"
 }
 
-/// The first tag of a drawing.
-pub(super) fn open(width: f64, height: f64) -> String {
+/// The first tag of a drawing, with what it shows for those who cannot see it.
+pub(super) fn open(width: f64, height: f64, shown: &str) -> String {
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" \
-         font-family=\"sans-serif\" font-size=\"12\" role=\"img\">\n"
+         font-family=\"sans-serif\" font-size=\"12\" role=\"img\" aria-label=\"{}\">\n",
+        escape(shown)
     )
 }
 
@@ -133,7 +131,7 @@ pub(super) fn shorten(text: &str, width: f64) -> String {
 struct Frame {
     x: (f64, f64),
     y: (f64, f64),
-    /// Width that is kept free for the legend, right of the lines; without one it lies over them.
+    /// Width of the legend, right of the lines.
     legend: f64,
     /// Height of the drawing.
     height: f64,
@@ -221,14 +219,6 @@ impl Frame {
         }
         #[expect(clippy::cast_precision_loss, reason = "a chart has few series")]
         let y = MARGIN.2 + LEGEND_LINE * (index as f64 + 1.0);
-        if self.legend == 0.0 {
-            let name = escape(&shorten(name, self.right() - 6.0 - MARGIN.0));
-            let x = self.right() - 6.0;
-            return writeln!(
-                svg,
-                "<text x=\"{x}\" y=\"{y}\" text-anchor=\"end\" fill=\"{colour}\">{name}</text>"
-            );
-        }
         let x = self.right() + 10.0;
         writeln!(
             svg,

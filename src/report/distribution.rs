@@ -36,7 +36,7 @@ pub fn distribution_chart(groups: &[Group], label: &str) -> String {
     #[expect(clippy::cast_precision_loss, reason = "a chart has few groups")]
     let bottom = MARGIN.2 + ROW * groups.len() as f64;
     let axis = Axis { range: widen(range, 0.03), left, bottom };
-    let mut svg = open(SIZE.0, bottom + MARGIN.3);
+    let mut svg = open(SIZE.0, bottom + MARGIN.3, label);
     axis.draw(&mut svg, label).expect("writing to a string cannot fail");
     for (index, group) in groups.iter().enumerate() {
         axis.draw_group(&mut svg, index, group).expect("writing to a string cannot fail");

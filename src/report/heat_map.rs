@@ -52,7 +52,7 @@ pub fn heat_map(map: &HeatMap) -> String {
         (left + width).max(text_width(&title) + 10.0) + 10.0,
         (TOP + height).max(text_width(&map.row_label)) + BOTTOM,
     );
-    let mut svg = open(size.0, size.1);
+    let mut svg = open(size.0, size.1, &format!("{} by {}", map.row_label, map.column_label));
     let drawing = Drawing { left, size, title, range, decimals: map.decimals };
     drawing.draw_names(&mut svg, map, (width, height)).expect("writing to a string cannot fail");
     for (row, values) in map.values.iter().enumerate() {

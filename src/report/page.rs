@@ -45,17 +45,21 @@ const STYLE: &str = "
 body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper); max-width: 76rem;
   margin: 2rem auto; padding: 0 1.5rem; }
 h1 { font-size: 1.7rem; } h2 { font-size: 1.2rem; margin-top: 2.4rem; border-bottom: 1px solid var(--line); }
-.figures { display: flex; flex-wrap: wrap; gap: 0.8rem; margin: 1rem 0; }
-figure { margin: 0; flex: 1 1 12rem; max-width: 25rem; }
+.figures { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 20rem), 1fr)); gap: 0.8rem;
+  margin: 1rem 0; }
+figure { margin: 0; max-width: 25rem; }
 figure img { width: 100%; display: block; image-rendering: auto; }
 figcaption, .caption { color: var(--soft); font-size: 0.85rem; margin-top: 0.3rem; }
 .wide { overflow-x: auto; margin: 1rem 0; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 h1, h2, p, figcaption { overflow-wrap: anywhere; }
-th, td { text-align: right; padding: 0.25rem 0.8rem; border-bottom: 1px solid var(--line); }
+th, td { white-space: nowrap; text-align: right; padding: 0.25rem 0.8rem; border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; }
 svg { max-width: 100%; height: auto; color: var(--ink); }
 pre { overflow-x: auto; padding: 0.8rem; border: 1px solid var(--line); font-size: 0.8rem; }
+@media (max-width: 40rem) { svg { min-width: 36rem; max-width: none; } .chart { overflow-x: auto; } }
+@media print { pre { white-space: pre-wrap; overflow-wrap: anywhere; } h2 { break-after: avoid; }
+  figure, svg, tr { break-inside: avoid; } .wide { overflow: visible; } .figures { grid-template-columns: repeat(3, 1fr); } }
 ";
 
 impl Page {
@@ -85,7 +89,11 @@ impl Block {
             Self::Text(text) => writeln!(html, "<p>{}</p>", escape(text)),
             Self::Listing(text) => writeln!(html, "<pre>{}</pre>", escape(text)),
             Self::Chart(svg, caption) => {
-                writeln!(html, "{svg}\n<div class=\"caption\">{}</div>", escape(caption))
+                writeln!(
+                    html,
+                    "<div class=\"chart\">{svg}</div>\n<div class=\"caption\">{}</div>",
+                    escape(caption)
+                )
             }
             Self::Figures(figures) => {
                 html.push_str("<div class=\"figures\">\n");

@@ -108,7 +108,8 @@ pub fn training(name: &str, log: &str) -> Result<Vec<Block>> {
         Block::Heading(format!("Training: {name}")),
         Block::Chart(
             line_chart(&[loss, mean], &axes("training loss", true)),
-            "Loss of the batches that the log names: one every `log-every` iterations.".to_owned(),
+            "Loss of the batches that the log names: one every log-every iterations; logarithmic scale."
+                .to_owned(),
         ),
     ];
     if !psnr.points.is_empty() {

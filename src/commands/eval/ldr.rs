@@ -141,7 +141,8 @@ impl LdrResults {
         let mean = |of: fn(&Row) -> &Flare| Flare::mean(self.rows.iter().map(of)).unwrap_or_default();
         let (hdr, ldr) = (mean(|row| &row.hdr), mean(|row| &row.ldr));
         format!(
-            "flare: {:.2} % of the pixels, brightened by up to {:.3}; with scenes clipped at {}: {:.2} %, up to {:.3}",
+            "flare, mean of the images: {:.2} % of the pixels, largest brightening outside of highlights {:.3}; with scenes \
+             clipped at {}: {:.2} %, {:.3}",
             100.0 * hdr.flare_share,
             hdr.largest_brightening,
             self.white,
