@@ -28,7 +28,7 @@ pub(crate) struct BenchArgs {
     /// Batches that the full network is trained on, as 4x128 for four crops of 128 × 128
     #[arg(long, value_name = "BATCH", default_value = "4x128", value_parser = parse_batch)]
     train: Vec<Batch>,
-    /// Time only the operations whose names contain this
+    /// Of the single operations, time only those whose names contain this
     #[arg(long, value_name = "TEXT", default_value = "")]
     only: String,
     /// Seconds spent on each operation

@@ -86,6 +86,16 @@ impl BracketArgs {
         self.bayer.is_some() || self.white.is_some() || self.black.is_some() || self.white_balance.is_some()
     }
 
+    /// A flag that says how exposures are joined, where one was given.
+    pub(crate) fn flag_of_brackets(&self) -> Option<&'static str> {
+        let flags = [
+            (self.estimate_exposures, "--estimate-exposures"),
+            (self.merge.is_some(), "--merge"),
+            (self.allow_motion, "--allow-motion"),
+        ];
+        flags.into_iter().find_map(|(given, flag)| given.then_some(flag))
+    }
+
     /// Checks what clap cannot.
     pub(crate) fn config(&self) -> Result<FuseConfig> {
         let default = FuseConfig::default();

@@ -49,6 +49,15 @@ const ENTRIES: [&str; 9] = [
 
 impl DemoArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        if let Some(panoramas) = &self.hdri {
+            let found = io::expand_inputs(std::slice::from_ref(panoramas))?.len();
+            if found < 2 {
+                bail!(
+                    "{}: the demo needs two panoramas or more, one of them to test with",
+                    panoramas.display()
+                );
+            }
+        }
         let demo = Demo { root: self.output, seed: self.seed, session };
         demo.prepare_folder()?;
         demo.measure_the_panel()?;

@@ -57,5 +57,14 @@ fn page_of(command: &Command) -> Result<Vec<u8>> {
     let mut page = Vec::new();
     let name = page_name(command);
     Man::new(command.clone()).title(name).render(&mut page)?;
-    Ok(page)
+    Ok(with_examples(&String::from_utf8(page)?).into_bytes())
+}
+
+/// Names the section of examples, and keeps their lines as they are.
+fn with_examples(page: &str) -> String {
+    const SECTION: &str = ".SH EXTRA\n";
+    let Some((before, rest)) = page.split_once(SECTION) else { return page.to_owned() };
+    let end = rest.find("\n.SH ").map_or(rest.len(), |at| at + 1);
+    let (examples, after) = rest.split_at(end);
+    format!("{before}.SH EXAMPLES\n.nf\n.nh\n{}\n.fi\n{after}", examples.trim_end())
 }

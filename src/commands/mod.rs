@@ -61,7 +61,7 @@ struct GlobalArgs {
     /// Say less: errors only
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
-    /// Say more: time and memory of each step
+    /// Say more: the time of each step, and the memory at most
     #[arg(short, long, global = true, action = ArgAction::Count)]
     verbose: u8,
     /// Number of threads (default: all cores)
@@ -235,6 +235,10 @@ impl GlobalArgs {
                 .and_then(|_| flag::register(signal, Arc::clone(&interrupted)))
                 .context("installing the handler of Ctrl-C")?;
         }
+        // A file that grows past the limit of the shell is then an error to report, and does not end the process.
+        #[cfg(unix)]
+        flag::register(signal_hook::consts::SIGXFSZ, Arc::default())
+            .context("installing the handler of file size limits")?;
         let visible = match self.progress {
             ProgressMode::Auto => !self.quiet && std::io::stderr().is_terminal(),
             ProgressMode::Always => true,

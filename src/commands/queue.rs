@@ -59,6 +59,15 @@ fn is_done(output: &Path, described: &Value) -> Result<bool> {
         return Ok(false);
     }
     let made = read_provenance(output)?.map(|provenance| provenance.config);
+    let carries_provenance =
+        output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
+    if made.is_none() && carries_provenance {
+        bail!(
+            "{} is not of this program, which tells in each EXR how it was made; name another folder, or pass \
+             --overwrite instead of --resume",
+            output.display()
+        );
+    }
     let agrees = |made: Value| {
         described.as_object().is_some_and(|keys| keys.iter().all(|(key, value)| made.get(key) == Some(value)))
     };

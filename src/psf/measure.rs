@@ -171,10 +171,10 @@ fn median(values: &mut [f64]) -> f64 {
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-/// The pixel nearest to the centroid of the brightest spot.
+/// The brightest pixel of the brightest spot.
 ///
 /// The spot is the brightest 3 × 3 neighbourhood, so that a lone hot pixel does not pass for one, or the middle of a
-/// saturated core; the window of the centroid then follows it until both agree.
+/// saturated core. What lies beside it, a lobe or a tail, does not move it: the peak is where the PSF's centre is.
 fn main_peak(light: &Array2<f64>) -> [usize; 2] {
     let (height, width) = light.dim();
     let around = |y: usize, x: usize| {
@@ -182,33 +182,12 @@ fn main_peak(light: &Array2<f64>) -> [usize; 2] {
         light.slice(s![rows, x.saturating_sub(1)..(x + 2).min(width)])
     };
     let means = Array2::from_shape_fn((height, width), |(y, x)| around(y, x).mean().unwrap_or_default());
-    let mut peak = plateau_centre(&means);
-    if touches_border(peak, [height, width]) {
-        // Half a neighbourhood: a peak one pixel further inside has a smaller mean than its outer neighbour.
-        let [y, x] = peak;
-        let (place, value) = brightest(around(y, x));
-        if value > light[peak] {
-            peak = [y.saturating_sub(1) + place[0], x.saturating_sub(1) + place[1]];
-        }
+    let [y, x] = plateau_centre(&means);
+    let (place, value) = brightest(around(y, x));
+    if value - light[[y, x]] > LEVEL * value.abs() {
+        return [y.saturating_sub(1) + place[0], x.saturating_sub(1) + place[1]];
     }
-    for _ in 0..8 {
-        let found = centroid(light, peak);
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "a place within the frame"
-        )]
-        let nearest = found.map(|place| place.round() as usize);
-        if nearest == peak {
-            break;
-        }
-        peak = nearest;
-    }
-    peak
-}
-
-fn touches_border(place: [usize; 2], size: [usize; 2]) -> bool {
-    place.iter().zip(size).any(|(&place, length)| place == 0 || place + 1 == length)
+    [y, x]
 }
 
 /// The first place of the highest value.

@@ -31,7 +31,7 @@ pub(super) struct CodeArgs {
     #[arg(long, value_name = "CODE", conflicts_with_all = ["bank", "psf", "method"])]
     code: Option<PathBuf>,
     /// Measured PSF: what a deconvolution inverts, or what --bank turns into a code
-    #[arg(long, value_name = "PSF", required_unless_present = "model")]
+    #[arg(long, value_name = "PSF")]
     pub(super) psf: Option<PathBuf>,
 }
 

@@ -3,8 +3,9 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
 
+use udc::core::error::Error;
 use udc::core::io::{expand_inputs, inspect_image, is_hidden, list_folder};
 use udc::psf::{Bracket, fuse};
 
@@ -12,6 +13,7 @@ use super::RestoreArgs;
 use crate::commands::Session;
 use crate::commands::bracket::{names_of, warnings_of};
 use crate::commands::destination::{Destination, Unplaced, identity, without_repeats};
+use crate::commands::domain::DomainArg;
 use crate::commands::picture::AnyImage;
 
 /// Where the published dataset keeps its captures.
@@ -62,8 +64,14 @@ impl Group {
 impl RestoreArgs {
     /// What to restore to where; refuses outputs that exist before any work.
     pub(super) fn jobs(&self, session: &Session) -> Result<Vec<Job>> {
-        let Groups { groups, in_folder } =
-            if self.is_bracket() { brackets(&self.inputs)? } else { captures(&self.inputs)? };
+        let Groups { groups, in_folder } = if self.is_bracket() {
+            brackets(&self.inputs, session)?
+        } else {
+            if let Some(flag) = self.raw.flag_of_brackets() {
+                bail!("{flag} is for brackets: add --bracket, or --exposures with the times");
+            }
+            captures(&self.inputs)?
+        };
         let destination = Destination {
             path: &self.output,
             extension: self.format.extension(),
@@ -90,6 +98,13 @@ impl RestoreArgs {
                 return Ok(Capture { pixels, saturation: None });
             }
         }
+        if let Some(domain @ DomainArg::ToneMapped) = self.domain {
+            bail!(
+                "{}: raw pictures are linear, and --domain says {}; leave it out",
+                job.name(),
+                domain.name()
+            );
+        }
         let mut pictures = session.timed(format_args!("reading {}", job.name()), || {
             self.raw.read(&job.inputs, &session.progress)
         })?;
@@ -99,7 +114,9 @@ impl RestoreArgs {
                     "not every picture says its exposure time: add --exposures T,T,… in the order of the files"
                 );
             };
-            Bracket::new(pictures.planes, &times)?
+            let of_files = "the exposure times are the files' own; to give others, add --exposures T,T,…";
+            let bracket = Bracket::new(pictures.planes, &times);
+            if self.raw.exposures.is_some() { bracket? } else { bracket.context(of_files)? }
         } else {
             Bracket::single(pictures.planes.remove(0))?
         };
@@ -127,7 +144,7 @@ fn captures(inputs: &[PathBuf]) -> Result<Groups> {
 }
 
 /// One group for each folder of pictures, one for all files that are named themselves.
-fn brackets(inputs: &[PathBuf]) -> Result<Groups> {
+fn brackets(inputs: &[PathBuf], session: &Session) -> Result<Groups> {
     let (folders, files): (Vec<PathBuf>, Vec<PathBuf>) =
         inputs.iter().cloned().partition(|input| input.is_dir());
     let mut groups = Vec::new();
@@ -144,11 +161,20 @@ fn brackets(inputs: &[PathBuf]) -> Result<Groups> {
         let is_flat = inner.is_empty();
         in_folder |= !is_flat;
         for bracket in if is_flat { vec![folder] } else { inner } {
-            let files = expand_inputs(std::slice::from_ref(&bracket))?;
+            let files = match expand_inputs(std::slice::from_ref(&bracket)) {
+                Err(error @ Error::Format { .. }) if !is_flat => {
+                    session.warn(format_args!("{error}; it is left out"));
+                    continue;
+                }
+                files => files?,
+            };
             // `.` has no name of its own.
             let place = bracket.canonicalize().unwrap_or_else(|_| bracket.clone());
             groups.push(Group::of(&bracket, files, place.file_name()));
         }
+    }
+    if groups.is_empty() {
+        bail!("no folder holds images; each folder inside of the one that is named is a bracket");
     }
     let mut seen = BTreeSet::new();
     groups.retain(|group| seen.insert(group.files.iter().map(|file| identity(file)).collect::<Vec<_>>()));

@@ -14,12 +14,16 @@ use crate::core::psf::hex;
 /// The longest kernel code that is believed: a larger file is something else, such as an image.
 const LONGEST_CODE: usize = 4096;
 
-/// Reads a whole text file.
+/// Reads a whole text file, without the byte order mark that some editors put before it.
 ///
 /// # Errors
 /// [`Error::Io`] when the file cannot be read or is not UTF-8.
 pub fn read_text(path: &Path) -> Result<String> {
-    fs::read_to_string(path).map_err(|error| Error::io("read", path, error))
+    let mut text = fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
+    if text.starts_with('\u{feff}') {
+        text.remove(0);
+    }
+    Ok(text)
 }
 
 /// Reads a whole file that is carried along as it is.

@@ -223,11 +223,27 @@ fn encode_integers(planes: &ArrayView3<'_, f32>, format: Format, eight_bit: bool
 fn encode_hdr(planes: &ArrayView3<'_, f32>) -> Result<Vec<u8>, String> {
     let (channels, height, width) = planes.dim();
     let value = |c: usize, y, x| planes[[c.min(channels - 1), y, x]].clamp(0.0, HDR_MAX);
-    let pixels: Vec<Rgb<f32>> =
-        (0..height * width).map(|i| Rgb([0, 1, 2].map(|c| value(c, i / width, i % width)))).collect();
+    let pixels: Vec<Rgb<f32>> = (0..height * width)
+        .map(|i| Rgb(to_shared_exponent([0, 1, 2].map(|c| value(c, i / width, i % width)))))
+        .collect();
     let mut bytes = Vec::new();
     HdrEncoder::new(&mut bytes).encode(&pixels, width, height).map_err(|error| error.to_string())?;
     Ok(bytes)
+}
+
+/// Rounds a pixel to what Radiance HDR holds, three mantissas of 8 bits and an exponent; the encoder alone cuts off.
+fn to_shared_exponent(pixel: [f32; 3]) -> [f32; 3] {
+    let brightest = f64::from(pixel.into_iter().fold(0.0, f32::max));
+    // Below this the format holds zero.
+    if brightest < f64::from(f32::MIN_POSITIVE) {
+        return pixel;
+    }
+    let exponent = brightest.log2().floor() + 1.0;
+    #[expect(clippy::cast_possible_truncation, reason = "eight bits times a power of two")]
+    let rounded = |step: f64| pixel.map(|value| ((f64::from(value) / step).round() * step) as f32);
+    let step = (exponent - 8.0).exp2();
+    let is_full = (brightest / step).round() > 255.0;
+    rounded(if is_full { 2.0 * step } else { step }).map(|value| value.min(HDR_MAX))
 }
 
 fn sides(width: usize, height: usize) -> Result<(u32, u32), String> {
