@@ -270,6 +270,20 @@ mod tests {
         assert_eq!(evaluation.mean(0, Some("r+90")), None);
     }
 
+    /// The first image may be missing under the first kernels.
+    #[test]
+    fn kernels_are_in_the_order_of_their_angles() {
+        let methods = vec![Method::baseline("degraded")];
+        let mut evaluation = Evaluation::new(&EvalConfig::default(), methods);
+        for (kernel, angle) in [("r+00", 0.0), ("r+03", 3.0), ("r-03", -3.0)] {
+            let label =
+                Label { kernel: Some(kernel.to_owned()), angle_deg: Some(angle), ..Label::scene("street") };
+            evaluation
+                .add([8, 9], vec![Score { label, method: 0, values: vec![30.0, 0.9], regions: Vec::new() }]);
+        }
+        assert_eq!(evaluation.kernels(), ["r-03", "r+00", "r+03"]);
+    }
+
     #[test]
     fn puts_the_first_method_that_did_something_on_top() {
         let json = evaluation().to_json();

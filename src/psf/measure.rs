@@ -288,6 +288,20 @@ mod tests {
     }
 
     #[test]
+    fn a_lobe_beside_the_peak_does_not_move_it() {
+        let planes = Array3::from_shape_fn((3, 101, 101), |(_, y, x)| {
+            let spot = |cx: f64| (-((y as f64 - 50.0).powi(2) + (x as f64 - cx).powi(2)) / 0.98).exp();
+            (0.7 * (spot(50.0) + 0.3 * spot(53.0))) as f32
+        });
+        let picture = LinearImage::from_planes(planes).unwrap();
+        let config = MeasureConfig { size: 51, normalize: Normalization::None };
+        let measured = measure_psf(&picture, None, &config).unwrap();
+        let plane = measured.image.channel(1);
+        let brightest = plane.indexed_iter().max_by(|a, b| a.1.total_cmp(b.1)).unwrap().0;
+        assert_eq!(brightest, (25, 25));
+    }
+
+    #[test]
     fn puts_the_peak_at_n_over_two_for_odd_and_even_sizes() {
         for size in [40, 41] {
             let config = MeasureConfig { size, normalize: Normalization::None };

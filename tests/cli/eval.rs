@@ -207,6 +207,28 @@ fn measures_models_and_the_degraded_images_of_a_dataset() {
     assert!(csv.lines().nth(1).unwrap().starts_with("degraded,room,r-03,"), "{csv}");
 }
 
+/// Runs are called alike in different folders.
+#[test]
+fn models_of_one_name_are_told_apart() {
+    let scratch = tempfile::tempdir().unwrap();
+    write_dataset(&scratch.path().join("dataset"));
+    let networks = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/discnet");
+    for (number, folder) in [("1", "a/run"), ("2", "b/run")] {
+        let folder = scratch.path().join(folder);
+        std::fs::create_dir_all(&folder).unwrap();
+        let checkpoint = networks.join(format!("{number}.pth"));
+        succeed(&folder, &["convert", checkpoint.to_str().unwrap(), "model.safetensors"]);
+    }
+    let models = ["--model", "a/run/model.safetensors", "b/run/model.safetensors"];
+    let said = succeed(scratch.path(), &[&["eval", "dataset", "-o", "results"][..], &models].concat());
+    assert!(
+        said.contains("| a/run/model.safetensors |") && said.contains("| b/run/model.safetensors |"),
+        "{said}"
+    );
+    let message = fail(scratch.path(), &["eval", "dataset", "-o", "other", "--model", "a/run"], 1);
+    assert!(message.contains("is a folder") && message.contains("a/run/model.safetensors"), "{message}");
+}
+
 #[test]
 fn refuses_a_dataset_without_the_split_and_a_model_that_is_none() {
     let scratch = tempfile::tempdir().unwrap();

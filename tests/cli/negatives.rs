@@ -101,3 +101,17 @@ fn what_a_negative_says_is_shown() {
     let white = json["raw"]["white"].as_f64().unwrap();
     assert!(json["raw"]["bayer"] == "rggb" && (white * 65535.0 - 4095.0).abs() < 1e-6, "{json}");
 }
+
+/// A tile's image may be no larger than the tile: many tiles may share a few bytes.
+#[test]
+fn tiles_do_not_hold_more_than_their_pixels() {
+    let scratch = tempfile::tempdir().unwrap();
+    let path = scratch.path().join("large.dng");
+    let mut bytes = fs::read(fixture("extremes.dng")).unwrap();
+    // Half the columns, tag 256.
+    let field = bytes.windows(12).position(|field| field == [0, 1, 4, 0, 1, 0, 0, 0, 8, 0, 0, 0]).unwrap();
+    bytes[field + 8] = 4;
+    fs::write(&path, bytes).unwrap();
+    let said = inspect_image(&path).unwrap_err().to_string();
+    assert!(said.contains("more samples than the 16"), "{said}");
+}

@@ -138,23 +138,26 @@ struct Negative {
     offsets: [u16; 4],
     /// How much of the light is captured.
     share: f64,
+    /// What each column adds to the black level, and each row; both to be declared.
+    ramps: Option<[u16; 2]>,
 }
 
 impl Default for Negative {
     fn default() -> Self {
-        Self { compression: 1, seconds: (1, 50), iso: 200, offsets: [0; 4], share: 1.0 }
+        Self { compression: 1, seconds: (1, 50), iso: 200, offsets: [0; 4], share: 1.0, ramps: None }
     }
 }
 
 /// A digital negative: a preview in its first directory, the mosaic inside of it, the exposure time beside.
-fn negative(Negative { compression, seconds, iso, offsets, share }: Negative) -> Vec<u8> {
+fn negative(Negative { compression, seconds, iso, offsets, share, ramps }: Negative) -> Vec<u8> {
     let [height, width] = SIDES;
     let columns = width + MASKED;
     let sample = |index: usize| {
         let (y, x) = (index / columns, index % columns);
         let Some(x) = x.checked_sub(MASKED) else { return 3 };
         let light = f64::from(photosite(y, x) - BLACK) * share;
-        BLACK + light.round() as u16 + offsets[y % 2 * 2 + x % 2]
+        let [of_column, of_row] = ramps.unwrap_or_default();
+        BLACK + light.round() as u16 + offsets[y % 2 * 2 + x % 2] + of_column * x as u16 + of_row * y as u16
     };
     let samples: Vec<u16> = (0..height * columns).map(sample).collect();
     let mut file = Tiff::new();
@@ -170,6 +173,11 @@ fn negative(Negative { compression, seconds, iso, offsets, share }: Negative) ->
         (50717, Field::Longs(vec![u32::from(WHITE)])),
         (50829, Field::Shorts(vec![0, left, bottom, right])),
     ]);
+    if let Some([of_column, of_row]) = ramps {
+        let ramp = |step: u16, count: usize| (0..count as u32).map(|i| (i * u32::from(step), 1)).collect();
+        raw.push((50715, Field::Rationals(ramp(of_column, width))));
+        raw.push((50716, Field::Rationals(ramp(of_row, height))));
+    }
     let raw = file.directory(raw);
     let exif =
         file.directory(vec![(33434, Field::Rationals(vec![seconds])), (34855, Field::Shorts(vec![iso]))]);
@@ -216,6 +224,26 @@ fn a_negative_has_one_black_level_in_the_end() {
     for ((_, y, x), value) in read.planes.indexed_iter() {
         let expected = f64::from(photosite(y, x) + 4) / 65535.0;
         assert!((f64::from(*value) - expected).abs() < 5.0 / 65535.0, "{value} at {y}, {x}");
+    }
+}
+
+/// The same of levels that grow by column and row; those of full photosites are cut off at the brightest.
+#[test]
+fn black_levels_of_columns_and_rows_are_taken_off() {
+    let scratch = scratch();
+    let plain = read_negative(scratch.path(), Negative { share: 0.5, ..Negative::default() });
+    let ramps = Some([2, 3]);
+    let read = read_negative(scratch.path(), Negative { share: 0.5, ramps, ..Negative::default() });
+    let (raw, raw_of_plain) = (read.raw.unwrap(), plain.raw.unwrap());
+    let added = 2.0 * (SIDES[1] - 1) as f64 / 2.0 + 3.0 * (SIDES[0] - 1) as f64 / 2.0;
+    assert!((raw.black - raw_of_plain.black - added / 65535.0).abs() < 1e-9, "{}", raw.black);
+    for ((_, y, x), value) in read.planes.indexed_iter() {
+        // What is light lies between black and white as far as it did, but for the white that does not grow.
+        let dark = f64::from(BLACK) + 2.0 * x as f64 + 3.0 * y as f64;
+        let light = f64::from(photosite(y, x) - BLACK) * 0.5;
+        let share = light.round() / (f64::from(WHITE) - dark);
+        let found = (f64::from(*value) - raw.black) / (raw.white - raw.black);
+        assert!((found - share).abs() < 1e-5, "{found} for {share} at {y}, {x}");
     }
 }
 

@@ -890,3 +890,26 @@ fn a_code_may_be_a_row_or_a_column() {
     assert_eq!(restored("row.npy", "row.exr"), expected);
     assert_eq!(restored("column.npy", "column.exr"), expected);
 }
+
+#[test]
+fn an_image_of_another_program_is_not_taken_for_a_finished_one() {
+    let scratch = scratch();
+    let foreign = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/files/float_zip.exr");
+    std::fs::create_dir(scratch.path().join("captures")).unwrap();
+    std::fs::copy(foreign, scratch.path().join("captures/a.exr")).unwrap();
+    let said = fail(scratch.path(), &restore_by_wiener(&["captures"], &["-o", "captures", "--resume"]), 1);
+    assert!(said.contains("a.exr is not of this program"), "{said}");
+}
+
+#[test]
+fn flags_of_brackets_need_a_bracket() {
+    let scratch = scratch();
+    for flag in [&["--estimate-exposures"][..], &["--merge", "weighted"], &["--allow-motion"]] {
+        let said = fail(
+            scratch.path(),
+            &restore_by_wiener(&["capture.exr"], &[&["-o", "out.exr"], flag].concat()),
+            1,
+        );
+        assert!(said.contains(flag[0]) && said.contains("--bracket"), "{said}");
+    }
+}

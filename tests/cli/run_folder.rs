@@ -117,3 +117,39 @@ fn a_run_that_is_to_terminate_writes_a_checkpoint_first() {
     assert!(code == Some(1) && said.contains("a checkpoint was written"), "{code:?} {said}");
     assert_eq!(io::list_folder(&folder.join("run/checkpoints")).unwrap().len(), 1);
 }
+
+/// As a run is left that was killed between its configuration and the checkpoint of the weights it began with.
+#[test]
+fn weights_that_a_run_began_with_are_never_lost_in_silence() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    train(folder, "first", &["--set", "iterations=1"]);
+    let init = ["--init", "first/model.safetensors"];
+    train(folder, "run", &[&init[..], &["--set", "iterations=1"]].concat());
+    let whole = fs::read(folder.join("run/model.safetensors")).unwrap();
+    for name in ["metrics.jsonl", "model.safetensors"] {
+        fs::remove_file(folder.join("run").join(name)).unwrap();
+    }
+    fs::remove_dir_all(folder.join("run/checkpoints")).unwrap();
+    fs::create_dir_all(folder.join("run/checkpoints/0.partial")).unwrap();
+    let resume = ["train", "--data", "dataset", "-o", "run", "--resume"];
+    let message = fail(folder, &resume, 1);
+    assert!(message.contains("--init") && message.contains("without --resume"), "{message}");
+    // Nothing is lost, so that the same command may simply be given again.
+    train(folder, "run", &[&init[..], &["--set", "iterations=1"]].concat());
+    assert!(whole == fs::read(folder.join("run/model.safetensors")).unwrap(), "the bytes differ");
+}
+
+#[test]
+fn a_run_is_not_resumed_to_fewer_iterations_than_it_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    train(folder, "run", &["--set", "iterations=3"]);
+    let before = fs::read(folder.join("run/config.toml")).unwrap();
+    let resume = ["train", "--data", "dataset", "-o", "run", "--resume", "--set", "iterations=2"];
+    let message = fail(folder, &resume, 1);
+    assert!(message.contains("iterations: is 2, and the run has made 3 already"), "{message}");
+    assert!(before == fs::read(folder.join("run/config.toml")).unwrap());
+}

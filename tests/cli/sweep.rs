@@ -122,3 +122,14 @@ fn refuses_rows_that_cannot_be_compared() {
     assert!(said.contains("--resume") && said.contains("--overwrite"), "{said}");
     assert!(fail(folder, &["sweep", "--data", "dataset", "-o", "x"], 2).contains("CONFIG"));
 }
+
+#[test]
+fn a_sweep_without_a_row_leaves_the_tables_as_they_are() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    let plain = ["sweep", "plain.toml", "--data", "dataset", "-o", "sweep", "--set", "iterations=2"];
+    succeed(folder, &plain);
+    let before = read(folder, "sweep/table.md");
+    fail(folder, &[&plain[..], &["--resume", "--set", "seed=9"]].concat(), 1);
+    assert_eq!(read(folder, "sweep/table.md"), before);
+}

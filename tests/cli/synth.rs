@@ -556,3 +556,43 @@ fn the_shipped_sensor_file_is_read() {
     let dataset = Dataset::open(&folder.path().join("dataset")).unwrap();
     assert!(matches!(dataset.formation.noise, NoiseConfig::Sensor(_)));
 }
+
+#[test]
+fn scenes_that_changed_are_not_mixed_with_what_they_were() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    synth(folder, "dataset", &[]);
+    let resume = ["synth", "views", "--bank", "bank.safetensors", "-o", "dataset", "--resume"];
+    let lost = folder.join("dataset/degraded/r+00/park_01.exr");
+    fs::remove_file(&lost).unwrap();
+    let truth = fs::read(folder.join("dataset/gt/park_01.exr")).unwrap();
+    fs::copy(folder.join("views/park_01.npy"), folder.join("kept.npy")).unwrap();
+    fs::copy(folder.join("views/hall_01.npy"), folder.join("views/park_01.npy")).unwrap();
+    let said = fail(folder, &resume, 1);
+    assert!(said.contains("images of another views/park_01.npy") && said.contains("--overwrite"), "{said}");
+    assert!(!lost.exists() && truth == fs::read(folder.join("dataset/gt/park_01.exr")).unwrap());
+    fs::copy(folder.join("kept.npy"), folder.join("views/park_01.npy")).unwrap();
+    assert!(succeed(folder, &resume).contains("1 images made"));
+}
+
+#[test]
+fn a_panorama_is_not_divided_by_views_that_come_later() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    let some = |names: &[&'static str], more: &[&'static str]| {
+        let common = ["--bank", "bank.safetensors", "-o", "dataset", "--test-fraction", "0.5"];
+        [&["synth"][..], names, &common, more].concat()
+    };
+    succeed(folder, &some(&["views/park_01.npy", "views/hall_01.npy"], &[]));
+    let of = |source: &str| {
+        let triplets = Dataset::open(&folder.join("dataset")).unwrap().triplets;
+        triplets.iter().find(|triplet| triplet.source == source).unwrap().split
+    };
+    let (park, hall) = (of("park"), of("hall"));
+    assert_ne!(park, hall);
+    // Alone, each panorama is trained with: the one that is tested with would be in both.
+    let later = if park == Split::Test { "views/park_02.npy" } else { "views/hall_02.npy" };
+    let said = fail(folder, &some(&[later], &["--resume"]), 1);
+    assert!(said.contains("scenes of one panorama stay together"), "{said}");
+    assert_eq!(Dataset::open(&folder.join("dataset")).unwrap().triplets.len(), 6);
+}

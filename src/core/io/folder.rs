@@ -143,6 +143,18 @@ mod tests {
     }
 
     #[test]
+    #[cfg(unix)]
+    fn a_folder_is_held_by_one() {
+        let root = tempfile::tempdir().unwrap();
+        let held = try_lock_folder(root.path()).unwrap();
+        assert!(held.is_some());
+        let message = try_lock_folder(root.path()).unwrap_err().to_string();
+        assert!(message.contains("another process"), "{message}");
+        drop(held);
+        assert!(try_lock_folder(root.path()).unwrap().is_some());
+    }
+
+    #[test]
     fn a_folder_is_published_once_and_removed_at_will() {
         let root = tempfile::tempdir().unwrap();
         let (draft, name) = (root.path().join("draft"), root.path().join("a/b"));

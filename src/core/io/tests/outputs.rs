@@ -135,6 +135,30 @@ fn formats_refuse_values_that_they_cannot_hold() {
     }
 }
 
+/// The format's encoder cuts mantissas off, which alone loses a share of 2⁻⁸ of the light.
+#[test]
+fn radiance_files_hold_the_nearest_values() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.hdr");
+    let planes = Array3::from_shape_fn((3, 64, 64), |(c, y, x)| {
+        let scatter = ((c * 4096 + y * 64 + x) * 2_654_435_761 % 65_536) as f32 / 65_536.0;
+        (scatter + 1e-3) * 2f32.powi((y % 9) as i32 - 4)
+    });
+    write_pixels(&path, &Pixels::of_planes(planes.clone()), PixelOptions::default()).unwrap();
+    let found = read_pixels(&path).unwrap().planes;
+    let bias = found.mean().unwrap() / planes.mean().unwrap() - 1.0;
+    assert!(bias.abs() < 3e-4, "{bias}");
+    for y in 0..64 {
+        for x in 0..64 {
+            let brightest = (0..3).map(|c| planes[[c, y, x]]).fold(0.0, f32::max);
+            for c in 0..3 {
+                let error = (found[[c, y, x]] - planes[[c, y, x]]).abs() / brightest;
+                assert!(error < 0.5 / 127.0, "{error} at {c}, {y}, {x}");
+            }
+        }
+    }
+}
+
 #[test]
 fn grey_and_packed_bayer_keep_their_planes_where_a_format_can() {
     let folder = tempfile::tempdir().unwrap();
