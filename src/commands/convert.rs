@@ -32,7 +32,7 @@ pub(crate) struct ConvertArgs {
     /// Say what the values are, of a file that does not; .exr needs it of integers, and else takes them for linear
     #[arg(long, value_enum, value_name = "DOMAIN")]
     domain: Option<DomainArg>,
-    /// Clip values that the output cannot hold: negative ones, and above 1 in integers
+    /// Clip values that the output cannot hold: negative ones, above 1 in integers, above 65504 in half floats
     #[arg(long)]
     clip: bool,
 }
@@ -73,6 +73,12 @@ impl ConvertArgs {
         let options =
             PixelOptions { half: self.half, overwrite: session.overwrite, clip, ..PixelOptions::default() };
         write_pixels(&self.output, &pixels, options).with_context(doing)?;
+        if pixels.raw.is_some() {
+            session.warn(format_args!(
+                "{output} holds the values of the raw file as they are stored, black level and mosaic included; \
+                 `udc restore` and `udc fuse` read the raw file itself"
+            ));
+        }
         if is_assumed {
             session.warn(format_args!(
                 "{input} does not say its domain; {output} says linear (add --domain tone-mapped if that is wrong)"

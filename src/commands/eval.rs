@@ -43,7 +43,7 @@ use restorer::Restorer;
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("images").required(true).args(["dataset", "restored"]))]
 #[command(after_help = "Examples:\n  udc eval dataset --model run/model.safetensors -o results\n  \
-    udc eval dataset --model a/model.safetensors b/model.safetensors --method wiener --method constrained \\\n    \
+    udc eval dataset --model a/model.safetensors b/model.safetensors --method wiener --method constrained \
     --regions --mismatch --ldr -o results\n  \
     udc eval dataset --model model.safetensors --highlights network,blend,keep --regions -o results\n  \
     udc eval --restored restored --gt clean -o results")]
@@ -54,7 +54,8 @@ pub(crate) struct EvalArgs {
     /// Models to measure, .safetensors or .pth
     #[arg(long, value_name = "MODEL", num_args = 1.., requires = "dataset", conflicts_with = "restored")]
     model: Vec<PathBuf>,
-    /// Deconvolutions to measure, with the PSF of each image's kernel; may be repeated
+    /// Deconvolutions to measure, with the PSF of each image's kernel and the border that the dataset was made with; may
+    /// be repeated
     #[arg(
         long,
         value_enum,

@@ -5,7 +5,7 @@ mod style;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use ndarray::Array3;
 use serde_json::{Value, json};
@@ -101,6 +101,19 @@ impl FinishArgs {
         let config = self.style.config();
         config.check()?;
         let mut jobs = self.jobs(session)?;
+        let ignores = |job: &&Job, bits: u8| match Format::of_extension(&job.output) {
+            Ok(Format::Png | Format::Tiff) | Err(_) => false,
+            Ok(Format::Jpeg) => bits != 8,
+            Ok(_) => true,
+        };
+        if let Some(bits) = self.bits
+            && let Some(job) = jobs.iter().find(|job| ignores(job, bits))
+        {
+            bail!(
+                "--bits {bits} is for PNG and TIFF, and {} would ignore it; leave it out",
+                job.output.display()
+            );
+        }
         let finishing = Finishing { args: &self, curve, config, session };
         if self.resume {
             jobs = remaining(&finishing, jobs, session)?;

@@ -23,7 +23,7 @@ use summary::Summary;
 #[command(
     after_help = "Example: udc fuse --exposures 1,1/32,1/768 long.exr middle.exr short.exr -o psf.exr --psf\n\n\
     Give the times in the order of the files. Levels above 1 are in the integers of the file: --white 16383 \
-    --black 64 for 14 bits in a 16-bit PNG. Uncompressed DNGs say times, levels, mosaic and gains themselves"
+    --black 64 for 14 bits in a 16-bit PNG. DNGs say times, levels, mosaic and gains themselves"
 )]
 pub(crate) struct FuseArgs {
     /// Pictures of the bracket; a folder or pattern stands for its files by name

@@ -4,10 +4,10 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, bail};
-use clap::{Args, Command, CommandFactory};
+use clap::{Args, Command};
 use clap_mangen::Man;
 
-use super::{Cli, Session};
+use super::{Session, definition};
 use udc::core::io::write_atomically;
 
 /// Print the manual page
@@ -24,7 +24,7 @@ pub(crate) struct ManArgs {
 
 impl ManArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let mut program = Cli::command().disable_help_subcommand(true);
+        let mut program = definition().disable_help_subcommand(true);
         // Building hands the global flags and the version down to the subcommands.
         program.build();
         if let Some(folder) = &self.output {

@@ -36,7 +36,7 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use clap::error::ErrorKind;
-use clap::{ArgAction, Args, CommandFactory as _, Parser, Subcommand, ValueEnum};
+use clap::{ArgAction, Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand, ValueEnum};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
@@ -179,7 +179,46 @@ impl Session {
     }
 }
 
+/// Columns that examples are written in.
+const EXAMPLE_WIDTH: usize = 78;
+
+/// The command line's definition, examples that are too long for a terminal broken as a shell reads them.
+pub(crate) fn definition() -> clap::Command {
+    Cli::command().mut_subcommands(|command| match command.get_after_help().map(ToString::to_string) {
+        Some(help) => command.after_help(help.lines().map(break_example).collect::<Vec<_>>().join("\n")),
+        None => command,
+    })
+}
+
+/// Breaks a line that begins with a call of the program, at flags where there are any, with a backslash before each break.
+fn break_example(line: &str) -> String {
+    let trimmed = line.trim_start();
+    if line.len() <= EXAMPLE_WIDTH || !(trimmed.starts_with("udc ") || trimmed.starts_with("Example: udc ")) {
+        return line.to_owned();
+    }
+    let indent = " ".repeat(line.len() - trimmed.len() + 4);
+    let mut lines = vec![line[..line.len() - trimmed.len()].to_owned()];
+    // A flag stays with its values.
+    for part in trimmed.replace(" -", "\n-").lines() {
+        let last = lines.last_mut().expect("there is a first line");
+        if !last.trim().is_empty() && last.len() + part.len() + 3 > EXAMPLE_WIDTH {
+            lines.push(format!("{indent}{part}"));
+        } else {
+            if !last.trim().is_empty() {
+                last.push(' ');
+            }
+            last.push_str(part);
+        }
+    }
+    lines.join(" \\\n")
+}
+
 impl Cli {
+    /// Reads the command line; ends the process where it asks for help or is wrong.
+    pub(crate) fn from_arguments() -> Self {
+        Self::from_arg_matches(&definition().get_matches()).unwrap_or_else(|error| error.exit())
+    }
+
     /// Runs the command that was asked for.
     ///
     /// # Errors

@@ -406,3 +406,33 @@ fn completions_and_manual_pages_are_printed() {
     succeed(folder.path(), &["man", "-o", "man"]);
     assert!(names(&folder.path().join("man")).contains(&"udc-tonemap.1".to_owned()));
 }
+
+#[test]
+fn half_floats_are_clipped_where_that_is_asked_for() {
+    let scratch = tempfile::tempdir().unwrap();
+    let bright = ndarray::ArrayD::from_elem(vec![2, 2, 3], 1e6_f32);
+    udc::core::io::write_array(&scratch.path().join("bright.npy"), &bright, false).unwrap();
+    let convert = ["convert", "bright.npy", "half.exr", "--half", "--domain", "linear"];
+    assert!(fail(scratch.path(), &convert, 1).contains("65504"));
+    succeed(scratch.path(), &[&convert[..], &["--clip"]].concat());
+    let found = udc::core::io::read_pixels(&scratch.path().join("half.exr")).unwrap().planes;
+    assert!(found.iter().all(|value| (value - 65504.0).abs() < 1.0));
+}
+
+/// What is copied from the help must be what a shell runs.
+#[test]
+fn examples_in_the_help_fit_into_terminals() {
+    let scratch = tempfile::tempdir().unwrap();
+    for command in ["fuse", "codes", "crop", "synth", "train", "sweep", "restore", "eval", "finish", "report"]
+    {
+        let help = succeed(scratch.path(), &[command, "--help"]);
+        let examples = help.split_once("Example").unwrap().1;
+        let mut goes_on = false;
+        for line in examples.lines().skip(1).filter(|line| !line.trim().is_empty()) {
+            let is_call = line.trim_start().starts_with("udc ") || goes_on;
+            assert!(!is_call || line.len() <= 80, "{command}: {line}");
+            goes_on = is_call && line.ends_with('\\');
+        }
+        assert!(!goes_on, "{command}: {examples}");
+    }
+}

@@ -18,7 +18,7 @@ use crate::commands::Session;
 pub(super) struct CodeArgs {
     /// Kernel bank that the model was trained with (.safetensors)
     #[arg(long, value_name = "BANK", conflicts_with = "method")]
-    bank: Option<PathBuf>,
+    pub(super) bank: Option<PathBuf>,
     /// Rotation of the panel in degrees, counter-clockwise; between those of the bank, codes are interpolated. `auto`
     /// takes the angle whose kernel explains the spectrum of the capture best, in about a second
     #[arg(long, value_name = "DEGREES|auto", requires = "bank", conflicts_with_all = ["psf", "code"])]

@@ -75,6 +75,8 @@ pub(super) struct Engine {
     max_memory: u64,
     /// Frames that the queue holds meanwhile; none for a single image.
     queued_frames: Option<u64>,
+    /// What the kernels take beside the work.
+    kernel_bytes: u64,
     highlights: Highlights,
     /// What was said last of the memory that an image takes.
     said: Mutex<String>,
@@ -93,6 +95,21 @@ const THREAD_BYTES: u64 = 2 << 20;
 enum Kind {
     Network { path: String, sha256: String, model: Box<Model>, code: KnownCode, tile: Option<usize> },
     Deconvolution { path: String, psf: Psf, config: DeconvolutionConfig },
+}
+
+/// What PSFs take beside the work: a bank that is read whole is there twice, as a file and as kernels, and a PSF that is
+/// deconvolved by as the file, the PSF, and what it is prepared to.
+fn kernel_bytes(args: &RestoreArgs, kind: &Kind) -> u64 {
+    match kind {
+        Kind::Network { code, .. } => {
+            let reads_all = matches!(code, KnownCode::Search(_)) || args.code.psf.is_some();
+            let bank = args.code.bank.as_ref().filter(|_| reads_all);
+            bank.and_then(|bank| bank.metadata().ok()).map_or(0, |file| 2 * file.len())
+        }
+        Kind::Deconvolution { psf, .. } => {
+            5 * (CHANNELS * size_of::<f32>() * psf.height() * psf.width()) as u64
+        }
+    }
 }
 
 impl Engine {
@@ -124,7 +141,8 @@ impl Engine {
         let pictures = jobs.iter().map(|job| job.inputs.len() as u64).max().unwrap_or(0);
         let queued_frames = (jobs.len() > 1).then_some(QUEUED_FRAMES + pictures);
         let said = Mutex::default();
-        Ok(Self { kind, curve, max_memory: args.max_memory, queued_frames, highlights, said })
+        let kernel_bytes = kernel_bytes(args, &kind);
+        Ok(Self { kind, curve, max_memory: args.max_memory, queued_frames, kernel_bytes, highlights, said })
     }
 
     /// Packs a network's weights.
@@ -243,7 +261,8 @@ impl Engine {
     /// What the program and the queue hold meanwhile with so many threads, if all images are of this size.
     fn other_bytes(&self, [height, width]: [usize; 2], threads: usize) -> u64 {
         let frame = (CHANNELS * size_of::<f32>() * height * width) as u64;
-        PROGRAM_BYTES + threads as u64 * THREAD_BYTES + self.queued_frames.unwrap_or(0) * frame
+        let own = PROGRAM_BYTES + self.kernel_bytes + threads as u64 * THREAD_BYTES;
+        own + self.queued_frames.unwrap_or(0) * frame
     }
 
     /// Says what an image of this size takes, unless the image before took the same.

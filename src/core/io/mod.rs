@@ -28,6 +28,7 @@ mod tiff_directory;
 
 use std::path::Path;
 
+use half::f16;
 use ndarray::{Array3, ArrayView2, ArrayView3, Axis, concatenate};
 use serde::Serialize;
 
@@ -308,6 +309,12 @@ struct Contents<'a> {
 fn write_contents(path: &Path, contents: &Contents<'_>, options: PixelOptions) -> Result<()> {
     let format = Format::of_extension(path)?;
     check_output(path, options.overwrite)?;
+    if options.half && options.clip {
+        let largest = f32::from(f16::MAX);
+        let planes = contents.planes.mapv(|value| value.clamp(-largest, largest));
+        let clipped = Contents { planes: planes.view(), ..*contents };
+        return write_contents(path, &clipped, PixelOptions { clip: false, ..options });
+    }
     let encoded = match format {
         Format::Exr => {
             let encoder = exr::Encoder::new(contents, options.half);
