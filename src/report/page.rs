@@ -56,10 +56,11 @@ h1, h2, p, figcaption { overflow-wrap: anywhere; }
 th, td { white-space: nowrap; text-align: right; padding: 0.25rem 0.8rem; border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; }
 svg { max-width: 100%; height: auto; color: var(--ink); }
-pre { overflow-x: auto; padding: 0.8rem; border: 1px solid var(--line); font-size: 0.8rem; }
+pre { white-space: pre-wrap; overflow-wrap: anywhere; padding: 0.8rem; border: 1px solid var(--line);
+  font-size: 0.8rem; }
 @media (max-width: 40rem) { svg { min-width: 36rem; max-width: none; } .chart { overflow-x: auto; } }
-@media print { pre { white-space: pre-wrap; overflow-wrap: anywhere; } h2 { break-after: avoid; }
-  figure, svg, tr { break-inside: avoid; } .wide { overflow: visible; } .figures { grid-template-columns: repeat(3, 1fr); } }
+@media print { h2 { break-after: avoid; } figure, svg, tr { break-inside: avoid; } .wide { overflow: visible; }
+  .figures { grid-template-columns: repeat(3, 1fr); } }
 ";
 
 impl Page {

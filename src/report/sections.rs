@@ -136,19 +136,36 @@ pub fn evaluation(name: &str, metrics: &Value) -> Vec<Block> {
     let mut blocks = vec![Block::Heading(format!("Evaluation: {name}"))];
     let methods = metrics["methods"].as_array().cloned().unwrap_or_default();
     let names: Vec<&String> = metrics["mean"].as_object().map_or(Vec::new(), |mean| mean.keys().collect());
-    let mut head = vec!["method".to_owned(), "images".to_owned()];
     let heading = |name: &&String| {
         let metric = Metric::ALL.into_iter().find(|metric| metric.name() == name.as_str());
         metric.map_or_else(|| name.to_uppercase(), |metric| metric.heading().to_owned())
     };
-    head.extend(names.iter().map(heading));
-    let row = |method: &Value| {
-        let label = label_of(method);
-        let count = method["count"].to_string();
-        let values = names.iter().map(|name| number(&method["mean"][name.as_str()]));
-        [label, count].into_iter().chain(values).collect()
+    let headed = |first: &[&str]| {
+        first.iter().map(|&name| name.to_owned()).chain(names.iter().map(heading)).collect::<Vec<_>>()
     };
+    let means = |of: &Value| names.iter().map(|name| number(&of["mean"][name.as_str()])).collect::<Vec<_>>();
+    let row = |method: &Value| {
+        let cost = |key: &str, decimals: usize| {
+            method[key].as_f64().map_or_else(|| "–".to_owned(), |cost| format!("{cost:.decimals$}"))
+        };
+        let cost = [cost("parameters", 0), cost("gmac-800x800", 2)];
+        let first = [label_of(method)].into_iter().chain(cost).chain([method["count"].to_string()]);
+        first.chain(means(method)).collect()
+    };
+    let head = headed(&["method", "parameters", "GMAC at 800²", "images"]);
     blocks.push(Block::Table(head, methods.iter().map(row).collect()));
+    let of_regions = |method: &Value| {
+        let regions = method["regions"].as_object().cloned().unwrap_or_default();
+        let row = |(region, found): (&String, &Value)| {
+            let first = [label_of(method), region.clone(), found["pixels"].to_string()];
+            first.into_iter().chain(means(found)).collect::<Vec<_>>()
+        };
+        regions.iter().map(row).collect::<Vec<_>>()
+    };
+    let regions: Vec<_> = methods.iter().flat_map(of_regions).collect();
+    if !regions.is_empty() {
+        blocks.push(Block::Table(headed(&["method", "region", "pixels"]), regions));
+    }
     if let Some(left_out) = metrics["excluded"].as_array().filter(|list| !list.is_empty()) {
         blocks.push(Block::Text(format!("{} images are left out of every mean.", left_out.len())));
     }
@@ -203,15 +220,18 @@ mod tests {
     #[test]
     fn tables_every_method_and_orders_kernels_by_angle() {
         let method = |name: &str, psnr: f64| {
-            json!({"name": name, "count": 2, "mean": {"psnr": psnr},
+            json!({"name": name, "count": 2, "mean": {"psnr": psnr}, "parameters": 1234, "gmac-800x800": 23.255,
+                   "regions": {"flare": {"pixels": 99, "mean": {"psnr": psnr - 5.0}}},
                    "kernels": {"r+12": {"psnr": psnr}, "r-12": {"psnr": psnr + 1.0}}})
         };
         let metrics = json!({"mean": {"psnr": 30.0}, "methods": [method("degraded", 20.0), method("net", 30.0)],
                              "excluded": [], "definition": {"quantise": true}});
         let blocks = evaluation("results", &metrics);
         let Some(Block::Table(head, rows)) = blocks.get(1) else { panic!("a table follows the heading") };
-        assert_eq!(head[..], ["method", "images", "PSNR (dB)"]);
-        assert_eq!(rows[1], ["net", "2", "30.0000"]);
+        assert_eq!(head[..], ["method", "parameters", "GMAC at 800²", "images", "PSNR (dB)"]);
+        assert_eq!(rows[1], ["net", "1234", "23.25", "2", "30.0000"]);
+        let Some(Block::Table(_, regions)) = blocks.get(2) else { panic!("regions follow") };
+        assert_eq!(regions[1], ["net", "flare", "99", "25.0000"]);
         assert!(blocks.iter().any(|block| matches!(block, Block::Chart(..))));
     }
 
