@@ -190,7 +190,7 @@ pub(crate) fn definition() -> clap::Command {
     })
 }
 
-/// Breaks a line that begins with a call of the program, at flags where there are any, with a backslash before each break.
+/// Breaks a line that begins with a call of the program at its flags, with a backslash before each break.
 fn break_example(line: &str) -> String {
     let trimmed = line.trim_start();
     if line.len() <= EXAMPLE_WIDTH || !(trimmed.starts_with("udc ") || trimmed.starts_with("Example: udc ")) {

@@ -417,6 +417,11 @@ fn half_floats_are_clipped_where_that_is_asked_for() {
     succeed(scratch.path(), &[&convert[..], &["--clip"]].concat());
     let found = udc::core::io::read_pixels(&scratch.path().join("half.exr")).unwrap().planes;
     assert!(found.iter().all(|value| (value - 65504.0).abs() < 1.0));
+    // A format without half floats clips as it does without them.
+    succeed(
+        scratch.path(),
+        &["convert", "bright.npy", "bright.png", "--half", "--clip", "--domain", "linear"],
+    );
 }
 
 /// What is copied from the help must be what a shell runs.

@@ -309,8 +309,9 @@ struct Contents<'a> {
 fn write_contents(path: &Path, contents: &Contents<'_>, options: PixelOptions) -> Result<()> {
     let format = Format::of_extension(path)?;
     check_output(path, options.overwrite)?;
-    if options.half && options.clip {
-        let largest = f32::from(f16::MAX);
+    let largest = f32::from(f16::MAX);
+    let is_clipped_half = options.half && options.clip && matches!(format, Format::Exr | Format::Npy);
+    if is_clipped_half && contents.planes.iter().any(|value| value.abs() > largest) {
         let planes = contents.planes.mapv(|value| value.clamp(-largest, largest));
         let clipped = Contents { planes: planes.view(), ..*contents };
         return write_contents(path, &clipped, PixelOptions { clip: false, ..options });
