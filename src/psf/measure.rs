@@ -74,8 +74,8 @@ pub struct MeasuredPsf {
     pub background: [Background; 3],
     /// From the frame's centre (N/2) to the main peak, in pixels down and right.
     pub displacement_px: [i64; 2],
-    /// From the PSF's centre to each channel's centroid, in pixels down and right: below half a pixel but for
-    /// lateral colour.
+    /// From the PSF's centre to each channel's centroid, in pixels down and right: below half a pixel but for lopsided
+    /// cores and colours that lie apart.
     pub centroid_px: [[f64; 2]; 3],
     /// The share of the PSF that lay outside of the frame and is zero.
     pub padded: f64,

@@ -92,10 +92,8 @@ fn raw_of(directories: Vec<Directory<'_>>) -> Option<Directory<'_>> {
 
 fn check_encoding(raw: &Directory<'_>) -> Result<(), String> {
     let compression = raw.number(COMPRESSION).unwrap_or(1);
-    let (samples, needed) = match raw.number(PHOTOMETRIC) {
-        Some(CFA) => (raw.number(SAMPLES).unwrap_or(1), 1),
-        _ => (raw.number(SAMPLES).unwrap_or(1), 3),
-    };
+    let samples = raw.number(SAMPLES).unwrap_or(1);
+    let needed = if raw.number(PHOTOMETRIC) == Some(CFA) { 1 } else { 3 };
     if samples != needed {
         return Err(format!(
             "is a DNG of {samples} samples a pixel, where {needed} are read; write it as a mosaic"
@@ -186,23 +184,24 @@ fn levelled(planes: &mut Array3<f32>, raw: &Directory<'_>, largest: f64) -> Resu
     let black = mean(&blacks) + mean(&of_columns) + mean(&of_rows);
     let highest = |levels: &[f64]| levels.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let darkest = highest(&blacks) + highest(&of_columns) + highest(&of_rows);
-    if blacks.iter().chain([&white]).any(|level| !level.is_finite()) || darkest >= white {
+    if blacks.is_empty() || blacks.iter().chain([&white]).any(|level| !level.is_finite()) || darkest >= white
+    {
         return Err(format!("is damaged: black levels up to {darkest} do not lie below white {white}"));
     }
     let metadata = RawMetadata { bayer: None, black, white, white_balance: None };
     let is_even = |levels: &[f64]| levels.iter().all(|&level| (level - levels[0]).abs() < f64::EPSILON);
-    if [&blacks, &of_columns, &of_rows].into_iter().all(|levels| is_even(levels)) {
+    let is_one_level = is_even(&blacks);
+    if is_one_level && is_even(&of_columns) && is_even(&of_rows) {
         return Ok(metadata);
     }
     // Some writers give one level a channel and leave the repeat pattern out.
     let count = rows.checked_mul(columns).and_then(|sites| sites.checked_mul(channels));
-    let blacks = if is_even(&blacks) { vec![blacks[0]; count.unwrap_or(0).min(64)] } else { blacks };
-    if count != Some(blacks.len()) {
+    if !is_one_level && count != Some(blacks.len()) {
         return Err(format!("is damaged: {} black levels for {rows} × {columns} photosites", blacks.len()));
     }
     for ((channel, y, x), value) in planes.indexed_iter_mut() {
-        let here =
-            blacks[(y % rows * columns + x % columns) * channels + channel] + of_columns[x] + of_rows[y];
+        let site = if is_one_level { 0 } else { (y % rows * columns + x % columns) * channels + channel };
+        let here = blacks[site] + of_columns[x] + of_rows[y];
         let light = (f64::from(*value) - here) / (white - here);
         #[expect(clippy::cast_possible_truncation, reason = "images are kept in 32 bit")]
         let levelled = (black + light * (white - black)) as f32;

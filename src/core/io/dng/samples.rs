@@ -55,13 +55,15 @@ pub(super) fn decode(raw: &Directory<'_>) -> Result<Array3<u16>, String> {
     Ok(planes)
 }
 
-/// An image stored in tiles or strips, all of one size but for a last strip that ends with the image.
+/// An image stored in tiles or strips.
 struct Image<'a> {
     height: usize,
     width: usize,
     channels: usize,
     bits: usize,
     is_jpeg: bool,
+    /// Tiles are all whole; a last strip may end with the image.
+    is_tiled: bool,
     chunk_height: usize,
     chunk_width: usize,
     chunks: Vec<&'a [u8]>,
@@ -85,6 +87,7 @@ impl<'a> Image<'a> {
             channels: raw.number(SAMPLES).unwrap_or(1),
             bits: raw.number(BITS)?,
             is_jpeg: raw.number(COMPRESSION) == Some(JPEG),
+            is_tiled,
             chunk_height,
             chunk_width,
             chunks: chunks.collect::<Option<_>>()?,
@@ -103,13 +106,11 @@ impl<'a> Image<'a> {
         }
         let [area, chunk_area] = [(height, width), (self.chunk_height, self.chunk_width)]
             .map(|(rows, columns)| rows.checked_mul(columns).filter(|area| (1..=MAX_PIXELS).contains(area)));
-        let sizes = area.zip(chunk_area).filter(|_| (1..=4).contains(&channels));
-        let (Some(_), true) = (sizes, self.chunks.len() >= self.across() * self.down()) else {
+        if area.zip(chunk_area).is_none() || self.chunks.len() < self.across() * self.down() {
             return Err(format!("is damaged: {height} × {width} × {channels} samples are not in its tiles"));
-        };
-        // Each sample takes a bit at least, and no two tiles the same; tiles are whole, and strips end with the image.
-        let is_tiled = raw.number(TILE_WIDTH).is_some();
-        let rows = if is_tiled { self.down() * self.chunk_height } else { height };
+        }
+        // Each sample takes a bit at least, and no two tiles the same.
+        let rows = if self.is_tiled { self.down() * self.chunk_height } else { height };
         let (decoded, length) = (rows * (self.across() * self.chunk_width) * channels, raw.file_len());
         if decoded > length.saturating_mul(8) {
             return Err(format!(
