@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::direct::few_outputs::{self, OutputRows as FewOutputRows};
-use super::direct::forward::{self as direct, Geometry, MOST_SIDE, OutputRows};
+use super::direct::forward::{self as direct, Geometry, OutputRows};
 use super::finish::Finish;
 use super::rows::Rows;
 use super::scratch::{Target, written};
@@ -40,11 +40,17 @@ enum Method {
 
 impl Convolution {
     /// Packs PyTorch's weights `[outputs, inputs, side, side]` and bias `[outputs]`.
+    ///
+    /// # Panics
+    /// When a slice's length is not that of the geometry, or there is no kernel for it.
     pub fn new(geometry: Geometry, weight: &[f32], bias: &[f32]) -> Self {
         Self::for_isa(Isa::current(), geometry, weight, bias)
     }
 
     /// As [`Convolution::new`], for a given instruction set.
+    ///
+    /// # Panics
+    /// As [`Convolution::new`].
     pub fn for_isa(isa: Isa, geometry: Geometry, weight: &[f32], bias: &[f32]) -> Self {
         let taps = check_parameters(geometry, weight, bias);
         let weight = |o: usize, i: usize, tap: usize| weight[(o * geometry.inputs + i) * taps + tap];
@@ -58,7 +64,7 @@ impl Convolution {
     /// weight `[4·channels, inputs, 3, 3]`, bias `[4·channels]`; output `[images, 2·height, 2·width, channels]`.
     ///
     /// # Panics
-    /// When the number of biases is no multiple of four.
+    /// When the number of biases is no multiple of four, or that of weights another than theirs and the inputs' say.
     pub fn up(isa: Isa, inputs: usize, weight: &[f32], bias: &[f32]) -> Self {
         let geometry = Geometry::three_by_three(inputs, bias.len());
         check_parameters(geometry, weight, bias);
@@ -72,10 +78,12 @@ impl Convolution {
     /// and transposed, no bias.
     ///
     /// # Panics
-    /// When the stride is not 1.
+    /// When the stride is not 1, or the number of weights not that of the geometry.
     pub fn transposed(isa: Isa, geometry: Geometry, weight: &[f32]) -> Self {
         let Geometry { inputs, outputs, side, stride } = geometry;
+        geometry.check();
         assert_eq!(stride, 1, "stride of a convolution whose transpose is one");
+        assert_eq!(weight.len(), geometry.weight_len(), "weights of {geometry:?}");
         let taps = side * side;
         let flipped = |i: usize, o: usize, tap: usize| weight[(o * inputs + i) * taps + taps - 1 - tap];
         let geometry = Geometry { inputs: outputs, outputs: inputs, side, stride };
@@ -109,12 +117,12 @@ impl Convolution {
 
     /// The shape of the output for an input of shape `input`.
     pub fn output_shape(&self, input: Shape) -> Shape {
-        let factor = self.factor();
+        let (factor, out) = (self.factor(), self.geometry.output_shape(input));
         Shape {
-            images: input.images,
-            height: self.geometry.output_extent(input.height) * factor,
-            width: self.geometry.output_extent(input.width) * factor,
-            channels: self.geometry.outputs / (factor * factor),
+            images: out.images,
+            height: out.height * factor,
+            width: out.width * factor,
+            channels: out.channels / (factor * factor),
         }
     }
 
@@ -261,12 +269,10 @@ pub(crate) fn shuffled_output(output: usize, channels: usize) -> usize {
 }
 
 fn check_parameters(geometry: Geometry, weight: &[f32], bias: &[f32]) -> usize {
-    let Geometry { side, stride, .. } = geometry;
-    let is_known = side % 2 == 1 && side <= MOST_SIDE && matches!(stride, 1 | 2 | 4);
-    assert!(is_known, "a convolution of side {side}, stride {stride}");
+    geometry.check();
     assert_eq!(weight.len(), geometry.weight_len(), "weights of {geometry:?}");
     assert_eq!(bias.len(), geometry.outputs, "biases of {geometry:?}");
-    side * side
+    geometry.side * geometry.side
 }
 
 #[cfg(test)]

@@ -37,6 +37,9 @@ pub struct Parameters {
 impl Parameters {
     /// Computes the gradients of a convolution's weight and bias from its input, of shape `shape`, and the gradient of its
     /// outputs.
+    ///
+    /// # Panics
+    /// When a slice's length is not that of its shape.
     pub fn gradients(geometry: Geometry, input: &[f32], shape: Shape, gradient: &[f32]) -> Self {
         let (weight, bias) = rayon::join(
             || weight_gradient(geometry, input, shape, gradient),
@@ -50,7 +53,7 @@ impl Parameters {
 /// (convolutions of stride 2 know [`Finish::Leak`] of slope 1 only).
 ///
 /// # Panics
-/// When a convolution of stride 2 is to be finished by anything but slope 1.
+/// When a slice's length is not that of its shape, or a convolution of stride 2 is to be finished by anything but slope 1.
 pub fn input_gradient(
     geometry: Geometry,
     weight: &[f32],
@@ -58,12 +61,16 @@ pub fn input_gradient(
     shape: Shape,
     finish: Finish<'_>,
 ) -> Vec<f32> {
+    geometry.check_gradient(Some(weight), shape, gradient);
     let isa = Isa::current();
     if geometry.stride == 1 {
         let out = shape.with_channels(geometry.outputs);
         return Convolution::transposed(isa, geometry, weight).apply(gradient, out, finish);
     }
     assert!(matches!(finish, Finish::Leak(1.0)), "{finish:?} after a transposed convolution of stride 2");
+    if shape.is_empty() {
+        return Vec::new();
+    }
     let mut to = zeros(shape.len());
     let weights = TransposedWeights::pack(isa, geometry, weight);
     let height = geometry.output_extent(shape.height);
@@ -80,7 +87,15 @@ pub fn input_gradient(
 }
 
 /// Computes the gradient of a convolution's weights from its input and the gradient of its outputs.
+///
+/// # Panics
+/// When a slice's length is not that of its shape.
 pub fn weight_gradient(geometry: Geometry, input: &[f32], shape: Shape, gradient: &[f32]) -> Vec<f32> {
+    geometry.check_gradient(None, shape, gradient);
+    assert_eq!(input.len(), shape.len(), "floats of an input {shape:?}");
+    if shape.is_empty() {
+        return vec![0.0; geometry.weight_len()];
+    }
     let isa = Isa::current();
     let Geometry { inputs, outputs, side, stride } = geometry;
     if (side, stride) == (3, 1) && winograd::weights::applies(isa, inputs, outputs) {
@@ -90,7 +105,7 @@ pub fn weight_gradient(geometry: Geometry, input: &[f32], shape: Shape, gradient
     let height = geometry.output_extent(shape.height);
     let row_len = geometry.output_extent(shape.width) * outputs;
     let rows = shape.images * height;
-    let groups = (rows * row_len / outputs / PIXELS_PER_GROUP).clamp(1, MOST_GROUPS);
+    let groups = groups(shape.images, geometry.output_extent(shape.width) * height);
     let per_group = rows.div_ceil(groups);
     let mut buffer = AlignedBuffer::zeros(groups * layout.len());
     buffer.as_mut_slice().par_chunks_mut(layout.len()).enumerate().for_each(|(group, sums)| {
@@ -106,6 +121,11 @@ pub fn weight_gradient(geometry: Geometry, input: &[f32], shape: Shape, gradient
     let taps = side * side;
     let weight = |i: usize| totals[layout.at(i / taps / inputs, i / taps % inputs, i % taps)];
     (0..geometry.weight_len()).into_par_iter().with_min_len(1 << 12).map(weight).collect()
+}
+
+/// How many groups of sums the direct method makes for images of so many output pixels.
+fn groups(images: usize, pixels: usize) -> usize {
+    (images * pixels / PIXELS_PER_GROUP).clamp(1, MOST_GROUPS)
 }
 
 #[cfg(test)]
@@ -184,17 +204,19 @@ mod tests {
 
     #[test]
     fn weight_gradients_do_not_depend_on_the_threads() {
-        let shape = Shape::new(3, 60, 60, 16);
+        let shape = Shape::new(3, 112, 104, 16);
         let mut values = Values::new(2);
         let (x, gradient) = (values.take(shape.len()), values.take(shape.len()));
+        assert_eq!(winograd::gradient::groups(3 * 28 * 26, 16 * 16), 4, "groups of stride 1");
+        assert_eq!(groups(3, 56 * 52), 2, "groups of stride 2");
         for stride in [1, 2] {
             let geometry = Geometry { inputs: 16, outputs: 16, side: 3, stride };
-            let pixels = 3 * geometry.output_extent(60) * geometry.output_extent(60);
+            let pixels = 3 * geometry.output_extent(112) * geometry.output_extent(104);
             let run = |threads: usize| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
                 pool.install(|| weight_gradient(geometry, &x, shape, &gradient[..pixels * 16]))
             };
-            assert_eq!(run(1), run(3), "stride {stride}");
+            assert!(run(1) == run(3), "stride {stride}");
         }
     }
 }

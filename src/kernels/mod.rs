@@ -37,6 +37,8 @@ mod gemm;
 pub mod gradient;
 pub mod modulation;
 pub mod peak;
+#[cfg(test)]
+mod published_shapes_tests;
 pub mod res_block;
 mod rows;
 mod scratch;

@@ -106,12 +106,25 @@ impl Branch<'_> {
 }
 
 impl Modulation<'_> {
+    /// Asserts that both branches end in as many channels as are modulated.
+    fn check(&self, shape: Shape) {
+        for branch in [&self.scale, &self.offset] {
+            let channels = branch.biases[1].len();
+            assert_eq!(channels, shape.channels, "channels of a branch and those that it modulates");
+        }
+    }
+
     /// Computes the transform of `x` by `map`, which have so many channels, and what the backward pass needs.
     ///
     /// # Shapes
     /// `x` and the result have `shape`; `map` has the same with its own channels.
+    ///
+    /// # Panics
+    /// When a slice's length, or that of a parameter, is not that of the shape.
     pub fn forward(&self, x: &[f32], map: &[f32], shape: Shape) -> (Kept<Vec<f32>>, Vec<f32>) {
-        let joined_shape = shape.with_channels(shape.channels + map.len() / shape.pixels());
+        assert_eq!(x.len(), shape.len(), "floats of {shape:?}");
+        let joined_shape = shape.with_channels(shape.channels + channels_of(map, shape));
+        self.check(shape);
         let joined = join(x, map, shape, joined_shape);
         let (inner_scale, mut share) = self.scale.forward(&joined, joined_shape, self.inner_slope);
         let (inner_offset, mut output) = self.offset.forward(&joined, joined_shape, self.inner_slope);
@@ -132,6 +145,9 @@ impl Modulation<'_> {
     /// # Equation
     /// With s = σ(scale) and g the gradient through the last rectifier: offset `g`, scale `g·x·s·(1−s)`, x
     /// `g·s` besides what comes through the branches.
+    ///
+    /// # Panics
+    /// As [`Modulation::forward`].
     pub fn backward(
         &self,
         x: &[f32],
@@ -140,7 +156,16 @@ impl Modulation<'_> {
         shape: Shape,
     ) -> ModulationGradients {
         let Kept { joined, inner, share } = kept;
-        let joined_shape = shape.with_channels(joined.len() / shape.pixels());
+        let joined_shape = shape.with_channels(channels_of(joined, shape));
+        assert!(joined_shape.channels > shape.channels, "{joined_shape:?} of {shape:?} and a map");
+        self.check(shape);
+        for values in [x, share, output, gradient] {
+            assert_eq!(values.len(), shape.len(), "floats of {shape:?}");
+        }
+        for (inner, branch) in inner.iter().zip([&self.scale, &self.offset]) {
+            let shape = shape.with_channels(branch.biases[0].len());
+            assert_eq!(inner.len(), shape.len(), "floats of {shape:?}");
+        }
         let [mut direct, mut scale, mut offset] = [(); 3].map(|()| zeros(shape.len()));
         let len = CHUNK * shape.channels;
         let targets =
@@ -163,6 +188,14 @@ impl Modulation<'_> {
         let map = split(&joined_gradient, shape, joined_shape, &mut direct);
         ModulationGradients { x: direct, map, parameters: [of_scale, of_offset] }
     }
+}
+
+/// The channels of a map with the sides of `shape`.
+fn channels_of(map: &[f32], shape: Shape) -> usize {
+    let pixels = shape.pixels();
+    let is_whole = pixels > 0 && !map.is_empty() && map.len().is_multiple_of(pixels);
+    assert!(is_whole, "{} floats of a map for {pixels} pixels", map.len());
+    map.len() / pixels
 }
 
 /// Sets the channels of two tensors side by side.

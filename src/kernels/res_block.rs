@@ -32,6 +32,9 @@ pub struct ResBlockGradients {
 
 impl ResBlock<'_> {
     /// Computes what lies between the convolutions, and the result.
+    ///
+    /// # Panics
+    /// When a slice's length, or that of a parameter, is not that of the shape.
     pub fn forward(&self, x: &[f32], shape: Shape) -> (Vec<f32>, Vec<f32>) {
         let geometry = Geometry::three_by_three(shape.channels, shape.channels);
         let convolution = |i: usize| Convolution::new(geometry, self.weights[i], self.biases[i]);
@@ -41,7 +44,12 @@ impl ResBlock<'_> {
     }
 
     /// Takes the gradient of the result back, given the input and what lay between the convolutions.
+    ///
+    /// # Panics
+    /// As [`ResBlock::forward`].
     pub fn backward(&self, x: &[f32], inner: &[f32], gradient: &[f32], shape: Shape) -> ResBlockGradients {
+        let lengths = (x.len(), inner.len(), gradient.len());
+        assert_eq!(lengths, (shape.len(), shape.len(), shape.len()), "floats of {shape:?}");
         let geometry = Geometry::three_by_three(shape.channels, shape.channels);
         let gate = Finish::Gate(self.slope, inner);
         let inner_gradient = input_gradient(geometry, self.weights[1], gradient, shape, gate);

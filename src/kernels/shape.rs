@@ -20,8 +20,11 @@ impl Shape {
     }
 
     /// Counts the tensor's numbers.
+    ///
+    /// # Panics
+    /// When no memory could hold so many, as [`Shape::image_len`] and [`Shape::row_len`] do.
     pub fn len(&self) -> usize {
-        self.images * self.image_len()
+        self.product(self.images, self.image_len())
     }
 
     /// Tells whether there is no pixel or no channel.
@@ -30,13 +33,24 @@ impl Shape {
     }
 
     /// Counts the numbers of one image.
+    ///
+    /// # Panics
+    /// When no memory could hold so many.
     pub fn image_len(&self) -> usize {
-        self.height * self.row_len()
+        self.product(self.height, self.row_len())
     }
 
     /// Counts the numbers of one row.
+    ///
+    /// # Panics
+    /// When no memory could hold so many.
     pub fn row_len(&self) -> usize {
-        self.width * self.channels
+        self.product(self.width, self.channels)
+    }
+
+    /// A count that has not wrapped around: slices are checked against it before they are read without checks.
+    fn product(&self, a: usize, b: usize) -> usize {
+        a.checked_mul(b).unwrap_or_else(|| panic!("{self:?} has more numbers than memory has places"))
     }
 
     /// Counts the pixels of all images.

@@ -1,17 +1,46 @@
 //! Memory in which several threads read and write at once, each where a plan says.
+//!
+//! Builds with debug assertions watch over the plan: tasks say when they begin ([`Slots::turn`]), and those that could
+//! meet at the same floats, one writing, end in a panic. Other builds do nothing of this.
+
+#[cfg(debug_assertions)]
+mod watch;
 
 use std::marker::PhantomData;
 use std::ops::Range;
 
 /// Stretches of one buffer, known by their numbers.
 ///
-/// Nobody checks here that what one thread writes is touched by no other: that is what [`Slots::read`] and
-/// [`Slots::write`] demand of their callers.
+/// That what one thread writes is touched by no other is what [`Slots::read`] and [`Slots::write`] demand of their
+/// callers.
 pub(crate) struct Slots<'a> {
     base: *mut f32,
     /// Where each slot lies in the buffer.
     places: Vec<Range<usize>>,
     buffer: PhantomData<&'a mut [f32]>,
+    #[cfg(debug_assertions)]
+    watch: watch::Watch,
+}
+
+/// A task of those that use the slots at once.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Turn {
+    /// Its number.
+    pub(crate) task: usize,
+    /// It begins when all tasks with a smaller number than this are finished.
+    pub(crate) needs: usize,
+    /// What it does, for messages: the step of the network,
+    pub(crate) step: usize,
+    /// its first row,
+    pub(crate) first: usize,
+    /// and one past its last.
+    pub(crate) end: usize,
+}
+
+/// Lasts while the thread that made it computes a task.
+pub(crate) struct InTurn {
+    #[cfg(debug_assertions)]
+    _guard: watch::Guard,
 }
 
 // SAFETY: the buffer is borrowed exclusively for as long as this lives, and floats may be used by any thread; that they
@@ -32,7 +61,33 @@ impl<'a> Slots<'a> {
         };
         let places = lengths.iter().map(&mut next).collect();
         assert!(end <= buffer.len(), "slots of {end} floats in a buffer of {}", buffer.len());
-        Self { base: buffer.as_mut_ptr(), places, buffer: PhantomData }
+        Self {
+            base: buffer.as_mut_ptr(),
+            places,
+            buffer: PhantomData,
+            #[cfg(debug_assertions)]
+            watch: watch::Watch::new(lengths.len()),
+        }
+    }
+
+    /// Says which task the thread computes while what is returned lives.
+    #[cfg_attr(
+        not(debug_assertions),
+        expect(clippy::unused_self, reason = "the slots are watched in debug builds only")
+    )]
+    pub(crate) fn turn(&self, turn: Turn) -> InTurn {
+        #[cfg(not(debug_assertions))]
+        let _ = turn;
+        InTurn {
+            #[cfg(debug_assertions)]
+            _guard: watch::Guard::new(turn),
+        }
+    }
+
+    /// Says that all tasks are finished: what comes now may use what they used.
+    pub(crate) fn all_finished(&mut self) {
+        #[cfg(debug_assertions)]
+        self.watch.forget();
     }
 
     /// Some floats of a slot.
@@ -41,10 +96,13 @@ impl<'a> Slots<'a> {
     /// While the slice lives nobody writes them.
     ///
     /// # Panics
-    /// When the slot does not have them.
+    /// When the slot does not have them; in builds with debug assertions also when a task that this one is not kept apart
+    /// from writes them.
     #[inline]
     pub(crate) unsafe fn read(&self, slot: usize, floats: Range<usize>) -> &[f32] {
         let (start, len) = self.stretch(slot, &floats);
+        #[cfg(debug_assertions)]
+        self.watch.note(slot, &floats, false);
         // SAFETY: the stretch lies within the buffer, which is borrowed for longer than `self` and holds floats; the
         // caller promises that nobody writes it.
         unsafe { std::slice::from_raw_parts(self.base.add(start), len) }
@@ -56,11 +114,14 @@ impl<'a> Slots<'a> {
     /// While the slice lives nobody else reads or writes them.
     ///
     /// # Panics
-    /// When the slot does not have them.
+    /// When the slot does not have them; in builds with debug assertions also when a task that this one is not kept apart
+    /// from uses them.
     #[inline]
     #[expect(clippy::mut_from_ref, reason = "that the slices do not overlap is the caller's promise")]
     pub(crate) unsafe fn write(&self, slot: usize, floats: Range<usize>) -> &mut [f32] {
         let (start, len) = self.stretch(slot, &floats);
+        #[cfg(debug_assertions)]
+        self.watch.note(slot, &floats, true);
         // SAFETY: the stretch lies within the buffer, which is borrowed exclusively and for longer than `self`; the
         // caller promises that nobody else uses it.
         unsafe { std::slice::from_raw_parts_mut(self.base.add(start), len) }

@@ -26,8 +26,9 @@ pub struct Gated {
 /// `gradient · (sign > 0 ? 1 : slope)`; slope: `Σ gradient · min(sign, 0)`.
 ///
 /// # Panics
-/// When the slices differ in length.
+/// When the slices differ in length, or do not hold whole pixels of so many channels.
 pub fn gate(gradient: &[f32], sign: &[f32], slope: f32, channels: usize) -> Gated {
+    check_pixels(gradient, channels);
     assert_eq!(gradient.len(), sign.len(), "a gradient and the signs it is gated by");
     let len = CHUNK * channels;
     let (gated, sums) = by_chunks(gradient.len(), len, |chunk, to| {
@@ -40,12 +41,21 @@ pub fn gate(gradient: &[f32], sign: &[f32], slope: f32, channels: usize) -> Gate
 }
 
 /// Sums over pixels: the gradient of a bias.
+///
+/// # Panics
+/// When the slice does not hold whole pixels of so many channels.
 pub fn per_channel(gradient: &[f32], channels: usize) -> Vec<f32> {
+    check_pixels(gradient, channels);
     let chunks = gradient.par_chunks(CHUNK * channels);
     let sums: Vec<Vec<f32>> =
         chunks.map(|chunk| Isa::current().run(SumChunk { gradient: chunk, channels })).collect();
     let sums: Vec<&[f32]> = sums.iter().map(Vec::as_slice).collect();
     add_up(&sums, channels)
+}
+
+fn check_pixels(gradient: &[f32], channels: usize) {
+    let is_whole = channels > 0 && gradient.len().is_multiple_of(channels);
+    assert!(is_whole, "{} floats of a gradient in pixels of {channels} channels", gradient.len());
 }
 
 /// Adds the chunks' sums in order, in f64.

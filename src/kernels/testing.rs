@@ -145,6 +145,56 @@ pub(crate) mod naive {
         output
     }
 
+    /// The pairs of an output pixel and an input pixel that weight `tap` multiplies, by their numbers in their batches.
+    fn pairs(g: Geometry, shape: Shape, tap: usize) -> impl Iterator<Item = (usize, usize)> {
+        let out = g.output_shape(shape);
+        let inside = move |v: usize, offset: usize, extent: usize| {
+            (v * g.stride + offset).checked_sub(g.side / 2).filter(|v| *v < extent)
+        };
+        (0..out.pixels()).filter_map(move |pixel| {
+            let (n, y, x) =
+                (pixel / out.width / out.height, pixel / out.width % out.height, pixel % out.width);
+            let (y, x) = (inside(y, tap / g.side, shape.height)?, inside(x, tap % g.side, shape.width)?);
+            Some((pixel, (n * shape.height + y) * shape.width + x))
+        })
+    }
+
+    /// The gradient of a convolution's weights.
+    pub(crate) fn weight_gradient(g: Geometry, input: &[f32], shape: Shape, gradient: &[f32]) -> Vec<f64> {
+        let taps = g.side * g.side;
+        let mut result = vec![0.0; g.weight_len()];
+        for tap in 0..taps {
+            let mut sums = vec![0.0f64; g.outputs * g.inputs];
+            for (to, from) in pairs(g, shape, tap) {
+                let seen = &input[from * g.inputs..][..g.inputs];
+                let of_output = &gradient[to * g.outputs..][..g.outputs];
+                for (sums, d) in sums.chunks_exact_mut(g.inputs).zip(of_output) {
+                    let d = f64::from(*d);
+                    sums.iter_mut().zip(seen).for_each(|(sum, seen)| *sum += d * f64::from(*seen));
+                }
+            }
+            sums.iter().enumerate().for_each(|(place, sum)| result[place * taps + tap] = *sum);
+        }
+        result
+    }
+
+    /// The gradient of a convolution's inputs.
+    pub(crate) fn input_gradient(g: Geometry, weight: &[f32], gradient: &[f32], shape: Shape) -> Vec<f64> {
+        let taps = g.side * g.side;
+        let mut result = vec![0.0; shape.len()];
+        for tap in 0..taps {
+            let of_tap: Vec<f64> = weight.iter().skip(tap).step_by(taps).map(|w| f64::from(*w)).collect();
+            for (from, to) in pairs(g, shape, tap) {
+                let to = &mut result[to * g.inputs..][..g.inputs];
+                let of_output = &gradient[from * g.outputs..][..g.outputs];
+                for (weights, d) in of_tap.chunks_exact(g.inputs).zip(of_output) {
+                    to.iter_mut().zip(weights).for_each(|(to, w)| *to += f64::from(*d) * w);
+                }
+            }
+        }
+        result
+    }
+
     /// Bias is in the sums already: activation, addition or gate.
     pub(crate) fn finish(finish: Finish<'_>, sums: &[f64]) -> Vec<f64> {
         let leak =
@@ -181,32 +231,71 @@ pub(crate) mod naive {
 
     impl FilterHead<'_> {
         /// Predicts filters and applies them, with replicated borders.
-        pub(crate) fn apply(&self, condition: &[f32], features: &[f32], shape: Shape) -> Vec<f64> {
+        pub(crate) fn apply<T: Copy + Into<f64>>(
+            &self,
+            condition: &[T],
+            features: &[T],
+            shape: Shape,
+        ) -> Vec<f64> {
             let taps = self.size * self.size;
-            let geometry =
-                Geometry { inputs: shape.channels, outputs: shape.channels * taps, side: 1, stride: 1 };
-            let filters = convolution(geometry, self.weight, self.bias, condition, shape);
-            let filters = finish(Finish::Leak(self.slope), &filters);
-            let half = (self.size / 2).cast_signed();
-            let nearest = |v: usize, d: usize, extent: usize| {
-                (v.cast_signed() + d.cast_signed() - half).clamp(0, extent.cast_signed() - 1)
-            };
+            let filters = finish(Finish::Leak(self.slope), &self.filters(condition, shape));
             let mut output = Vec::new();
             for i in 0..shape.len() {
-                let (pixel, c) = (i / shape.channels, i % shape.channels);
-                let (n, y, x) = (
-                    pixel / shape.width / shape.height,
-                    pixel / shape.width % shape.height,
-                    pixel % shape.width,
-                );
-                let tap = |t: usize| {
-                    let place =
-                        (nearest(y, t / self.size, shape.height), nearest(x, t % self.size, shape.width));
-                    filters[(pixel * shape.channels + c) * taps + t] * at(features, shape, n, place, c)
-                };
+                let tap = |t: usize| filters[i * taps + t] * features[self.seen(i, t, shape)].into();
                 output.push((0..taps).map(tap).sum());
             }
             output
+        }
+
+        /// The filters before their PReLU.
+        fn filters<T: Copy + Into<f64>>(&self, condition: &[T], shape: Shape) -> Vec<f64> {
+            let outputs = shape.channels * self.size * self.size;
+            let geometry = Geometry { inputs: shape.channels, outputs, side: 1, stride: 1 };
+            convolution(geometry, self.weight, self.bias, condition, shape)
+        }
+
+        /// The place of the feature that a tap of output `i` sees.
+        fn seen(&self, i: usize, tap: usize, shape: Shape) -> usize {
+            let nearest =
+                |v: usize, d: usize, extent: usize| (v + d).saturating_sub(self.size / 2).min(extent - 1);
+            let (pixel, c) = (i / shape.channels, i % shape.channels);
+            let (row, x) = (pixel / shape.width, pixel % shape.width);
+            let (n, y) = (row / shape.height, row % shape.height);
+            let y = nearest(y, tap / self.size, shape.height);
+            let x = nearest(x, tap % self.size, shape.width);
+            ((n * shape.height + y) * shape.width + x) * shape.channels + c
+        }
+
+        /// The gradients of conditions, features, weights, biases and slope.
+        pub(crate) fn gradients(
+            &self,
+            condition: &[f32],
+            features: &[f32],
+            shape: Shape,
+            gradient: &[f32],
+        ) -> [Vec<f64>; 5] {
+            let (channels, taps, slope) = (shape.channels, self.size * self.size, f64::from(self.slope));
+            let filters = self.filters(condition, shape);
+            let [mut to_condition, mut to_features] = [(); 2].map(|()| vec![0.0; shape.len()]);
+            let mut to_weight = vec![0.0; self.weight.len()];
+            let mut to_bias = vec![0.0; self.bias.len()];
+            let mut to_slope = 0.0;
+            for i in 0..shape.len() {
+                let (first, c, d) = (i - i % channels, i % channels, f64::from(gradient[i]));
+                for t in 0..taps {
+                    let (p, seen, output) = (filters[i * taps + t], self.seen(i, t, shape), c * taps + t);
+                    let feature = f64::from(features[seen]);
+                    to_features[seen] += d * if p > 0.0 { p } else { slope * p };
+                    to_slope += d * feature * p.min(0.0);
+                    let g = d * feature * if p > 0.0 { 1.0 } else { slope };
+                    to_bias[output] += g;
+                    for k in 0..channels {
+                        to_condition[first + k] += g * f64::from(self.weight[output * channels + k]);
+                        to_weight[output * channels + k] += g * f64::from(condition[first + k]);
+                    }
+                }
+            }
+            [to_condition, to_features, to_weight, to_bias, vec![to_slope]]
         }
     }
 }

@@ -26,12 +26,18 @@ pub struct UpConvolution<'a> {
 
 impl UpConvolution<'_> {
     /// Computes `leak(shuffle(convolution(x)))`.
+    ///
+    /// # Panics
+    /// When a slice's length, or that of a parameter, is not that of the shape.
     pub fn forward(&self, x: &[f32], shape: Shape) -> Vec<f32> {
         let up = Convolution::up(Isa::current(), shape.channels, self.weight, self.bias);
         up.apply(x, shape, Finish::Leak(self.slope))
     }
 
     /// Takes the gradient of the result back to that of `x` and of the parameters, given the result.
+    ///
+    /// # Panics
+    /// As [`UpConvolution::forward`].
     pub fn backward(
         &self,
         x: &[f32],
@@ -41,7 +47,11 @@ impl UpConvolution<'_> {
     ) -> (Vec<f32>, Parameters) {
         let outputs = self.bias.len();
         let channels = outputs / 4;
+        assert!(outputs.is_multiple_of(4), "{outputs} outputs to shuffle");
         let geometry = Geometry::three_by_three(shape.channels, outputs);
+        let fine = shape.with_channels(outputs).len();
+        assert_eq!((output.len(), gradient.len()), (fine, fine), "floats of what {shape:?} becomes");
+        geometry.check_gradient(Some(self.weight), shape, gradient);
         let gated = gather(&gate(gradient, output, self.slope, channels).gradient, shape, channels);
         let row_len = shape.channels * 9;
         let rows: Vec<&[f32]> =

@@ -6,6 +6,7 @@ use crate::kernels::gemm::{
 };
 use crate::kernels::rows::Rows;
 use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines};
+use crate::kernels::shape::Shape;
 use crate::kernels::simd::{Extent as _, First, Isa, Kernel, Simd, Whole, load_strided};
 
 /// The largest side of a convolution: AlexNet's first layer has it.
@@ -37,7 +38,32 @@ impl Geometry {
 
     /// Number of output rows (columns) of `extent` input rows (columns).
     pub fn output_extent(&self, extent: usize) -> usize {
-        (extent - 1) / self.stride + 1
+        extent.div_ceil(self.stride)
+    }
+
+    /// The shape of the outputs for an input of shape `input`.
+    pub(crate) fn output_shape(&self, input: Shape) -> Shape {
+        let (height, width) = (self.output_extent(input.height), self.output_extent(input.width));
+        Shape { images: input.images, height, width, channels: self.outputs }
+    }
+
+    /// Asserts that there is a kernel for this extent.
+    pub(crate) fn check(&self) {
+        let Self { inputs, outputs, side, stride } = *self;
+        let is_known = side % 2 == 1 && side <= MOST_SIDE && matches!(stride, 1 | 2 | 4);
+        assert!(is_known, "a convolution of side {side}, stride {stride}");
+        assert!(inputs > 0 && outputs > 0, "a convolution of {inputs} channels to {outputs}");
+    }
+
+    /// Asserts that an input, the gradient of its outputs, and the weights, where they are given, have these sizes.
+    pub(crate) fn check_gradient(&self, weight: Option<&[f32]>, shape: Shape, gradient: &[f32]) {
+        self.check();
+        if let Some(weight) = weight {
+            assert_eq!(weight.len(), self.weight_len(), "weights of {self:?}");
+        }
+        assert_eq!(shape.channels, self.inputs, "channels of {shape:?} and inputs of {self:?}");
+        let out = self.output_shape(shape);
+        assert_eq!(gradient.len(), out.len(), "floats of a gradient {out:?}");
     }
 
     /// Rows (columns) of zeros around the input.

@@ -50,8 +50,11 @@ pub struct DynamicFilterGradients {
 impl DynamicFilter {
     /// Takes the gradient of the output back to everything that it was computed from.
     ///
+    /// # Shapes
+    /// `condition`, `features` and `gradient` have shape `shape`.
+    ///
     /// # Panics
-    /// When the weights were packed for products in bfloat16.
+    /// When a slice's length is not that of the shape, or the weights were packed for products in bfloat16.
     pub fn backward(
         &self,
         condition: &[f32],
@@ -60,6 +63,10 @@ impl DynamicFilter {
         gradient: &[f32],
     ) -> DynamicFilterGradients {
         assert_eq!(self.isa.per_lane(), 1, "gradients are made of products of 32-bit floats");
+        assert_eq!(shape.channels, self.channels, "channels of {shape:?}");
+        let lengths = (condition.len(), features.len(), gradient.len());
+        assert_eq!(lengths, (shape.len(), shape.len(), shape.len()), "floats of {shape:?}");
+        assert!(!shape.is_empty(), "{shape:?} has no pixels to take a gradient from");
         let transposed = self.transposed_weights();
         let per_image = UNITS.div_ceil(shape.images);
         let unit_rows = shape.height.div_ceil(per_image);

@@ -34,11 +34,12 @@ impl DynamicFilter {
     /// `c·size² + dy·size + dx`, and the slope of the filters' PReLU.
     ///
     /// # Panics
-    /// When the size is even or the lengths do not fit.
+    /// When the size is even or above 15, or the lengths do not fit.
     pub fn new(isa: Isa, size: usize, weight: &[f32], bias: &[f32], slope: f32) -> Self {
+        assert!(size % 2 == 1 && size <= MOST_TAPS, "filters of {size} × {size}");
         let taps = size * size;
         let channels = bias.len() / taps;
-        assert!(size % 2 == 1 && channels * taps == bias.len(), "{} biases for size {size}", bias.len());
+        assert!(channels > 0 && channels * taps == bias.len(), "{} biases for size {size}", bias.len());
         assert_eq!(weight.len(), taps * channels * channels, "weights for {channels} channels, size {size}");
         let isa = isa.for_sums_over(channels);
         let vectors = panel_vectors(isa.lanes(), channels);
@@ -348,7 +349,6 @@ pub(super) struct TileInputs<'a> {
 
 impl<'a> TileInputs<'a> {
     fn lengths(filter: &DynamicFilter) -> (usize, usize) {
-        assert!(filter.size <= MOST_TAPS, "filters of {0} × {0}", filter.size);
         let pixels = tile_pixels(filter.channels) + MOST_ROWS;
         (whole_lines(pixels * filter.channels), whole_lines((pixels + filter.size - 1) * filter.padded))
     }

@@ -15,6 +15,8 @@
 //! cache. What all slots take is known before the run and grows with the image's width, not with its height. It is kept
 //! for the next image ([`Arena`]), which then needs no fresh pages of the system.
 
+#[cfg(test)]
+mod network_tests;
 mod pixelwise;
 mod plan;
 mod run;
@@ -40,7 +42,7 @@ pub struct Network {
 }
 
 /// What is known of a tensor before the image's size.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct TensorSpec {
     channels: usize,
     /// Sides of the network's input per side of this tensor.
@@ -87,7 +89,11 @@ impl Operation {
 
 impl Network {
     /// Declares an input of as many channels.
+    ///
+    /// # Panics
+    /// When there are none.
     pub fn input(&mut self, channels: usize) -> Tensor {
+        assert!(channels > 0, "an input of {channels} channels");
         let input = self.tensor(TensorSpec { channels, reduction: 1 });
         self.inputs.push(input);
         input
@@ -96,7 +102,8 @@ impl Network {
     /// Appends a convolution, a leaky rectifier of slope `slope` (1 for none), and the addition of a tensor.
     ///
     /// # Panics
-    /// When the convolution reads another number of channels than `x` has.
+    /// When the convolution reads another number of channels than `input` has, when what is added has other sides or
+    /// channels than the result, or when the result would be larger than the network's input.
     pub fn convolution(
         &mut self,
         input: Tensor,
@@ -107,9 +114,18 @@ impl Network {
         let spec = self.tensors[input.0];
         assert_eq!(spec.channels, convolution.geometry().inputs, "channels that a convolution reads");
         let factor = convolution.factor();
-        let reduction = spec.reduction * convolution.geometry().stride / factor;
+        let reduced = spec.reduction * convolution.geometry().stride;
+        assert!(
+            reduced.is_multiple_of(factor),
+            "sides {factor} times those of a tensor reduced by {reduced}"
+        );
+        let reduction = reduced / factor;
         let channels = convolution.geometry().outputs / (factor * factor);
-        let output = self.tensor(TensorSpec { channels, reduction });
+        let spec = TensorSpec { channels, reduction };
+        if let Some(add) = add {
+            assert_eq!(self.tensors[add.0], spec, "what is added to a convolution, and its result");
+        }
+        let output = self.tensor(spec);
         self.steps
             .push(Step { operation: Operation::Convolution { convolution, input, slope, add }, output });
         output
@@ -124,10 +140,12 @@ impl Network {
     /// Appends a dynamic filter.
     ///
     /// # Panics
-    /// When the filter is made for another number of channels.
+    /// When the filter is made for another number of channels than the conditions have, or these have other sides or
+    /// channels than the features.
     pub fn dynamic_filter(&mut self, condition: Tensor, features: Tensor, filter: DynamicFilter) -> Tensor {
         let spec = self.tensors[condition.0];
         assert_eq!(spec.channels, filter.channels(), "channels that a dynamic filter reads");
+        assert_eq!(self.tensors[features.0], spec, "features of a dynamic filter, and its conditions");
         let output = self.tensor(spec);
         self.steps.push(Step { operation: Operation::DynamicFilter { filter, condition, features }, output });
         output

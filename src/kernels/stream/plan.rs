@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::{Network, Operation, Step, Tensor};
+use crate::kernels::Geometry;
 use crate::kernels::convolution::BLOCK_ROWS;
 use crate::kernels::scratch::whole_lines;
 
@@ -223,8 +224,7 @@ fn lags(network: &Network) -> Vec<usize> {
         lags[output.0] = match operation {
             Operation::Convolution { convolution, input, add, .. } => {
                 let (geometry, factor) = (convolution.geometry(), convolution.factor());
-                let below = geometry.padding() * usize::from(geometry.stride == 1);
-                let least = (lags[input.0] + below).div_ceil(geometry.stride);
+                let least = (lags[input.0] + rows_below(geometry)).div_ceil(geometry.stride);
                 let Some(add) = add else {
                     let block = if is_added(*output) { BLOCK_ROWS } else { 1 };
                     lags[output.0] = least.next_multiple_of(block) * factor;
@@ -245,6 +245,12 @@ fn lags(network: &Network) -> Vec<usize> {
         }
     }
     lags
+}
+
+/// Rows that the last output of `n` whole strides of input rows needs beneath them: those of half a side, less the
+/// stride's own, which lie beneath its middle one.
+fn rows_below(geometry: Geometry) -> usize {
+    (geometry.padding() + 1).saturating_sub(geometry.stride)
 }
 
 /// Floats from one slot to the next: the next begins on a cache line, and never at the same place of a page,
@@ -306,8 +312,7 @@ impl<'a> Rows<'a> {
         let (rows, height, factor) = match operation {
             Operation::Convolution { convolution, input, add, .. } => {
                 let (geometry, factor) = (convolution.geometry(), convolution.factor());
-                let below = geometry.padding() * usize::from(geometry.stride == 1);
-                let rows = ready(*input, below) / geometry.stride;
+                let rows = ready(*input, rows_below(geometry)) / geometry.stride;
                 let added = add.map_or(usize::MAX, |add| self.computed[add.0] / factor);
                 (rows.min(added), height / factor, factor)
             }
@@ -368,7 +373,7 @@ impl<'a> Rows<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernels::{Convolution, Geometry};
+    use crate::kernels::Convolution;
 
     fn three_by_three(inputs: usize, outputs: usize, stride: usize) -> Convolution {
         let geometry = Geometry { inputs, outputs, side: 3, stride };

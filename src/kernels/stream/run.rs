@@ -18,7 +18,7 @@ use crate::kernels::dynamic_filter::FilterBlock;
 use crate::kernels::finish::Finish;
 use crate::kernels::rows::Rows;
 use crate::kernels::scratch::{AlignedBuffer, Target};
-use crate::kernels::slots::Slots;
+use crate::kernels::slots::{Slots, Turn};
 
 /// Writes one input row, given its number: `width · channels` floats.
 pub type Source<'a> = &'a (dyn Fn(usize, &mut [f32]) + Sync);
@@ -57,7 +57,7 @@ impl Plan<'_> {
         let network = self.network;
         assert_eq!(sources.len(), network.inputs.len(), "sources for the network's inputs");
         arena.grow(self.arena_len());
-        let slots = Slots::new(arena.as_mut_slice(), &self.memory.slots, slot_space);
+        let mut slots = Slots::new(arena.as_mut_slice(), &self.memory.slots, slot_space);
         let mut schedule = Schedule::new(self);
         let result = network.steps.last().map(|step| step.output);
         while let Some(portion) = schedule.next_portion() {
@@ -74,9 +74,8 @@ impl Plan<'_> {
             }
             let done = result.map_or(0, |result| schedule.computed[result.0]);
             let tasks = self.tasks(&mut schedule);
-            let needs: Vec<usize> = tasks.iter().map(|task| task.needs).collect();
-            // SAFETY: `run_in_order` has everything finished that a task needs.
-            run_in_order(&needs, |task| unsafe { self.compute(&tasks[task], &slots) });
+            // SAFETY: the tasks are those of the plan.
+            unsafe { self.run_tasks(&tasks, &mut slots) };
             if let Some(result) = result {
                 // SAFETY: no task is under way.
                 let rows = unsafe { self.view(result, &slots) };
@@ -84,6 +83,22 @@ impl Plan<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Computes all tasks, each after those that it needs.
+    ///
+    /// # Safety
+    /// The tasks need whatever uses the floats that they write, and whatever writes those that they read: they are as
+    /// [`Plan::tasks`] lists them.
+    unsafe fn run_tasks(&self, tasks: &[Task], slots: &mut Slots<'_>) {
+        let needs: Vec<usize> = tasks.iter().map(|task| task.needs).collect();
+        run_in_order(&needs, |number| {
+            let task = &tasks[number];
+            let _turn = slots.turn(task.turn(number));
+            // SAFETY: `run_in_order` has everything finished that the task needs.
+            unsafe { self.compute(task, slots) }
+        });
+        slots.all_finished();
     }
 
     /// Lists the tasks of a portion, whose input rows the schedule counts as computed.
@@ -222,6 +237,15 @@ struct Task {
     needs: usize,
 }
 
+impl Task {
+    /// What those who watch over the slots are told of the task with this number.
+    fn turn(&self, task: usize) -> Turn {
+        let first = self.blocks.first().map_or(0, |block| block.first);
+        let end = self.blocks.last().map_or(0, |block| block.first + block.rows);
+        Turn { task, needs: self.needs, step: self.step, first, end }
+    }
+}
+
 /// Some rows of a step with the part of a slot that they go to.
 struct Block {
     first: usize,
@@ -332,6 +356,41 @@ mod tests {
         let expected = with(1);
         for threads in [2, 3, 8] {
             assert_eq!(with(threads), expected, "{threads} threads");
+        }
+    }
+
+    /// Runs a network's first portion with tasks that `change` was given, on one thread, where no two of them meet.
+    #[cfg(debug_assertions)]
+    fn run_changed(change: impl Fn(&mut Task)) -> std::thread::Result<()> {
+        let network = network();
+        let plan = Plan::with_portion(&network, 70, 38, 16);
+        let mut schedule = Schedule::new(&plan);
+        schedule.computed[network.inputs[0].0] = schedule.next_portion().unwrap().end;
+        let mut tasks = plan.tasks(&mut schedule);
+        tasks.iter_mut().for_each(change);
+        let run = || {
+            let mut memory = vec![0.0; plan.arena_len()];
+            let mut slots = Slots::new(&mut memory, &plan.memory.slots, slot_space);
+            // SAFETY: one thread computes one task after the other.
+            unsafe { plan.run_tasks(&tasks, &mut slots) }
+        };
+        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| alone.install(run)))
+    }
+
+    /// The check needs no luck: that tasks could meet is enough.
+    #[cfg(debug_assertions)]
+    #[test]
+    fn a_schedule_that_lets_tasks_meet_at_the_same_rows_is_caught() {
+        assert!(run_changed(|_| ()).is_ok());
+        for step in 1..4 {
+            let caught = run_changed(|task| {
+                if task.step == step {
+                    task.needs = 0;
+                }
+            });
+            let said = *caught.unwrap_err().downcast::<String>().unwrap();
+            assert!(said.contains("slot ") && said.contains(&format!("step {step}, rows ")), "{said}");
         }
     }
 

@@ -51,8 +51,7 @@ pub(crate) fn weight_gradient(
     let Channels { inputs, padded_inputs, padded_outputs, .. } = channels;
     let point_len = padded_inputs * padded_outputs;
     let tiles = rows.len() * shape.width.div_ceil(TILE);
-    let affordable = (MOST_SUMS / (POINTS * POINTS * point_len)).max(1);
-    let groups = (tiles / TILES_PER_GROUP).clamp(1, MOST_GROUPS).min(affordable);
+    let groups = groups(tiles, point_len);
     let per_group = rows.len().div_ceil(groups);
     let mut sums = AlignedBuffer::zeros(groups * POINTS * POINTS * point_len);
     sums.as_mut_slice().par_chunks_mut(POINTS * point_len).enumerate().for_each(|(task, sums)| {
@@ -73,6 +72,12 @@ pub(crate) fn weight_gradient(
         }
     });
     weights
+}
+
+/// How many groups of sums there are for so many tiles, each sum of a point taking `point_len` floats.
+pub(crate) fn groups(tiles: usize, point_len: usize) -> usize {
+    let affordable = (MOST_SUMS / (POINTS * POINTS * point_len)).max(1);
+    (tiles / TILES_PER_GROUP).clamp(1, MOST_GROUPS).min(affordable)
 }
 
 /// Channels on either side, and how many of them a tile has in the working memory.
