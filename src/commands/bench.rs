@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use clap::Args;
 use ndarray::Array3;
 
@@ -44,7 +44,6 @@ const LONGEST_PATIENCE_S: f64 = 86_400.0;
 
 impl BenchArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        Isa::forced().map_err(|reason| anyhow!("UDC_SIMD: {reason}"))?;
         let patience = self.patience;
         let threads = rayon::current_num_threads();
         let peak = peak::measure(Isa::current()) * threads as f64;

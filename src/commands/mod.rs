@@ -42,6 +42,7 @@ use signal_hook::flag;
 
 use udc::core::error::Error;
 use udc::core::progress::Progress;
+use udc::kernels::Isa;
 
 /// Under-display camera imaging: from a measured panel to a restored photograph
 #[derive(Parser, Debug)]
@@ -261,6 +262,8 @@ impl Command {
 
 impl GlobalArgs {
     fn start(&self) -> Result<Session> {
+        // Whatever the command: results must not come from another instruction set than was asked for.
+        Isa::forced().map_err(|reason| Cli::command().error(ErrorKind::InvalidValue, reason))?;
         udc::network::share_freed_memory();
         let threads = self.threads.map_or(0, usize::from);
         rayon::ThreadPoolBuilder::new()

@@ -35,6 +35,8 @@ pub mod dynamic_filter;
 mod finish;
 mod gemm;
 pub mod gradient;
+#[cfg(test)]
+mod misuse_tests;
 pub mod modulation;
 pub mod peak;
 #[cfg(test)]

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use super::instruction_sets::InstructionSets;
 use super::optimizer::Moments;
 use super::trainer::State;
 use crate::core::error::{Error, Result};
@@ -33,6 +34,9 @@ const DRAFT: &str = ".partial";
 /// What is put before the names of what the data are told apart by.
 const DATA: &str = "data/";
 
+/// The name of the instruction sets that a training computed with.
+const INSTRUCTION_SETS: &str = "instruction-sets";
+
 /// The best validation so far, by the metric that the configuration chose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Best {
@@ -48,6 +52,8 @@ pub(super) struct Checkpoint {
     pub(super) best: Option<Best>,
     /// What the data are told apart by, part by part; nothing in states of older versions.
     pub(super) data: BTreeMap<String, String>,
+    /// What the steps were computed with; nothing in states of older versions.
+    pub(super) instruction_sets: Option<InstructionSets>,
 }
 
 /// The folder of a run's checkpoints.
@@ -166,6 +172,9 @@ impl Checkpoint {
             metadata.insert("best-iteration".to_owned(), best.iteration.to_string());
             metadata.insert("best-value".to_owned(), best.value.to_string());
         }
+        if let Some(sets) = &self.instruction_sets {
+            metadata.insert(INSTRUCTION_SETS.to_owned(), sets.to_string());
+        }
         metadata.extend(self.data.iter().map(|(name, part)| (format!("{DATA}{name}"), part.clone())));
         io::write_safetensors(path, &tensors, &metadata, false)
     }
@@ -200,7 +209,8 @@ impl Checkpoint {
         };
         let part = |(key, part): (&String, &String)| Some((key.strip_prefix(DATA)?.to_owned(), part.clone()));
         let data = metadata.iter().filter_map(part).collect();
-        Ok(Self { state: State { iteration, parameters, moments, average }, best, data })
+        let instruction_sets = entry(INSTRUCTION_SETS).map(InstructionSets::parse);
+        Ok(Self { state: State { iteration, parameters, moments, average }, best, data, instruction_sets })
     }
 }
 
@@ -242,7 +252,8 @@ mod tests {
         let best = Some(Best { iteration: 3, value: 0.973_618_558_394_455_9 });
         let weights = Weights { parameters: random(1), architecture, origin: Origin::default() };
         let data = BTreeMap::from([("images-sha256".to_owned(), "ab".to_owned())]);
-        (Checkpoint { state, best, data }, weights)
+        let instruction_sets = Some(InstructionSets::parse("avx512 → portable"));
+        (Checkpoint { state, best, data, instruction_sets }, weights)
     }
 
     #[test]

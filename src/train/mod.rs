@@ -8,6 +8,7 @@ mod checkpoint;
 mod config;
 mod data;
 mod identity;
+mod instruction_sets;
 mod loss;
 mod optimizer;
 mod preview;

@@ -14,6 +14,7 @@ use super::checkpoint::{Best, Checkpoint, Checkpoints};
 use super::config::TrainConfig;
 use super::data::TrainingData;
 use super::identity::DataIdentity;
+use super::instruction_sets::InstructionSets;
 use super::tensorboard::{self, EventLog};
 use super::trainer::{Step, Trainer};
 use super::validation::{Validation, ValidationScore, Validator};
@@ -137,6 +138,8 @@ impl Job<'_> {
             Start::Resume => (None, self.latest(folder, &checkpoints)?),
         };
         let begins_with_weights = initial.is_some();
+        let kept = checkpoint.as_ref().and_then(|checkpoint| checkpoint.instruction_sets.as_ref());
+        let instruction_sets = InstructionSets::after(kept, self.warn);
         let (trainer, best) = match checkpoint {
             Some(Checkpoint { state, best, .. }) => {
                 (Trainer::from_state(self.config, state, self.data.len(), self.backend)?, best)
@@ -170,6 +173,7 @@ impl Job<'_> {
             log,
             events,
             trainer,
+            instruction_sets,
             best,
             validator,
             last_step: None,
@@ -217,12 +221,12 @@ impl Job<'_> {
     }
 
     /// What a model file says of its training; nothing that another process on another day would say
-    /// differently.
-    fn describe(&self, iteration: u64) -> Value {
+    /// differently with the same instruction set.
+    fn describe(&self, iteration: u64, instruction_sets: &InstructionSets) -> Value {
         let config = serde_json::to_value(self.config).expect("configurations are plain data");
         json!({
             "program": concat!("udc ", env!("CARGO_PKG_VERSION")), "iteration": iteration, "config": config,
-            "tone-curve": self.identity.tone_curve,
+            "tone-curve": self.identity.tone_curve, "instruction-sets": instruction_sets.to_string(),
         })
     }
 }
@@ -281,6 +285,7 @@ struct Run {
     log: LineLog,
     events: EventLog,
     trainer: Trainer,
+    instruction_sets: InstructionSets,
     best: Option<Best>,
     validator: Option<Validator>,
     last_step: Option<Step>,
@@ -352,7 +357,8 @@ impl Run {
         self.log.sync()?;
         let weights = self.weights(job);
         let (state, data) = (self.trainer.state.clone(), job.identity.parts());
-        let checkpoint = Checkpoint { state, best: self.best, data };
+        let instruction_sets = Some(self.instruction_sets.clone());
+        let checkpoint = Checkpoint { state, best: self.best, data, instruction_sets };
         self.checkpoints.save(&checkpoint, &weights, job.config.checkpoint.keep)?;
         weights::write(&self.folder.join(MODEL_FILE), &weights, true)
     }
@@ -362,7 +368,7 @@ impl Run {
             architecture: job.config.architecture.clone(),
             parameters: self.trainer.weights().clone(),
             origin: Origin {
-                training: Some(job.describe(self.trainer.iteration())),
+                training: Some(job.describe(self.trainer.iteration(), &self.instruction_sets)),
                 kernel_bank_sha256: job.identity.kernel_bank_sha256.clone(),
                 state_dict: None,
             },

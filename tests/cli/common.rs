@@ -2,6 +2,12 @@
 
 use std::path::Path;
 use std::process::{Command, Output};
+#[cfg(unix)]
+use std::time::{Duration, Instant};
+
+/// How long a file may take to appear: some hundred times as long as it does.
+#[cfg(unix)]
+const LONGEST_WAIT: Duration = Duration::from_secs(120);
 
 /// Runs `udc` with `args` in `folder`.
 pub(crate) fn udc(folder: &Path, args: &[&str]) -> Output {
@@ -34,15 +40,23 @@ pub(crate) fn interrupt_after(folder: &Path, args: &[&str], first: &str) -> (Opt
 /// The same with another signal.
 #[cfg(unix)]
 pub(crate) fn signal_after(folder: &Path, args: &[&str], first: &str, signal: &str) -> (Option<i32>, String) {
-    let run = Command::new(env!("CARGO_BIN_EXE_udc"))
+    let mut run = Command::new(env!("CARGO_BIN_EXE_udc"))
         .args(args)
         .current_dir(folder)
         .stdout(std::process::Stdio::null())
         .stderr(std::process::Stdio::piped())
         .spawn()
         .expect("udc starts");
+    let deadline = Instant::now() + LONGEST_WAIT;
     while !folder.join(first).exists() {
-        std::thread::sleep(std::time::Duration::from_millis(5));
+        let ended = run.try_wait().expect("the child can be asked");
+        if (ended.is_some() && !folder.join(first).exists()) || Instant::now() > deadline {
+            let _ = run.kill();
+            let output = run.wait_with_output().expect("udc ends");
+            let said = String::from_utf8_lossy(&output.stderr);
+            panic!("udc {args:?} wrote no {first} (ended: {ended:?}, at most {LONGEST_WAIT:?}): {said}");
+        }
+        std::thread::sleep(Duration::from_millis(5));
     }
     let pid = run.id().to_string();
     assert!(Command::new("kill").args([signal, &pid]).status().expect("kill starts").success());

@@ -15,6 +15,7 @@ mod eval;
 mod events;
 mod files;
 mod finish;
+mod instruction_sets;
 mod measure;
 mod negatives;
 #[path = "../common/perceptual_weights.rs"]

@@ -17,8 +17,11 @@ pub(crate) use portable::Portable;
 #[cfg(target_arch = "x86_64")]
 pub(crate) use x86::{Avx2, Avx512, Avx512Bf16};
 
-/// The environment variable that forces an instruction set: `avx512`, `avx2` or `portable`.
+/// The environment variable that forces an instruction set, one of [`NAMES`]; empty, it counts as not set.
 const FORCE_VARIABLE: &str = "UDC_SIMD";
+
+/// The sets that there are kernels for, on one CPU or another.
+const NAMES: [&str; 3] = ["avx512", "avx2", "portable"];
 
 /// Operations on vectors of [`Simd::LANES`] floats; the implementor proves that the CPU has them.
 pub(crate) trait Simd: Copy + Send + Sync + 'static {
@@ -240,16 +243,17 @@ enum Path {
 impl Isa {
     /// Finds the best set that this CPU has, or the one that `UDC_SIMD` names; asked once per process.
     ///
-    /// A name that is unknown, or that the CPU cannot serve, counts as not given; [`Isa::forced`] tells.
+    /// # Panics
+    /// When `UDC_SIMD` names no set that this CPU has, which [`Isa::forced`] tells without a panic.
     pub fn current() -> Self {
         #[cfg(test)]
         if let Some(forced) = crate::kernels::testing::isa_of_thread() {
             return forced;
         }
         static CURRENT: OnceLock<Isa> = OnceLock::new();
-        *CURRENT.get_or_init(|| {
-            let forced = std::env::var(FORCE_VARIABLE).ok().and_then(|name| Self::named(&name));
-            forced.unwrap_or_else(|| Self::available()[0])
+        *CURRENT.get_or_init(|| match Self::forced() {
+            Ok(forced) => forced.unwrap_or_else(|| Self::available()[0]),
+            Err(reason) => panic!("{reason}"),
         })
     }
 
@@ -258,10 +262,27 @@ impl Isa {
     /// # Errors
     /// A sentence that lists what can be asked for.
     pub fn forced() -> Result<Option<Self>, String> {
-        let Ok(name) = std::env::var(FORCE_VARIABLE) else { return Ok(None) };
-        Self::named(&name).map(Some).ok_or_else(|| {
-            let names: Vec<_> = Self::available().iter().map(Self::name).collect();
-            format!("this CPU cannot run `{name}`; choose one of: {}", names.join(", "))
+        let Some(name) = std::env::var_os(FORCE_VARIABLE) else { return Ok(None) };
+        Self::choose(&name.to_string_lossy(), &Self::available())
+    }
+
+    /// The one of `available` that is named; nothing when the name is empty.
+    fn choose(name: &str, available: &[Self]) -> Result<Option<Self>, String> {
+        if name.is_empty() {
+            return Ok(None);
+        }
+        if let Some(found) = available.iter().find(|isa| isa.name() == name) {
+            return Ok(Some(*found));
+        }
+        let names: Vec<_> = available.iter().map(Self::name).collect();
+        Err(if NAMES.contains(&name) {
+            let has = names.join(" and ");
+            format!("{FORCE_VARIABLE} is {name}, which this CPU does not have; it has {has}")
+        } else {
+            let names = NAMES.join(", ");
+            format!(
+                "{FORCE_VARIABLE} must be one of {names}, found {name:?}; unset it to use what the CPU has"
+            )
         })
     }
 
@@ -430,5 +451,34 @@ mod tests {
     fn a_set_is_found_by_its_name_only() {
         assert_eq!(Isa::named("portable").unwrap().name(), "portable");
         assert!(Isa::named("altivec").is_none());
+    }
+
+    #[test]
+    fn a_set_that_is_misspelt_or_that_the_cpu_lacks_is_an_error_that_names_the_others() {
+        let portable = Isa::named("portable").unwrap();
+        assert_eq!(Isa::choose("portable", &[portable]), Ok(Some(portable)));
+        assert_eq!(Isa::choose("", &[portable]), Ok(None));
+        let said = Isa::choose("avx512", &[portable]).unwrap_err();
+        assert!(said.contains("avx512, which this CPU does not have; it has portable"), "{said}");
+        let said = Isa::choose("AVX2", &[portable]).unwrap_err();
+        assert!(said.contains("must be one of avx512, avx2, portable, found \"AVX2\""), "{said}");
+        let known = |isa: &Isa| NAMES.contains(&isa.name());
+        assert!(Isa::available().iter().all(known));
+    }
+
+    /// Written past the capture of passing tests' output, so that a log shows what it stands for.
+    #[test]
+    fn instruction_sets_that_the_tests_cannot_run_are_named_in_their_output() {
+        use std::io::Write as _;
+        let available = Isa::available();
+        let mut ran: Vec<&str> = available.iter().map(Isa::name).collect();
+        ran.extend(available.iter().filter_map(|isa| Some(isa.with_bf16_products()?.name())));
+        let all = [&NAMES[..], &["avx512, bfloat16 products"]].concat();
+        let skipped: Vec<&str> = all.into_iter().filter(|name| !ran.contains(name)).collect();
+        let of_cpu = if skipped.is_empty() { "none".to_owned() } else { skipped.join("; ") };
+        let line =
+            format!("kernels tested with: {}; skipped, as this CPU lacks them: {of_cpu}\n", ran.join("; "));
+        std::io::stderr().write_all(line.as_bytes()).unwrap();
+        assert_eq!(ran.len() + skipped.len(), 4, "{line}");
     }
 }

@@ -219,7 +219,7 @@ fn run(plan: &Plan<'_>, rows: &[(&Vec<f32>, usize)], threads: usize) -> Vec<f32>
 /// were not there yet, or were there no more, err by as much as there is.
 #[test]
 fn random_networks_compute_row_by_row_what_they_are_on_any_number_of_threads() {
-    for seed in 1..=40 {
+    for seed in 1..=120 {
         let drawn = Drawn::new(seed);
         let network = drawn.network();
         let mut dice = Dice(seed ^ 0xd1ce);

@@ -163,9 +163,12 @@ impl fmt::Display for Description {
         if let Some(hash) = &self.origin.kernel_bank_sha256 {
             write!(f, "\n  {:<14}{hash}", "kernel bank")?;
         }
-        if let Some(iteration) = self.origin.training.as_ref().and_then(|training| training.get("iteration"))
-        {
+        let trained = |key: &str| self.origin.training.as_ref().and_then(|training| training.get(key));
+        if let Some(iteration) = trained("iteration") {
             write!(f, "\n  {:<14}{iteration} iterations", "trained for")?;
+        }
+        if let Some(sets) = trained("instruction-sets").and_then(serde_json::Value::as_str) {
+            write!(f, "\n  {:<14}{sets} instructions", "computed with")?;
         }
         Ok(())
     }

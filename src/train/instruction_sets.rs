@@ -1,0 +1,87 @@
+//! The instruction sets that a training computed with: its bits are theirs.
+
+use std::fmt;
+
+use crate::network::Isa;
+
+/// What stands between names in a training's state; a name may hold a comma.
+const SEPARATOR: &str = " → ";
+
+/// The names of instruction sets, in the order in which a training used them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct InstructionSets(Vec<String>);
+
+impl InstructionSets {
+    /// The one that this process computes with.
+    pub(super) fn current() -> Self {
+        Self(vec![Isa::current().name().to_owned()])
+    }
+
+    /// Reads what a state kept.
+    pub(super) fn parse(text: &str) -> Self {
+        Self(text.split(SEPARATOR).map(str::to_owned).collect())
+    }
+
+    /// Goes on with this process's set after those of a state, and warns when it is another than the last; states of older
+    /// versions kept none.
+    pub(super) fn after(kept: Option<&Self>, warn: &dyn Fn(&str)) -> Self {
+        let Some(kept) = kept else { return Self::current() };
+        kept.followed_by(Isa::current().name(), |was, is| {
+            let back = if Isa::named(was).is_some() {
+                format!("; stop and resume with UDC_SIMD={was} in the environment to keep them the same")
+            } else {
+                String::new()
+            };
+            warn(&format!(
+                "the run computed with {was} instructions and goes on with {is}: from here on its bits will differ from \
+                 those of an uninterrupted one, by rounding{back}"
+            ));
+        })
+    }
+
+    fn followed_by(&self, is: &str, differs: impl Fn(&str, &str)) -> Self {
+        let mut sets = self.0.clone();
+        match sets.last() {
+            Some(was) if was == is => {}
+            Some(was) => {
+                differs(was, is);
+                sets.push(is.to_owned());
+            }
+            None => sets.push(is.to_owned()),
+        }
+        Self(sets)
+    }
+}
+
+impl fmt::Display for InstructionSets {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0.join(SEPARATOR))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::RefCell;
+
+    #[test]
+    fn another_set_than_the_last_is_told_and_remembered() {
+        let kept = InstructionSets::parse("avx512 → avx2");
+        let told = RefCell::new(Vec::new());
+        let differs = |was: &str, is: &str| told.borrow_mut().push(format!("{was} to {is}"));
+        assert_eq!(kept.followed_by("avx2", differs), kept);
+        assert!(told.borrow().is_empty());
+        let now = kept.followed_by("portable", differs);
+        assert_eq!(now.to_string(), "avx512 → avx2 → portable");
+        assert_eq!(InstructionSets::parse(&now.to_string()), now);
+        assert_eq!(*told.borrow(), ["avx2 to portable"]);
+    }
+
+    #[test]
+    fn states_that_kept_no_set_are_gone_on_with_in_silence() {
+        let warn = |text: &str| panic!("{text}");
+        assert_eq!(InstructionSets::after(None, &warn), InstructionSets::current());
+        let current = InstructionSets::current();
+        assert_eq!(InstructionSets::after(Some(&current), &warn), current);
+    }
+}
