@@ -25,11 +25,29 @@ pub(crate) struct DemoArgs {
     /// Seed of the scenes, the noise and the training
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     seed: u64,
+    /// Take few small scenes and training steps: shows in seconds that every step works, and restores poorly
+    #[arg(long)]
+    quick: bool,
 }
 
-/// Number and side of the scenes that are painted.
-const SCENES: usize = 18;
-const SCENE_PX: usize = 288;
+/// How much the demo makes.
+#[derive(Clone, Copy)]
+struct Extent {
+    /// Number and side of the scenes that are painted.
+    scenes: usize,
+    scene_px: usize,
+    /// What the training's configuration is changed to.
+    settings: &'static [&'static str],
+}
+
+const FULL: Extent = Extent { scenes: 18, scene_px: 288, settings: &[] };
+
+/// Two scenes to test on; crops of 64 pixels fit, and the validation's get smaller.
+const QUICK: Extent = Extent {
+    scenes: 6,
+    scene_px: 96,
+    settings: &["iterations=8", "validation.every=4", "validation.crop=64", "checkpoint.every=4"],
+};
 
 /// Side of the PSF; the panel's file asks the sensor for as much.
 const PSF_PX: usize = 129;
@@ -58,7 +76,8 @@ impl DemoArgs {
                 );
             }
         }
-        let demo = Demo { root: self.output, seed: self.seed, session };
+        let extent = if self.quick { QUICK } else { FULL };
+        let demo = Demo { root: self.output, seed: self.seed, extent, session };
         demo.prepare_folder()?;
         demo.measure_the_panel()?;
         match &self.hdri {
@@ -74,6 +93,7 @@ impl DemoArgs {
 struct Demo<'a> {
     root: PathBuf,
     seed: u64,
+    extent: Extent,
     session: &'a Session,
 }
 
@@ -131,17 +151,18 @@ impl Demo<'_> {
     }
 
     fn paint(&self) -> Result<()> {
-        for scene in demo::scenes::scenes(0, SCENES, SCENE_PX, self.seed)? {
+        let Extent { scenes, scene_px, .. } = self.extent;
+        for scene in demo::scenes::scenes(0, scenes, scene_px, self.seed)? {
             let path = self.path(&format!("scenes/{}.exr", scene.name));
             io::write_image(&path, &scene.image, &WriteOptions::default())?;
         }
-        self.session.tell(format_args!("# {SCENES} HDR scenes are painted"));
+        self.session.tell(format_args!("# {scenes} HDR scenes are painted"));
         Ok(())
     }
 
     fn crop(&self, panoramas: &Path) -> Result<()> {
         let panoramas = std::path::absolute(panoramas)?;
-        let size = SCENE_PX.to_string();
+        let size = self.extent.scene_px.to_string();
         let panoramas = panoramas.to_string_lossy();
         self.run(&["crop", &panoramas, "-o", "@scenes", "--size", &size, "--views", "6", "--fov", "60"])
     }
@@ -161,7 +182,9 @@ impl Demo<'_> {
             "0.34",
         ])?;
         let seed = format!("seed={seed}");
-        self.run(&["train", "@training.toml", "--data", "@dataset", "-o", "@run", "--set", &seed])?;
+        let mut train = vec!["train", "@training.toml", "--data", "@dataset", "-o", "@run", "--set", &seed];
+        train.extend(self.extent.settings.iter().flat_map(|setting| ["--set", setting]));
+        self.run(&train)?;
         let model = "@run/model.safetensors";
         self.run(&["eval", "@dataset", "--model", model, "--pictures", "6", "-o", "@results"])?;
         let psfs = ["@psf/simulated.exr", "@psf/measured.exr"];
@@ -197,8 +220,9 @@ mod tests {
     fn replaces_what_a_demo_writes_and_nothing_else() {
         let scratch = tempfile::tempdir().unwrap();
         let (careful, bold) = (Session::silent(false), Session::silent(true));
-        let prepare =
-            |session: &Session| Demo { root: scratch.path().to_owned(), seed: 1, session }.prepare_folder();
+        let prepare = |session: &Session| {
+            Demo { root: scratch.path().to_owned(), seed: 1, extent: QUICK, session }.prepare_folder()
+        };
         let write = |name: &str| {
             let path = scratch.path().join(name);
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();

@@ -11,6 +11,7 @@ mod bench;
 mod common;
 mod compare;
 mod crop_codes;
+mod demo;
 mod eval;
 mod events;
 mod files;

@@ -11,6 +11,7 @@ mod codes;
 mod discnet;
 mod finish;
 mod formation;
+mod full_width;
 mod fusion;
 mod metrics;
 mod networks;

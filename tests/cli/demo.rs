@@ -1,0 +1,46 @@
+//! `udc demo`.
+
+use std::fs;
+
+use super::common::{fail, succeed};
+
+/// The steps that the demo prints before it runs them, in their order.
+const STEPS: [&str; 8] = ["psf", "fuse", "codes", "synth", "train", "eval", "report", "The page"];
+
+#[test]
+fn the_demo_goes_through_the_whole_pipeline_to_its_page() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    let said = succeed(folder, &["demo", "--quick", "-o", "demo"]);
+    let mut rest = said.as_str();
+    for step in STEPS {
+        let line = if step.starts_with("The") { step.to_owned() } else { format!("$ udc {step} ") };
+        let at = rest.find(&line).unwrap_or_else(|| panic!("no {line:?} in its place: {said}"));
+        rest = &rest[at..];
+    }
+    let demo = folder.join("demo");
+    for file in [
+        "psf/measured.exr",
+        "bank.safetensors",
+        "dataset/dataset.toml",
+        "run/model.safetensors",
+        "report.html",
+    ] {
+        assert!(demo.join(file).is_file(), "{file}: {said}");
+    }
+    let metrics = fs::read_to_string(demo.join("results/metrics.json")).unwrap();
+    let metrics: serde_json::Value = serde_json::from_str(&metrics).unwrap();
+    let images = metrics["images"].as_array().unwrap();
+    // Two scenes to test on, each through nine kernels.
+    assert!(images.len() >= 18 && images.iter().all(|image| image["id"].is_string()), "{metrics}");
+    let page = fs::read_to_string(demo.join("report.html")).unwrap();
+    assert!(page.contains("<svg") && page.contains("data:image/"), "pictures and charts");
+
+    // What is printed is what can be typed: the last command again, to another page.
+    let line = said.lines().find(|line| line.starts_with("$ udc report ")).unwrap();
+    let again = line.replace("report.html", "again.html");
+    let args: Vec<&str> = again.trim_start_matches("$ udc ").split(' ').collect();
+    succeed(folder, &args);
+    assert!(demo.join("again.html").is_file());
+    assert!(fail(folder, &["demo", "--quick", "-o", "demo"], 1).contains("--overwrite"));
+}
