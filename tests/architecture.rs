@@ -120,6 +120,30 @@ fn only_kernels_hold_unsafe_code() {
     assert!(found.is_empty(), "unsafe code outside of the kernels:\n{}", found.join("\n"));
 }
 
+/// Implementations of a trait's methods are safe to call when what the trait says holds.
+#[test]
+fn every_unsafe_function_says_when_it_is_safe_to_call() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut found = Vec::new();
+    for source in sources() {
+        let text = fs::read_to_string(root.join(&source.name)).expect("sources are text");
+        let lines: Vec<&str> = text.lines().collect();
+        for (at, line) in lines.iter().enumerate().filter(|(_, line)| line.contains("unsafe fn ")) {
+            let above = lines[..at].iter().rev();
+            let is_between = |line: &&&str| !line.is_empty() && !line.trim_start().starts_with('}');
+            let says = above.clone().take_while(is_between).any(|line| line.contains("/// # Safety"));
+            let indent = |line: &str| line.len() - line.trim_start().len();
+            let mut around = above.filter(|above| !above.is_empty() && indent(above) < indent(line));
+            let of_a_trait = around
+                .any(|line| line.contains("impl") && line.contains(" for ") || line.contains("macro_rules!"));
+            if !line.trim_start().starts_with("//") && !says && !of_a_trait {
+                found.push(format!("{}: {}", source.name, line.trim()));
+            }
+        }
+    }
+    assert!(found.is_empty(), "unsafe functions without `# Safety`:\n{}", found.join("\n"));
+}
+
 #[test]
 fn the_library_prints_nothing() {
     let prints = ["println!", "print!(", "eprint!(", "dbg!("];

@@ -19,13 +19,18 @@
 //! bounds in builds with debug assertions, as the tests are. Results are not filled with zeros beforehand but
 //! block by block, by the tasks that compute them (`scratch::written`). Elsewhere outputs are split into disjoint `&mut`
 //! slices before the work is spread; [`stream`] alone has threads write to memory that others read (`slots`), where its
-//! plan and the order of its tasks keep them apart.
+//! plan and the order of its tasks keep them apart: builds with debug assertions watch that they do.
+//!
+//! What the inner loops rely on is checked where safe code comes in: every public function asserts, in all builds, that
+//! slices are as long as their shapes say.
 //!
 //! # Determinism
 //! A pixel's value does not depend on how the work was cut into tasks. Sums over pixels (parameter gradients)
 //! are cut into groups that depend on shapes only and added in a fixed order. So results do not depend on
-//! the number of threads, bit for bit; they do differ in rounding between instruction sets.
+//! the number of threads, bit for bit; they do differ in rounding between instruction sets, of which products in bfloat16
+//! are one more.
 #![expect(unsafe_code, reason = "vector instructions and unchecked reads of the inner loops")]
+#![warn(unsafe_op_in_unsafe_fn, clippy::missing_safety_doc, clippy::undocumented_unsafe_blocks)]
 
 mod ahead;
 pub mod benchmark;

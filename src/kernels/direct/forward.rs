@@ -162,6 +162,11 @@ struct Line<'a, 'b> {
 }
 
 /// Computes one output row, register tile by register tile.
+///
+/// # Safety
+/// The line's rows hold whole pixels of the input, `width` of them; `output`, and the finisher's tensor, hold one output row
+/// from `at`; the edge buffer has `side` runs of `edge_row` floats, enough for the pixels that `ROWS` outputs see. Panels of
+/// the weights are `COLUMNS` vectors wide.
 #[inline(always)]
 unsafe fn output_line<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,

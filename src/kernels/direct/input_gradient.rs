@@ -94,6 +94,10 @@ struct Line<'a, 'b> {
 }
 
 /// Computes the pixels of one row whose columns have the given parity.
+///
+/// # Safety
+/// The line's rows hold whole pixels of the outputs' gradient; `to` holds one input row from `at`; the edge buffer has three
+/// runs of `edge_row` floats, enough for `MOST_ROWS + 1` pixels. Panels of the weights are `COLUMNS` vectors wide.
 #[inline(always)]
 unsafe fn input_line<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,
@@ -133,6 +137,9 @@ struct Run {
 }
 
 /// Computes the first `ROWS` pixels of a run, or as many as it has.
+///
+/// # Safety
+/// As for [`input_line`]; the run lies within the line.
 #[inline(always)]
 unsafe fn input_tile<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,

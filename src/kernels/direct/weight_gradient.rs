@@ -100,6 +100,10 @@ struct Product<'a> {
 }
 
 /// Adds the product to the sums of weight row `k`.
+///
+/// # Safety
+/// `runs` holds what `columns` outputs see and `MOST_ROWS` floats more, `wide` the gradients of as many outputs, filled up to
+/// whole panels of `COLUMNS` vectors; the sums have `layout.len()` floats.
 #[inline(always)]
 unsafe fn accumulate<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,

@@ -314,6 +314,11 @@ struct Pass<'a, 'b> {
 
 /// Computes the tap's filters, adds to the features' gradient, and gives the gradient of the filters before
 /// their PReLU, whose sums go to bias and slope.
+///
+/// # Safety
+/// The view, both tiles of gradients and, from `pass.at`, the features' gradient hold `pass.pixels` rounded up to `ROWS`
+/// pixels, of `padded` channels where vectors are read or written; sums are laid out as [`Sums`] says; panels are `COLUMNS`
+/// vectors wide. The output's gradient is zero past the tile's end.
 #[inline(always)]
 unsafe fn through_filters<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,
@@ -367,6 +372,10 @@ unsafe fn through_filters<S: Simd, const ROWS: usize, const COLUMNS: usize>(
 }
 
 /// Adds the filters' gradient times the weights to the conditions' gradient.
+///
+/// # Safety
+/// Both tiles of gradients hold `pass.pixels` rounded up to `ROWS` pixels of `padded` channels, `transposed` whole panels of
+/// `COLUMNS` vectors for each tap.
 #[inline(always)]
 unsafe fn to_conditions<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,
@@ -394,6 +403,10 @@ unsafe fn to_conditions<S: Simd, const ROWS: usize, const COLUMNS: usize>(
 }
 
 /// Adds the conditions times the filters' gradient to the weights' gradient.
+///
+/// # Safety
+/// The view holds `pass.pixels` conditions and may be read `ROWS` floats past the last, the gradient as many pixels of
+/// `padded` channels; sums are laid out as [`Sums`] says.
 #[inline(always)]
 unsafe fn to_weights<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,

@@ -213,6 +213,9 @@ impl Kernel for FilterRows<'_> {
 }
 
 /// Adds what one tap contributes to the outputs of a tile.
+///
+/// # Safety
+/// As for [`add_taps`] with one tap.
 #[inline(always)]
 #[expect(
     clippy::too_many_arguments,

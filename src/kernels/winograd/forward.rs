@@ -250,6 +250,9 @@ impl Batch<'_> {
     }
 
     /// Bᵀ·d of the columns of a run, from one before its tiles to one behind them.
+    ///
+    /// # Safety
+    /// As for [`Batch::compute`]; the run is one of the batch's, and `row` its row of tiles, whose inputs are `width` pixels long.
     #[inline(always)]
     unsafe fn transform_columns<S: Simd>(
         self,
@@ -287,6 +290,9 @@ impl Batch<'_> {
     }
 
     /// One row of points of Bᵀ·d·B for the tiles of a run.
+    ///
+    /// # Safety
+    /// As for [`Batch::compute`]; the run is one of the batch's, its columns are transformed, and `point_row < POINTS`.
     #[inline(always)]
     unsafe fn transform_rows<S: Simd>(self, simd: S, point_row: usize, run: Run, buffers: &mut Buffers<'_>) {
         let channels = self.weights.padded_inputs();
@@ -312,6 +318,9 @@ impl Batch<'_> {
     }
 
     /// One row of points of m·A for all tiles.
+    ///
+    /// # Safety
+    /// As for [`Batch::compute`], with `point_row < POINTS`.
     #[inline(always)]
     unsafe fn invert_rows<S: Simd>(self, simd: S, point_row: usize, buffers: &mut Buffers<'_>) {
         let channels = self.weights.padded_outputs();
@@ -329,6 +338,10 @@ impl Batch<'_> {
     }
 
     /// Aᵀ·(m·A) of the tiles of a run, then bias and [`Finish`], to where the output lies.
+    ///
+    /// # Safety
+    /// As for [`Batch::compute`]; the run is one of the batch's, `output` holds the rows of its row of tiles, and so does the
+    /// finisher's tensor.
     #[inline(always)]
     #[expect(
         clippy::too_many_arguments,
@@ -374,6 +387,9 @@ impl Batch<'_> {
 }
 
 /// The six products `[tile, input] · [input, output]` of one row of points.
+///
+/// # Safety
+/// As for [`Batch::compute`], with `point_row < POINTS`; panels of the weights are `COLUMNS` vectors wide.
 #[inline(always)]
 unsafe fn multiply<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,

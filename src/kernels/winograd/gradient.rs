@@ -195,6 +195,9 @@ struct Segment {
 
 impl Segment {
     /// Vertical step for the inputs: one row of Bᵀ over six rows, for each column that the tiles see.
+    ///
+    /// # Safety
+    /// Rows of inputs are `width` pixels of `channels`; `line` and `zeros` hold the columns of the segment's tiles and two more.
     #[inline(always)]
     #[expect(
         clippy::too_many_arguments,
@@ -231,6 +234,9 @@ impl Segment {
     }
 
     /// Vertical step for the gradients: one row of A over four rows.
+    ///
+    /// # Safety
+    /// Rows of gradients are `width` pixels of `channels`; `line` and `zeros` hold the columns of the segment's tiles.
     #[inline(always)]
     #[expect(
         clippy::too_many_arguments,
@@ -264,6 +270,9 @@ impl Segment {
 }
 
 /// Point `POINT` of Bᵀ over six rows; the compiler leaves out what the other points would need.
+///
+/// # Safety
+/// The rows and `to` hold `len` floats.
 #[inline(always)]
 unsafe fn input_point<S: Simd, const POINT: usize>(
     simd: S,
@@ -284,6 +293,9 @@ unsafe fn input_point<S: Simd, const POINT: usize>(
 }
 
 /// Point `POINT` of A over four rows.
+///
+/// # Safety
+/// The rows and `to` hold `len` floats.
 #[inline(always)]
 unsafe fn gradient_point<S: Simd, const POINT: usize>(
     simd: S,
@@ -335,6 +347,10 @@ unsafe fn load_columns<S: Simd, const N: usize>(
 }
 
 /// Horizontal step for the inputs.
+///
+/// # Safety
+/// `line` holds `4 · tiles + 2` columns of `channels`, each point's part of `points` whole vectors of channels for every
+/// tile, where `to` says.
 #[inline(always)]
 #[expect(
     clippy::too_many_arguments,
@@ -361,6 +377,10 @@ unsafe fn input_points<S: Simd>(
 }
 
 /// Horizontal step for the gradients.
+///
+/// # Safety
+/// `line` holds `4 · tiles` columns of `channels`, each point's part of `points` whole vectors of channels for every tile,
+/// where `to` says.
 #[inline(always)]
 #[expect(
     clippy::too_many_arguments,
@@ -395,6 +415,9 @@ struct Product<'a> {
 }
 
 /// Adds `leftᵀ · right` to the sums `[input, output]`.
+///
+/// # Safety
+/// Both operands hold `depth` tiles of padded channels, the sums one point; `COLUMNS` vectors divide the padded outputs.
 #[inline(always)]
 unsafe fn accumulate<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,
