@@ -36,10 +36,21 @@ fn data() -> InMemory {
     InMemory(pairs.map(patch).collect())
 }
 
+/// The backends of this build.
+const BACKENDS: &[Backend] = &[
+    Backend::Flex,
+    #[cfg(feature = "ndarray-backend")]
+    Backend::NdArray,
+];
+
 /// The bounds are those promised: 1e-4 relative for losses, 1e-5 for weights, twenty times less than twelve
 /// steps of at most 2e-4 each could move a weight.
 #[test]
 fn twelve_steps_follow_pytorch() {
+    BACKENDS.iter().for_each(|backend| follow_pytorch(*backend));
+}
+
+fn follow_pytorch(backend: Backend) {
     let text = std::fs::read_to_string(fixture("case.json")).unwrap();
     let case: Value = serde_json::from_str(&text).unwrap();
     let numbers = |key: &str| -> Vec<f64> { serde_json::from_value(case[key].clone()).unwrap() };
@@ -48,8 +59,7 @@ fn twelve_steps_follow_pytorch() {
     config.schedule.period = 8;
     (config.data.batch, config.data.accumulate, config.data.crop, config.data.shuffle) = (2, 1, 48, false);
     let data = data();
-    let mut trainer =
-        Trainer::new(&config, Some(initial.parameters), data.0.len(), Backend::default()).unwrap();
+    let mut trainer = Trainer::new(&config, Some(initial.parameters), data.0.len(), backend).unwrap();
     for (loss, rate) in numbers("losses").into_iter().zip(numbers("learning_rates")) {
         let step = trainer.step(&data).unwrap();
         assert!((step.learning_rate - rate).abs() <= 1e-12, "{step:?}: expected rate {rate}");
@@ -61,6 +71,6 @@ fn twelve_steps_follow_pytorch() {
         assert_eq!(found.name, expected.name);
         let pairs = found.values.iter().zip(&expected.values);
         let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-        assert!(error <= 1e-5, "{}: {error:e}", found.name);
+        assert!(error <= 1e-5, "{backend:?}, {}: {error:e}", found.name);
     }
 }
