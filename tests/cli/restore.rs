@@ -30,13 +30,14 @@ fn code() -> String {
     fixture("discnet/1_code.npy")
 }
 
-fn scene_value((c, y, x): (usize, usize, usize)) -> f32 {
-    let wave = ((y as f32) * 0.31 + c as f32).sin() * ((x as f32) * 0.17).cos();
-    0.4 + 0.3 * wave + if (y / 20 + x / 30) % 5 == 0 { 6.0 } else { 0.0 }
+fn write_scene(path: &Path, height: usize, width: usize) {
+    let value =
+        |(c, y, x): (usize, usize, usize)| wave(c, y, x) + if (y / 20 + x / 30) % 5 == 0 { 6.0 } else { 0.0 };
+    write_planes(path, Array3::from_shape_fn((3, height, width), value));
 }
 
-fn write_scene(path: &Path, height: usize, width: usize) {
-    write_planes(path, Array3::from_shape_fn((3, height, width), scene_value));
+fn wave(c: usize, y: usize, x: usize) -> f32 {
+    0.4 + 0.3 * ((y as f32) * 0.31 + c as f32).sin() * ((x as f32) * 0.17).cos()
 }
 
 fn write_planes(path: &Path, planes: Array3<f32>) {
@@ -159,24 +160,26 @@ fn refuses_a_model_of_another_kind() {
     assert!(said.contains("1.pth"), "{said}");
 }
 
-/// A scene seen through the PSF, summed as the image formation model says, and the scene itself: its middle, so that what
-/// the PSF brings from outside of the frame is there.
+/// A scene of small blocks seen through the PSF, summed as the image formation model says, and the scene itself: its
+/// middle, so that what the PSF brings from outside of the frame is there.
 fn seen_through_the_psf(height: usize, width: usize) -> [Array3<f32>; 2] {
     const MARGIN: usize = 20;
+    let value =
+        |c: usize, y: usize, x: usize| wave(c, y, x) + if (y / 6 + x / 9) % 3 == 0 { 0.5 } else { 0.0 };
     let psf = psf();
     let (cy, cx) = psf.centre();
     let seen = |(c, y, x): (usize, usize, usize)| {
         let taps = psf.channel(c);
-        let beneath = |dy: usize, dx: usize| scene_value((c, y + MARGIN + cy - dy, x + MARGIN + cx - dx));
+        let beneath = |dy: usize, dx: usize| value(c, y + MARGIN + cy - dy, x + MARGIN + cx - dx);
         taps.indexed_iter().map(|((dy, dx), tap)| tap * beneath(dy, dx)).sum()
     };
-    let clean = |(c, y, x): (usize, usize, usize)| scene_value((c, y + MARGIN, x + MARGIN));
+    let clean = |(c, y, x): (usize, usize, usize)| value(c, y + MARGIN, x + MARGIN);
     let size = (3, height, width);
     [Array3::from_shape_fn(size, seen), Array3::from_shape_fn(size, clean)]
 }
 
-/// Far from the frame's edges, where what came from outside is not known to any method; the gains are a decibel below
-/// those that were measured.
+/// Away from the frame's edges, where no method knows what came from outside. Measured: 24.7 dB before and gains of 3.9, 7.3,
+/// 6.5 and 9.0 dB; a decibel less must be left.
 #[test]
 fn deconvolves_by_every_method() {
     let scratch = scratch();
@@ -190,7 +193,7 @@ fn deconvolves_by_every_method() {
     let quality = |image: &ToneMappedImage| psnr(image, &truth, &MetricDefinition::float()).unwrap();
     let before = quality(&middle(seen));
     for (method, gain) in
-        [("wiener", 3.0), ("wiener-orieux", 3.0), ("richardson-lucy", 3.0), ("constrained", 3.0)]
+        [("wiener", 2.9), ("wiener-orieux", 6.3), ("richardson-lucy", 5.5), ("constrained", 8.0)]
     {
         let output = format!("{method}.exr");
         succeed(
