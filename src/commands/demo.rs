@@ -4,8 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, Parser as _};
+use serde_json::json;
 
 use udc::core::io::{self, WriteOptions};
+use udc::core::provenance::Provenance;
 use udc::demo;
 
 use super::{Cli, Session, is_broken_pipe};
@@ -27,9 +29,12 @@ pub(crate) struct DemoArgs {
     seed: u64,
 }
 
-/// Number and side of the scenes that are painted.
+/// Number of the scenes that are painted, and the side of the frame in their middle.
 const SCENES: usize = 18;
-const SCENE_PX: usize = 288;
+const FRAME_PX: usize = 288;
+
+/// Pixels of a scene around the frame: as far as the PSF throws light.
+const MARGIN: usize = PSF_PX / 2;
 
 /// Side of the PSF; the panel's file asks the sensor for as much.
 const PSF_PX: usize = 129;
@@ -131,35 +136,30 @@ impl Demo<'_> {
     }
 
     fn paint(&self) -> Result<()> {
-        for scene in demo::scenes::scenes(0, SCENES, SCENE_PX, self.seed)? {
+        for scene in demo::scenes::scenes(0, SCENES, FRAME_PX + 2 * MARGIN, self.seed)? {
             let path = self.path(&format!("scenes/{}.exr", scene.name));
-            io::write_image(&path, &scene.image, &WriteOptions::default())?;
+            let origin = json!({ "scene": scene.name, "seed": self.seed, "margin": MARGIN });
+            let provenance = Some(Provenance::new("demo", &origin));
+            io::write_image(&path, &scene.image, &WriteOptions { provenance, ..WriteOptions::default() })?;
         }
-        self.session.tell(format_args!("# {SCENES} HDR scenes are painted"));
+        self.session.tell(format_args!(
+            "# {SCENES} HDR scenes are painted, {MARGIN} pixels larger than the frame on each side"
+        ));
         Ok(())
     }
 
     fn crop(&self, panoramas: &Path) -> Result<()> {
         let panoramas = std::path::absolute(panoramas)?;
-        let size = SCENE_PX.to_string();
+        let (size, margin) = (FRAME_PX.to_string(), MARGIN.to_string());
         let panoramas = panoramas.to_string_lossy();
-        self.run(&["crop", &panoramas, "-o", "@scenes", "--size", &size, "--views", "6", "--fov", "60"])
+        let crop = ["crop", &panoramas, "-o", "@scenes", "--size", &size, "--margin", &margin];
+        self.run(&[&crop[..], &["--views", "6", "--fov", "60"]].concat())
     }
 
     fn synthesise_train_and_measure(&self) -> Result<()> {
-        let seed = self.seed.to_string();
-        self.run(&[
-            "synth",
-            "@scenes",
-            "--bank",
-            "@bank.safetensors",
-            "-o",
-            "@dataset",
-            "--seed",
-            &seed,
-            "--test-fraction",
-            "0.34",
-        ])?;
+        let (seed, margin) = (self.seed.to_string(), MARGIN.to_string());
+        let synth = ["synth", "@scenes", "--margin", &margin, "--bank", "@bank.safetensors", "-o", "@dataset"];
+        self.run(&[&synth[..], &["--seed", &seed, "--test-fraction", "0.34"]].concat())?;
         let seed = format!("seed={seed}");
         self.run(&["train", "@training.toml", "--data", "@dataset", "-o", "@run", "--set", &seed])?;
         let model = "@run/model.safetensors";

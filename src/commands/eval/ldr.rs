@@ -49,6 +49,9 @@ struct Row {
 
 impl<'a> Ldr<'a> {
     /// Checks, before any work, that scenes can be clipped at `white` and formed as the dataset was.
+    ///
+    /// Of scenes with a margin the frame is left, so that what the clipped ones receive from outside of it is a
+    /// continuation of the border.
     pub(super) fn new(comparison: &'a Comparison<'a>, white: f32) -> Result<Self> {
         if !(white > 0.0 && white.is_finite()) {
             bail!("--ldr {white} clips every scene to darkness; name a positive irradiance, such as 1");
@@ -61,7 +64,7 @@ impl<'a> Ldr<'a> {
                 dataset.root.display()
             );
         };
-        let formation = Formation::new(dataset.formation.clone(), config.seed)?;
+        let formation = Formation::new(dataset.formation.of_frames(), config.seed)?;
         Ok(Self { comparison, bank, formation, white })
     }
 
