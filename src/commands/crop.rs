@@ -98,7 +98,8 @@ impl CropArgs {
                 let started = Instant::now();
                 let image = crop_with_margin(&panorama, view, self.margin);
                 session.detail(format_args!("{stem} view {}: rendered in {:.2?}", i + 1, started.elapsed()));
-                let provenance = Provenance::new("crop", &Origin { panorama: stem, view: *view, margin: self.margin });
+                let provenance =
+                    Provenance::new("crop", &Origin { panorama: stem, view: *view, margin: self.margin });
                 let (half, overwrite) = (self.half, session.overwrite);
                 let options = WriteOptions { half, overwrite, provenance: Some(provenance) };
                 io::write_image(&self.path(stem, i + 1), &image, &options)?;

@@ -158,7 +158,8 @@ impl Demo<'_> {
 
     fn synthesise_train_and_measure(&self) -> Result<()> {
         let (seed, margin) = (self.seed.to_string(), MARGIN.to_string());
-        let synth = ["synth", "@scenes", "--margin", &margin, "--bank", "@bank.safetensors", "-o", "@dataset"];
+        let synth =
+            ["synth", "@scenes", "--margin", &margin, "--bank", "@bank.safetensors", "-o", "@dataset"];
         self.run(&[&synth[..], &["--seed", &seed, "--test-fraction", "0.34"]].concat())?;
         let seed = format!("seed={seed}");
         self.run(&["train", "@training.toml", "--data", "@dataset", "-o", "@run", "--set", &seed])?;

@@ -149,7 +149,7 @@ impl Stages for Restoration<'_> {
         &job.output
     }
 
-    fn describe(&self, job: &Job) -> Value {
+    fn describe(&self, _job: &Job) -> Value {
         let RestoreArgs { raw, domain, output_domain, half, .. } = self.args;
         let is_raw = self.args.is_bracket() || raw.is_raw();
         json!({

@@ -64,7 +64,12 @@ impl FieldGrid {
     ///
     /// # Panics
     /// When there is no such node.
-    pub fn weights_with_margin(&self, node: usize, [height, width]: [usize; 2], margin: usize) -> Array2<f32> {
+    pub fn weights_with_margin(
+        &self,
+        node: usize,
+        [height, width]: [usize; 2],
+        margin: usize,
+    ) -> Array2<f32> {
         assert!(node < self.len(), "node {node} of {}", self.len());
         let rows = hat(node / self.columns, self.rows, height);
         let columns = hat(node % self.columns, self.columns, width);

@@ -71,7 +71,9 @@ impl View {
         let refuse = |reason| Err(Error::config("margin", reason));
         if margin > MOST_PIXELS || self.size + 2 * margin > MOST_PIXELS {
             let size = self.size;
-            return refuse(format!("{margin} on each side of {size} pixels makes more than {MOST_PIXELS}; give less"));
+            return refuse(format!(
+                "{margin} on each side of {size} pixels makes more than {MOST_PIXELS}; give less"
+            ));
         }
         let fov = self.fov_with_margin_deg(margin);
         // Without a margin the angle returns but for its rounding.

@@ -99,7 +99,8 @@ mod tests {
         let mut planes = Array3::zeros((3, height + 2 * margin, width + 2 * margin));
         planes.slice_mut(ndarray::s![.., margin - 2, margin - 3]).fill(10.0);
         let scene = LinearImage::from_planes(planes).unwrap();
-        let convolver = Convolver::new([height + 2 * margin, width + 2 * margin], [15, 15], Boundary::Zero).unwrap();
+        let convolver =
+            Convolver::new([height + 2 * margin, width + 2 * margin], [15, 15], Boundary::Zero).unwrap();
         let otf = |node: usize| convolver.otf(&field.psfs()[node]).map(Cow::Owned);
         let found = convolve_nodes(&convolver, (&scene, margin), field.grid(), otf).unwrap();
         assert_eq!(found.dim(), (3, height, width));

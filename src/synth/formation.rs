@@ -139,7 +139,8 @@ mod tests {
     fn a_lamp_outside_of_the_frame_throws_its_flare_into_it() {
         let margin = 6;
         let (height, width) = (12, 15);
-        let energy = Array3::from_shape_fn((3, 11, 9), |(c, y, x)| 1.0 + (3 * c + 5 * y + 7 * x) as f32 % 13.0);
+        let energy =
+            Array3::from_shape_fn((3, 11, 9), |(c, y, x)| 1.0 + (3 * c + 5 * y + 7 * x) as f32 % 13.0);
         let psf = Psf::from_energy(energy).unwrap();
         let mut planes = Array3::zeros((3, height + 2 * margin, width + 2 * margin));
         planes.slice_mut(ndarray::s![.., margin - 3, margin - 2]).fill(40.0);
@@ -166,14 +167,16 @@ mod tests {
             if (y, x) == (2, 25) { 3000.0 } else { ((c + 3 * y + 5 * x) % 11) as f32 / 10.0 }
         });
         let scene = LinearImage::from_planes(planes).unwrap();
-        let psf = Psf::from_energy(Array3::from_shape_fn((3, 14, 14), |(c, y, x)| (1 + c + y * x) as f32)).unwrap();
+        let psf =
+            Psf::from_energy(Array3::from_shape_fn((3, 14, 14), |(c, y, x)| (1 + c + y * x) as f32)).unwrap();
         for boundary in [Boundary::Zero, Boundary::Replicate, Boundary::Reflect] {
             let config = FormationConfig { boundary, ..FormationConfig::default() };
             let whole = Formation::new(config.clone(), 0).unwrap().degrade(&scene, &psf, "").unwrap();
             let margined = Formation::new(FormationConfig { margin: 5, ..config }, 0).unwrap();
             assert_eq!(margined.degrade(&scene, &psf, "").unwrap(), whole.crop(5, 5, 21, 18), "{boundary:?}");
         }
-        let nothing = Formation::new(FormationConfig { margin: 14, ..FormationConfig::default() }, 0).unwrap();
+        let nothing =
+            Formation::new(FormationConfig { margin: 14, ..FormationConfig::default() }, 0).unwrap();
         assert!(nothing.degrade(&scene, &psf, "").is_err() && nothing.ground_truth(&scene).is_err());
     }
 

@@ -15,13 +15,16 @@ mod eval;
 mod events;
 mod files;
 mod finish;
+mod margin;
 mod measure;
 mod negatives;
 #[path = "../common/perceptual_weights.rs"]
 mod perceptual_weights;
 mod raw;
 mod restore;
+mod resume;
 mod run_folder;
+mod scale;
 mod sweep;
 mod synth;
 #[path = "../common/tiff.rs"]

@@ -85,7 +85,10 @@ fn synthetic_noise_has_as_many_photons_as_a_capture_of_the_same_full_well() {
         let expected =
             (irradiance * full_well + sensor.read_noise_e.powi(2) + gain * gain / 12.0) / full_well.powi(2);
         assert!((mean - irradiance).abs() < 5.0 * (expected / count).sqrt(), "{mean} of {irradiance}");
-        assert!((variance / expected - 1.0).abs() < 5.0 * (2.0 / count).sqrt(), "{variance}, expected {expected}");
+        assert!(
+            (variance / expected - 1.0).abs() < 5.0 * (2.0 / count).sqrt(),
+            "{variance}, expected {expected}"
+        );
     }
     // The bracket 1, 1/4, 1/16 tells irradiance up to 16, as `udc fuse` does for captures.
     assert!((sensor.saturation() - 16.0).abs() < 1e-9, "{}", sensor.saturation());

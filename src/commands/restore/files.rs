@@ -93,7 +93,8 @@ impl RestoreArgs {
         };
         let unplaced = |group: &Group| Unplaced { name: group.name.clone(), source: names_of(&group.files) };
         let outputs = destination.place(&groups.iter().map(unplaced).collect::<Vec<_>>(), in_folder)?;
-        let job = |(group, output): (Group, PathBuf)| Job { inputs: group.files, output, sha256: OnceLock::new() };
+        let job =
+            |(group, output): (Group, PathBuf)| Job { inputs: group.files, output, sha256: OnceLock::new() };
         Ok(groups.into_iter().zip(outputs).map(job).collect())
     }
 

@@ -97,7 +97,8 @@ impl FormationConfig {
     /// # Errors
     /// [`Error::Shape`] when the margin leaves nothing of the scene.
     pub fn frame_size(&self, scene: [usize; 2]) -> Result<[usize; 2]> {
-        let inner = |side: usize| side.checked_sub(self.margin)?.checked_sub(self.margin).filter(|&side| side > 0);
+        let inner =
+            |side: usize| side.checked_sub(self.margin)?.checked_sub(self.margin).filter(|&side| side > 0);
         match scene.map(inner) {
             [Some(height), Some(width)] => Ok([height, width]),
             _ => {
@@ -221,8 +222,9 @@ struct SensorFile {
 
 impl Default for SensorFile {
     fn default() -> Self {
-        let SensorConfig { full_well_e, read_noise_e, bits, black_level_dn, exposures, channel_gains, .. } =
-            SensorConfig::default();
+        let SensorConfig {
+            full_well_e, read_noise_e, bits, black_level_dn, exposures, channel_gains, ..
+        } = SensorConfig::default();
         let (white_irradiance, electrons_per_unit) = (None, None);
         Self {
             full_well_e,
@@ -246,7 +248,8 @@ impl TryFrom<SensorFile> for SensorConfig {
         const AGREEMENT: f64 = 1e-3;
         let white = file.white_irradiance.unwrap_or(1.0);
         require("white-irradiance", white, white > 0.0, "positive")?;
-        let SensorFile { full_well_e, read_noise_e, bits, black_level_dn, exposures, channel_gains, .. } = file;
+        let SensorFile { full_well_e, read_noise_e, bits, black_level_dn, exposures, channel_gains, .. } =
+            file;
         let mut sensor = Self {
             full_well_e,
             read_noise_e,
@@ -386,7 +389,12 @@ mod tests {
     #[test]
     fn a_sensor_saturates_where_a_capture_of_its_bracket_does() {
         let exactly = |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 1e-12, "{found}");
-        for text in ["", "exposures = [0.5, 0.125, 0.03125]", "channel-gains = [0.7, 0.9, 0.4]", "full-well-e = 900.0"] {
+        for text in [
+            "",
+            "exposures = [0.5, 0.125, 0.03125]",
+            "channel-gains = [0.7, 0.9, 0.4]",
+            "full-well-e = 900.0",
+        ] {
             let sensor = sensor(text).unwrap();
             exactly(sensor.white_irradiance(), 1.0);
             exactly(sensor.saturation(), 16.0);
@@ -395,9 +403,15 @@ mod tests {
         exactly(sensor("white-irradiance = 31.25").unwrap().saturation(), 500.0);
         // Files from before the scale was one.
         exactly(sensor("electrons-per-unit = 192.0").unwrap().white_irradiance(), 31.25);
-        exactly(sensor("electrons-per-unit = 192.0\nwhite-irradiance = 31.25").unwrap().electrons_per_unit, 192.0);
+        exactly(
+            sensor("electrons-per-unit = 192.0\nwhite-irradiance = 31.25").unwrap().electrons_per_unit,
+            192.0,
+        );
         let message = sensor("electrons-per-unit = 192.0\nwhite-irradiance = 1.0").unwrap_err().to_string();
-        assert!(message.contains("192") && message.contains("6000") && message.contains("leave one"), "{message}");
+        assert!(
+            message.contains("192") && message.contains("6000") && message.contains("leave one"),
+            "{message}"
+        );
         assert!(sensor("white-irradiance = 0.0").is_err() && sensor("electrons-per-unit = -1.0").is_err());
         assert!(sensor("channel-gains = [0.0, 0.0, 0.0]").is_err() && sensor("exposures = []").is_err());
     }
@@ -410,7 +424,10 @@ mod tests {
         };
         assert_eq!(config(16.0).scale_warning(), None);
         let message = config(500.0).scale_warning().unwrap();
-        assert!(message.contains("nothing above") && message.contains("white-irradiance = 31.25"), "{message}");
+        assert!(
+            message.contains("nothing above") && message.contains("white-irradiance = 31.25"),
+            "{message}"
+        );
         assert!(config(4.0).scale_warning().unwrap().contains("is clipped"));
         assert_eq!(FormationConfig::default().scale_warning(), None);
     }

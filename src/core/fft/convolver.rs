@@ -225,9 +225,7 @@ impl Convolver {
     fn convolve_window(&self, image: &Spectrum, otf: &Otf, window: Window, out: &mut [f32]) {
         let plane = window.height * window.width;
         let spectra = image.channels.iter().zip(&otf.channels);
-        for ((spectrum, SplitSpectrum { high, low }), out) in
-            spectra.zip(out.chunks_exact_mut(plane))
-        {
+        for ((spectrum, SplitSpectrum { high, low }), out) in spectra.zip(out.chunks_exact_mut(plane)) {
             assert_eq!(high.len(), self.transform.spectrum_len(), "the OTF belongs to this convolver");
             match spectrum {
                 ChannelSpectrum::Single(spectrum) => {

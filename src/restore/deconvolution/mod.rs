@@ -18,8 +18,8 @@ mod wiener_orieux;
 use ndarray::{Array2, Array3, ArrayView2, Axis};
 use serde::{Deserialize, Serialize};
 
-use crate::core::error::{Error, Result};
 use crate::core::dataset::FormationConfig;
+use crate::core::error::{Error, Result};
 use crate::core::fft::Boundary;
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::progress::Progress;
