@@ -64,6 +64,13 @@ impl<'a> Ldr<'a> {
                 dataset.root.display()
             );
         };
+        if dataset.formation.margin > 0 {
+            comparison.session.warn(format_args!(
+                "the scenes of {} had a margin, of which nothing is stored: light from outside of the frame is in its \
+                 degraded images, and not in those of --ldr",
+                dataset.root.display()
+            ));
+        }
         let formation = Formation::new(dataset.formation.of_frames(), config.seed)?;
         Ok(Self { comparison, bank, formation, white })
     }
