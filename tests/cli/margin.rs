@@ -91,7 +91,8 @@ fn a_dataset_goes_on_with_the_margin_that_it_was_begun_with() {
     let folder = scratch.path();
     let synth = |output: &str, more: &[&str]| succeed(folder, &[&SYNTH[..], &[output], more].concat());
     synth("dataset", &["--margin", "8"]);
-    fs::remove_file(folder.join("dataset/degraded/k01/hall_01.exr")).unwrap();
+    let lost = Dataset::open(&folder.join("dataset")).unwrap().triplets[0].degraded.clone();
+    fs::remove_file(folder.join("dataset").join(lost)).unwrap();
     for other in [&[][..], &["--margin", "7"]] {
         let said = fail(folder, &[&SYNTH[..], &["dataset", "--resume"], other].concat(), 1);
         assert!(said.contains("another formation.margin"), "{said}");
@@ -187,7 +188,7 @@ fn deconvolution_does_not_take_a_margin_for_darkness() {
         line.split(',').filter_map(|cell| cell.parse().ok()).next_back().unwrap()
     };
     for method in ["richardson-lucy", "constrained"] {
-        assert!(psnr(method) > 35.0, "{text}");
+        assert!(psnr(method) > psnr("degraded"), "{text}");
     }
 }
 
