@@ -11,7 +11,7 @@ use serde::Serialize;
 use udc::core::image::Linear;
 use udc::core::io::{self, WriteOptions};
 use udc::core::provenance::Provenance;
-use udc::crop::{Panorama, View, crop, spread_views};
+use udc::crop::{Panorama, View, crop_with_margin, spread_views};
 
 use super::Session;
 
@@ -21,7 +21,8 @@ use super::Session;
 /// panorama's centre and positive yaw to the right. Each pixel is the mean of the panorama over its area.
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:\n  udc crop panoramas/*.hdr -o views\n  \
-    udc crop street.exr -o views --yaw=-90,0,90 --pitch 10 --fov 60 --size 512")]
+    udc crop street.exr -o views --yaw=-90,0,90 --pitch 10 --fov 60 --size 512\n  \
+    udc crop panoramas/*.hdr -o views --margin 400")]
 pub(crate) struct CropArgs {
     /// Panoramas, twice as wide as high: files, folders or patterns
     #[arg(required = true, value_name = "PANORAMA")]
@@ -35,6 +36,10 @@ pub(crate) struct CropArgs {
     /// Field of view in degrees, between the centres of the outermost pixels
     #[arg(long, value_name = "DEG", default_value_t = 90.0)]
     fov: f64,
+    /// Pixels more on each side, at the same focal length: the view is the middle, and light from outside of it reaches
+    /// it in `udc synth`, which reads the margin from .exr files. Half the side of the PSF is enough
+    #[arg(long, value_name = "PX", default_value_t = 0)]
+    margin: usize,
     /// Number of views spread over each panorama
     #[arg(long, value_name = "N", default_value_t = 18, conflicts_with_all = ["yaw", "pitch"],
         value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=999))]
@@ -65,12 +70,14 @@ struct Origin<'a> {
     panorama: &'a str,
     #[serde(flatten)]
     view: View,
+    /// The key by which `udc synth` finds it.
+    margin: usize,
 }
 
 impl CropArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let views = self.list_views();
-        views.iter().try_for_each(View::check)?;
+        views.iter().try_for_each(|view| view.check_margin(self.margin))?;
         let panoramas = name_by_stem(io::expand_inputs(&self.panoramas)?)?;
         if self.output.exists() {
             for stem in panoramas.keys() {
@@ -89,9 +96,10 @@ impl CropArgs {
             for (i, view) in views.iter().enumerate() {
                 session.progress.check()?;
                 let started = Instant::now();
-                let image = crop(&panorama, view);
+                let image = crop_with_margin(&panorama, view, self.margin);
                 session.detail(format_args!("{stem} view {}: rendered in {:.2?}", i + 1, started.elapsed()));
-                let provenance = Provenance::new("crop", &Origin { panorama: stem, view: *view });
+                let provenance =
+                    Provenance::new("crop", &Origin { panorama: stem, view: *view, margin: self.margin });
                 let (half, overwrite) = (self.half, session.overwrite);
                 let options = WriteOptions { half, overwrite, provenance: Some(provenance) };
                 io::write_image(&self.path(stem, i + 1), &image, &options)?;
@@ -100,8 +108,12 @@ impl CropArgs {
         }
         bar.finish_and_clear();
         let count = panoramas.len() * views.len();
+        let margin = match self.margin {
+            0 => String::new(),
+            margin => format!(" and a margin of {margin} on each side"),
+        };
         session.say(format_args!(
-            "{}: {count} views of {} panoramas, {} × {} pixels",
+            "{}: {count} views of {} panoramas, {} × {} pixels{margin}",
             self.output.display(),
             panoramas.len(),
             self.size,

@@ -4,8 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, Parser as _};
+use serde_json::json;
 
 use udc::core::io::{self, WriteOptions};
+use udc::core::provenance::Provenance;
 use udc::demo;
 
 use super::{Cli, Session, is_broken_pipe};
@@ -33,21 +35,24 @@ pub(crate) struct DemoArgs {
 /// How much the demo makes.
 #[derive(Clone, Copy)]
 struct Extent {
-    /// Number and side of the scenes that are painted.
+    /// Number of the scenes that are painted, and the side of the frame in their middle.
     scenes: usize,
-    scene_px: usize,
+    frame_px: usize,
     /// What the training's configuration is changed to.
     settings: &'static [&'static str],
 }
 
-const FULL: Extent = Extent { scenes: 18, scene_px: 288, settings: &[] };
+const FULL: Extent = Extent { scenes: 18, frame_px: 288, settings: &[] };
 
 /// Two scenes to test on; crops of 64 pixels fit, and the validation's get smaller.
 const QUICK: Extent = Extent {
     scenes: 6,
-    scene_px: 96,
+    frame_px: 96,
     settings: &["iterations=8", "validation.every=4", "validation.crop=64", "checkpoint.every=4"],
 };
+
+/// Pixels of a scene around the frame: as far as the PSF throws light.
+const MARGIN: usize = PSF_PX / 2;
 
 /// Side of the PSF; the panel's file asks the sensor for as much.
 const PSF_PX: usize = 129;
@@ -151,36 +156,32 @@ impl Demo<'_> {
     }
 
     fn paint(&self) -> Result<()> {
-        let Extent { scenes, scene_px, .. } = self.extent;
-        for scene in demo::scenes::scenes(0, scenes, scene_px, self.seed)? {
+        let Extent { scenes, frame_px, .. } = self.extent;
+        for scene in demo::scenes::scenes(0, scenes, frame_px + 2 * MARGIN, self.seed)? {
             let path = self.path(&format!("scenes/{}.exr", scene.name));
-            io::write_image(&path, &scene.image, &WriteOptions::default())?;
+            let origin = json!({ "scene": scene.name, "seed": self.seed, "margin": MARGIN });
+            let provenance = Some(Provenance::new("demo", &origin));
+            io::write_image(&path, &scene.image, &WriteOptions { provenance, ..WriteOptions::default() })?;
         }
-        self.session.tell(format_args!("# {scenes} HDR scenes are painted"));
+        self.session.tell(format_args!(
+            "# {scenes} HDR scenes are painted, {MARGIN} pixels larger than the frame on each side"
+        ));
         Ok(())
     }
 
     fn crop(&self, panoramas: &Path) -> Result<()> {
         let panoramas = std::path::absolute(panoramas)?;
-        let size = self.extent.scene_px.to_string();
+        let (size, margin) = (self.extent.frame_px.to_string(), MARGIN.to_string());
         let panoramas = panoramas.to_string_lossy();
-        self.run(&["crop", &panoramas, "-o", "@scenes", "--size", &size, "--views", "6", "--fov", "60"])
+        let crop = ["crop", &panoramas, "-o", "@scenes", "--size", &size, "--margin", &margin];
+        self.run(&[&crop[..], &["--views", "6", "--fov", "60"]].concat())
     }
 
     fn synthesise_train_and_measure(&self) -> Result<()> {
-        let seed = self.seed.to_string();
-        self.run(&[
-            "synth",
-            "@scenes",
-            "--bank",
-            "@bank.safetensors",
-            "-o",
-            "@dataset",
-            "--seed",
-            &seed,
-            "--test-fraction",
-            "0.34",
-        ])?;
+        let (seed, margin) = (self.seed.to_string(), MARGIN.to_string());
+        let synth =
+            ["synth", "@scenes", "--margin", &margin, "--bank", "@bank.safetensors", "-o", "@dataset"];
+        self.run(&[&synth[..], &["--seed", &seed, "--test-fraction", "0.34"]].concat())?;
         let seed = format!("seed={seed}");
         let mut train = vec!["train", "@training.toml", "--data", "@dataset", "-o", "@run", "--set", &seed];
         train.extend(self.extent.settings.iter().flat_map(|setting| ["--set", setting]));

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use anyhow::{Context as _, Result, bail};
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use udc::core::io::read_provenance;
 
@@ -28,6 +28,11 @@ pub(crate) trait Stages: Sync {
     fn output<'a>(&self, job: &'a Self::Job) -> &'a Path;
     /// Everything that decides what it becomes, as far as it is known before the inputs are read.
     fn describe(&self, job: &Self::Job) -> Value;
+    /// What tells the files that it is made of from others, whatever their paths. It is asked for where the output is
+    /// there, for it may take time.
+    fn identify(&self, _job: &Self::Job) -> Result<Value> {
+        Ok(Value::Object(Map::new()))
+    }
     /// Makes what all jobs need, while the first is read.
     fn prepare(&self) {}
     /// Reads what the job needs.
@@ -46,7 +51,7 @@ pub(crate) fn remaining<S: Stages>(stages: &S, jobs: Vec<S::Job>, session: &Sess
     let count = jobs.len();
     let mut remaining = Vec::with_capacity(count);
     for job in jobs {
-        if !is_done(stages.output(&job), &stages.describe(&job))? {
+        if !is_done(stages, &job)? {
             remaining.push(job);
         }
     }
@@ -54,7 +59,8 @@ pub(crate) fn remaining<S: Stages>(stages: &S, jobs: Vec<S::Job>, session: &Sess
     Ok(remaining)
 }
 
-fn is_done(output: &Path, described: &Value) -> Result<bool> {
+fn is_done<S: Stages>(stages: &S, job: &S::Job) -> Result<bool> {
+    let output = stages.output(job);
     if !output.exists() {
         return Ok(false);
     }
@@ -68,10 +74,12 @@ fn is_done(output: &Path, described: &Value) -> Result<bool> {
             output.display()
         );
     }
-    let agrees = |made: Value| {
-        described.as_object().is_some_and(|keys| keys.iter().all(|(key, value)| made.get(key) == Some(value)))
+    // A format that cannot say how it was made is taken for done.
+    let Some(made) = made else { return Ok(true) };
+    let agrees = |said: &Value| {
+        said.as_object().is_some_and(|keys| keys.iter().all(|(key, value)| made.get(key) == Some(value)))
     };
-    if made.is_some_and(|made| !agrees(made)) {
+    if !agrees(&stages.describe(job)) || !agrees(&stages.identify(job)?) {
         bail!(
             "{} was made with other settings or of other files; use the same flags, or pass --overwrite instead of \
              --resume",

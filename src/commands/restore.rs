@@ -76,7 +76,8 @@ pub(crate) struct RestoreArgs {
     format: FormatArg,
     /// Keep the images that are there and go on with the others
     ///
-    /// An EXR says how it was made, and is refused if that was otherwise; other formats are kept as they are.
+    /// An EXR says how it was made, and is refused if that was otherwise or of a capture with other contents (SHA-256),
+    /// wherever that lies; other formats are kept as they are.
     #[arg(long)]
     resume: bool,
     /// What the network multiplies
@@ -148,15 +149,18 @@ impl Stages for Restoration<'_> {
         &job.output
     }
 
-    fn describe(&self, job: &Job) -> Value {
+    fn describe(&self, _job: &Job) -> Value {
         let RestoreArgs { raw, domain, output_domain, half, .. } = self.args;
         let is_raw = self.args.is_bracket() || raw.is_raw();
-        let inputs: Vec<String> = job.inputs.iter().map(|input| text_of(input)).collect();
         json!({
-            "inputs": inputs, "exposures": raw.exposures, "raw": is_raw.then(|| raw.config().ok()),
+            "exposures": raw.exposures, "raw": is_raw.then(|| raw.config().ok()),
             "tone": self.engine.curve, "how": self.engine.describe(), "half": half,
             "domain": domain.map(DomainArg::name), "output-domain": output_domain.map(DomainArg::name),
         })
+    }
+
+    fn identify(&self, job: &Job) -> Result<Value> {
+        Ok(json!({ "inputs-sha256": job.inputs_sha256()? }))
     }
 
     fn prepare(&self) {
@@ -164,6 +168,8 @@ impl Stages for Restoration<'_> {
     }
 
     fn read(&self, job: &Job) -> Result<Capture> {
+        // Before the pixels, so that they are not older than it.
+        job.inputs_sha256()?;
         let capture = self.args.read_capture(job, self.session)?;
         let domain = self.args.output_domain.unwrap_or(capture.pixels.domain());
         check_domain_of_output(&job.output, domain)?;
@@ -181,6 +187,9 @@ impl Stages for Restoration<'_> {
         let mut described = self.describe(job);
         // It decides the tiles, which change nothing but roundings.
         described["max-memory"] = json!(self.args.max_memory);
+        // Where the captures lay; what they are is told by their contents.
+        described["inputs"] = job.inputs.iter().map(|input| text_of(input)).collect();
+        described["inputs-sha256"] = json!(job.inputs_sha256()?);
         let options = WriteOptions {
             half: self.args.half,
             overwrite: self.session.overwrite,

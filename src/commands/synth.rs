@@ -7,11 +7,11 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result};
 use clap::{Args, value_parser};
 
-use udc::core::dataset::{BANK_FILE, DatasetConfig, FORMAT, Split, VERSION};
+use udc::core::dataset::{BANK_FILE, DatasetConfig, FORMAT, FormationConfig, Split, VERSION};
 use udc::core::field::PsfField;
 use udc::core::io;
 use udc::restore::{format_bytes, parse_bytes};
-use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, list_scenes};
+use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, common_margin, list_scenes};
 
 use super::Session;
 use options::{FormationArgs, KernelArgs, Kernels, SplitName, StorageArgs};
@@ -26,6 +26,9 @@ const MOST_SEED: u64 = i64::MAX.cast_unsigned();
 /// (named <panorama>_<nn>, as `udc crop` does) are never divided between training and testing. With --split, a dataset
 /// that lacks this split gets it, if all other flags are as they were.
 ///
+/// A capture receives flare from lamps outside of its frame. Scenes with a margin (`udc crop --margin`) bring that light
+/// along: all of the scene is convolved, and the ground truth and the degraded image are its middle.
+///
 /// With --field the PSF changes over the frame. The dataset keeps the field as field.toml, for `udc restore --field`;
 /// training and evaluation take the PSF in the middle of the frame, and its code, for all of it.
 #[derive(Args, Debug)]
@@ -35,6 +38,7 @@ const MOST_SEED: u64 = i64::MAX.cast_unsigned();
     udc synth train_views/ --bank bank.safetensors --split train -o dataset\n  \
     udc synth test_views/ --bank bank.safetensors --split test -o dataset\n  \
     udc synth views/ --field field.toml --bank bank.safetensors -o varying\n  \
+    udc synth scenes/*.npy --margin 400 --bank bank.safetensors -o flared\n  \
     udc synth views/ --bank bank.safetensors -o dataset --shard 2/8 --resume")]
 pub(crate) struct SynthArgs {
     /// Clean linear scenes: files, folders or patterns
@@ -75,8 +79,13 @@ impl SynthArgs {
         let synthesis = self.plan()?;
         let needs = synthesis.needs().context("planning the synthesis")?;
         let ([height, width], count) = (needs.size, synthesis.scenes.len());
+        let formation = &synthesis.config.formation;
+        let margin = match formation.margin {
+            0 => String::new(),
+            margin => format!(" with a margin of {margin}"),
+        };
         session.tell(format_args!(
-            "{count} scenes of {}{height} × {width} through {} kernels: {} images, at most {} on disk and {} of \
+            "{count} scenes of {}{height} × {width}{margin} through {} kernels: {} images, at most {} on disk and {} of \
              memory",
             if needs.sizes_differ { "up to " } else { "" },
             synthesis.bank.len(),
@@ -84,6 +93,9 @@ impl SynthArgs {
             format_bytes(needs.disk_bytes),
             format_bytes(needs.memory.bytes)
         ));
+        if let Some(warning) = formation.scale_warning() {
+            session.warn(warning);
+        }
         self.warn_of_one_source(session, &synthesis);
         let existing = match (session.overwrite, self.resume) {
             (true, _) => Existing::Overwrite,
@@ -104,12 +116,14 @@ impl SynthArgs {
 
     fn plan(&self) -> Result<Synthesis> {
         let Kernels { bank, file: bank_file, field } = self.kernels.read()?;
-        let formation = self.formation.resolve();
         let division = match self.split {
             Some(split) => Division::All(split.into()),
             None => Division::TestFraction(self.test_fraction),
         };
         let scenes = list_scenes(io::expand_inputs(&self.scenes)?, division, self.seed)?;
+        let declared: Vec<_> = scenes.iter().map(|scene| (scene.path.as_path(), scene.margin)).collect();
+        let margin = common_margin(&declared, self.formation.margin)?;
+        let formation = FormationConfig { margin, ..self.formation.resolve() };
         let config = DatasetConfig {
             format: FORMAT.to_owned(),
             version: VERSION,

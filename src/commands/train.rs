@@ -76,6 +76,7 @@ impl TrainArgs {
         let config = self.read_config()?;
         let start = self.start(&config, session)?;
         let source = Source::open(&self.data, self.bank.as_deref(), &config)?;
+        source.warnings(&config).into_iter().for_each(|warning| session.warn(warning));
         check_codes(&config, source.code_dim())?;
         let validation = source.dataset().map_or(Ok(None), validation_data)?;
         if validation.is_none() {
@@ -109,7 +110,8 @@ impl TrainArgs {
                     }
                     live.degrade(scene, kernel, rng)
                 };
-                train(&OnTheFlyData::new(live.scenes.clone(), &live.bank, live.curve, &degrade, cache))
+                let data = OnTheFlyData::new(live.scenes.clone(), &live.bank, live.curve, &degrade, cache);
+                train(&data.with_margin(live.margin()))
             }
         };
         Ok(outcome?)
@@ -186,7 +188,8 @@ fn lost_highlights(x_max: f32) -> String {
     format!(
         "stored ground truths reach x-max = {x_max}, where they were clipped: what is degraded on the fly lacks the \
          highlights above it, which the dataset's own degraded images have; to keep them, name the folder of \
-         unclipped scenes as --data, and the kernels with --bank"
+         unclipped scenes as --data, the kernels with --bank, and what dataset.toml says of the formation with --set \
+         data.formation.x-max={x_max} and the like"
     )
 }
 

@@ -55,11 +55,30 @@ impl FieldGrid {
     ///
     /// # Panics
     /// When there is no such node.
-    pub fn weights(&self, node: usize, [height, width]: [usize; 2]) -> Array2<f32> {
+    pub fn weights(&self, node: usize, frame: [usize; 2]) -> Array2<f32> {
+        self.weights_with_margin(node, frame, 0)
+    }
+
+    /// The weight of one node at every pixel of a scene that is larger than the frame by `margin` pixels on each side;
+    /// beyond the frame the weights are those of its border, `[height + 2·margin, width + 2·margin]`.
+    ///
+    /// # Panics
+    /// When there is no such node.
+    pub fn weights_with_margin(
+        &self,
+        node: usize,
+        [height, width]: [usize; 2],
+        margin: usize,
+    ) -> Array2<f32> {
         assert!(node < self.len(), "node {node} of {}", self.len());
         let rows = hat(node / self.columns, self.rows, height);
         let columns = hat(node % self.columns, self.columns, width);
-        Array2::from_shape_fn((height, width), |(y, x)| rows[y] * columns[x])
+        let within = |position: usize, weights: &[f32]| {
+            weights[position.saturating_sub(margin).min(weights.len() - 1)]
+        };
+        Array2::from_shape_fn((height + 2 * margin, width + 2 * margin), |(y, x)| {
+            within(y, &rows) * within(x, &columns)
+        })
     }
 }
 

@@ -27,6 +27,11 @@ impl Provenance {
         }
     }
 
+    /// Pixels by which a scene was made larger than the frame on each side, where its origin says so.
+    pub fn margin(&self) -> Option<usize> {
+        self.config.get("margin")?.as_u64()?.try_into().ok()
+    }
+
     /// The JSON text that files carry.
     ///
     /// # Panics

@@ -29,12 +29,23 @@ const SUBSAMPLES_PER_TEXEL: f64 = 1.5;
 /// # Panics
 /// When the view does not pass [`View::check`].
 pub fn crop(panorama: &Panorama, view: &View) -> LinearImage {
+    crop_with_margin(panorama, view, 0)
+}
+
+/// As [`crop`], with `margin` pixels more on each side: at the same pitch of pixels, so that the middle of the image is
+/// the view without a margin, to the bit.
+///
+/// # Panics
+/// When the view does not pass [`View::check_margin`].
+pub fn crop_with_margin(panorama: &Panorama, view: &View, margin: usize) -> LinearImage {
+    assert!(view.check_margin(margin).is_ok(), "checked before the work, found {view:?} and {margin}");
     let camera = Camera::new(view);
-    let size = view.size;
+    let size = view.size + 2 * margin;
+    let at = |index: usize| index as f64 - margin as f64;
     let mut pixels = vec![[0f32; CHANNELS]; size * size];
     pixels.par_chunks_mut(size).enumerate().for_each(|(y, row)| {
         for (x, pixel) in row.iter_mut().enumerate() {
-            *pixel = area_mean(panorama, &camera, y as f64, x as f64);
+            *pixel = area_mean(panorama, &camera, at(y), at(x));
         }
     });
     let planes = Array3::from_shape_fn((CHANNELS, size, size), |(c, y, x)| pixels[y * size + x][c]);

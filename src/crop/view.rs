@@ -17,9 +17,10 @@ pub struct View {
     pub yaw_deg: f64,
     /// How far the camera looks up; negative is down.
     pub pitch_deg: f64,
-    /// The angle between the centres of the outermost pixels of the middle row, and of the middle column.
+    /// The angle between the centres of the outermost pixels of the middle row, and of the middle column, without any
+    /// margin.
     pub fov_deg: f64,
-    /// Pixels of a side.
+    /// Pixels of a side, without any margin.
     pub size: usize,
 }
 
@@ -38,11 +39,49 @@ impl View {
         if !(-90.0..=90.0).contains(&self.pitch_deg) {
             return refuse("pitch", "-90 to 90 degrees", self.pitch_deg);
         }
-        if !(1e-3..=170.0).contains(&self.fov_deg) {
+        if !(1e-3..=MOST_FOV_DEG).contains(&self.fov_deg) {
             return refuse("fov", "0.001 to 170 degrees", self.fov_deg);
         }
-        if !(2..=16384).contains(&self.size) {
+        if !(2..=MOST_PIXELS).contains(&self.size) {
             return refuse("size", "2 to 16384 pixels", self.size as f64);
+        }
+        Ok(())
+    }
+}
+
+/// The largest field of view of a plane image: beyond it, pixels at the border see next to nothing.
+const MOST_FOV_DEG: f64 = 170.0;
+
+/// The largest side of an image.
+const MOST_PIXELS: usize = 16384;
+
+impl View {
+    /// The angle between the centres of the outermost pixels with `margin` pixels more on each side.
+    pub fn fov_with_margin_deg(&self, margin: usize) -> f64 {
+        let growth = (self.size - 1 + 2 * margin) as f64 / (self.size - 1) as f64;
+        2.0 * ((self.fov_deg.to_radians() / 2.0).tan() * growth).atan().to_degrees()
+    }
+
+    /// Checks that the view can be rendered with `margin` pixels more on each side.
+    ///
+    /// # Errors
+    /// As [`check`](Self::check); [`Error::Config`] when the margin makes the image too large or too wide an angle.
+    pub fn check_margin(&self, margin: usize) -> Result<()> {
+        self.check()?;
+        let refuse = |reason| Err(Error::config("margin", reason));
+        if margin > MOST_PIXELS || self.size + 2 * margin > MOST_PIXELS {
+            let size = self.size;
+            return refuse(format!(
+                "{margin} on each side of {size} pixels makes more than {MOST_PIXELS}; give less"
+            ));
+        }
+        let fov = self.fov_with_margin_deg(margin);
+        // Without a margin the angle returns but for its rounding.
+        if margin > 0 && fov > MOST_FOV_DEG {
+            return refuse(format!(
+                "{margin} pixels on each side make a field of view of {fov:.1} degrees, and {MOST_FOV_DEG} is the most; \
+                 give less, or a smaller --fov"
+            ));
         }
         Ok(())
     }
@@ -115,6 +154,17 @@ mod tests {
             assert!((dx.atan2(dz).to_degrees() - right_deg).abs() < 1e-12);
             assert!((dy.atan2(dz).to_degrees() - up_deg).abs() < 1e-12);
         }
+    }
+
+    /// tan 60° is three times tan 30°: a frame of 11 pixels over 60°, and ten more on each side.
+    #[test]
+    fn a_margin_widens_the_angle_at_the_same_focal_length() {
+        let view = View { yaw_deg: 0.0, pitch_deg: 0.0, fov_deg: 60.0, size: 11 };
+        assert!((view.fov_with_margin_deg(10) - 120.0).abs() < 1e-12);
+        assert!((view.fov_with_margin_deg(0) - 60.0).abs() < 1e-12);
+        assert!(view.check_margin(10).is_ok());
+        assert!(view.check_margin(200).unwrap_err().to_string().contains("field of view"));
+        assert!(view.check_margin(usize::MAX).unwrap_err().to_string().contains("16384"));
     }
 
     #[test]

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use crate::core::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Split, Triplet, TripletFiles};
 use crate::core::error::{Error, Result};
-use crate::core::io;
+use crate::core::io::{self, LineLog};
 
 use super::folder::listed;
 use super::run::Synthesis;
@@ -203,6 +203,24 @@ impl Place {
                     .is_ok_and(|listed| first_dealt_otherwise(&synthesis.scenes, &listed).is_none())
         };
         names.iter().filter(|name| is_list(name) && !stays(name)).cloned().collect()
+    }
+
+    /// Refuses lists that another run is writing: the one of this run, and those that it would remove.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the list.
+    pub(super) fn check_free(&self) -> Result<()> {
+        let outdated = self.outdated.iter().map(|name| self.root.join(name));
+        for list in outdated.chain([self.list()]).filter(|list| list.is_file()) {
+            if LineLog::open(&list)?.try_lock().is_err() {
+                let name = list.file_name().unwrap_or_default().display();
+                let reason = format!(
+                    "has another run at work, which holds {name}; wait for its end, or make another part with --shard"
+                );
+                return self.refuse(&reason);
+            }
+        }
+        Ok(())
     }
 
     /// Removes the lists of what a run that begins anew replaces.

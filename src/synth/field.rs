@@ -7,7 +7,7 @@ use ndarray::{Array3, Axis};
 use crate::core::error::Result;
 use crate::core::fft::{Boundary, Convolver, Otf};
 use crate::core::field::{FieldGrid, PsfField};
-use crate::core::image::LinearImage;
+use crate::core::image::{CHANNELS, LinearImage};
 
 /// Convolves a scene with the PSFs at the nodes of a grid, interpolated between them.
 ///
@@ -22,22 +22,25 @@ pub fn convolve_field(scene: &LinearImage, field: &PsfField, boundary: Boundary)
     let [first, ..] = field.psfs() else { unreachable!("a field has a PSF") };
     let size = [scene.height(), scene.width()];
     let convolver = Convolver::new(size, [first.height(), first.width()], boundary)?;
-    convolve_nodes(&convolver, scene, field.grid(), |node| convolver.otf(&field.psfs()[node]).map(Cow::Owned))
+    let otf = |node: usize| convolver.otf(&field.psfs()[node]).map(Cow::Owned);
+    convolve_nodes(&convolver, (scene, 0), field.grid(), otf)
 }
 
-/// As [`convolve_field`], with the OTFs of the nodes.
+/// As [`convolve_field`], with the OTFs of the nodes, of a scene that is larger than the frame by a margin on each side:
+/// the grid lies over the frame, and the frame is what is returned.
 pub(super) fn convolve_nodes<'a>(
     convolver: &Convolver,
-    scene: &LinearImage,
+    (scene, margin): (&LinearImage, usize),
     grid: &FieldGrid,
     otf: impl Fn(usize) -> Result<Cow<'a, Otf>>,
 ) -> Result<Array3<f32>> {
-    let size = [scene.height(), scene.width()];
-    let mut sum = Array3::zeros(scene.planes().dim());
+    let frame = [scene.height() - 2 * margin, scene.width() - 2 * margin];
+    let mut sum = Array3::zeros((CHANNELS, frame[0], frame[1]));
     for node in 0..grid.len() {
-        let part = &scene.planes() * &grid.weights(node, size).insert_axis(Axis(0));
+        let weights = grid.weights_with_margin(node, frame, margin);
+        let part = &scene.planes() * &weights.insert_axis(Axis(0));
         let spectrum = convolver.spectrum(&LinearImage::from_planes(part)?)?;
-        sum += &convolver.convolve(&spectrum, &*otf(node)?);
+        sum += &convolver.convolve_middle(&spectrum, &*otf(node)?, margin);
         convolver.reuse(spectrum);
     }
     Ok(sum)
@@ -85,6 +88,26 @@ mod tests {
                     });
                 assert!((value - expected).abs() < 1e-5, "{value} instead of {expected}");
             }
+        }
+    }
+
+    /// The PSF of a lamp outside of the frame is that of the nearest place within.
+    #[test]
+    fn a_lamp_in_the_margin_spreads_by_the_psf_of_the_border() {
+        let field = field();
+        let (margin, height, width) = (7, 21, 19);
+        let mut planes = Array3::zeros((3, height + 2 * margin, width + 2 * margin));
+        planes.slice_mut(ndarray::s![.., margin - 2, margin - 3]).fill(10.0);
+        let scene = LinearImage::from_planes(planes).unwrap();
+        let convolver =
+            Convolver::new([height + 2 * margin, width + 2 * margin], [15, 15], Boundary::Zero).unwrap();
+        let otf = |node: usize| convolver.otf(&field.psfs()[node]).map(Cow::Owned);
+        let found = convolve_nodes(&convolver, (&scene, margin), field.grid(), otf).unwrap();
+        assert_eq!(found.dim(), (3, height, width));
+        for ((c, y, x), value) in found.indexed_iter() {
+            let corner = &field.psfs()[0];
+            let expected = corner.planes().get([c, 7 + 2 + y, 7 + 3 + x]).map_or(0.0, |k| 10.0 * k);
+            assert!((value - expected).abs() < 1e-5, "{c} {y} {x}: {value} instead of {expected}");
         }
     }
 

@@ -1,7 +1,8 @@
 //! Writes a dataset folder so that it can be interrupted at any moment and resumed.
 //!
 //! `dataset.toml` and the bank come first, then for every scene its ground truth, its degraded images and, at
-//! last, its lines in the list of triplets: what is listed is there. Temporary files of runs that were killed are
+//! last, its lines in the list of triplets: what is listed is there. A run holds its list to its end, so that no other run
+//! makes the same part. Temporary files of runs that were killed are
 //! removed when a run takes the folder up or begins anew, and nobody has changed them for an hour.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -41,12 +42,14 @@ impl DatasetFolder {
         // Shards that start together come here one after the other.
         let turn = io::lock_folder(root);
         let place = Place::find(root, synthesis, existing)?;
+        place.check_free()?;
         if existing == Existing::Overwrite {
             place.remove_lists()?;
         }
         describe(root, synthesis, &place, existing == Existing::Overwrite)?;
         let list = place.list();
         let log = LineLog::open(&list)?;
+        log.try_lock()?;
         drop(turn);
         if existing != Existing::Refuse {
             remove_unfinished(root)?;
@@ -87,10 +90,14 @@ impl DatasetFolder {
         Ok(())
     }
 
+    /// Replaces the list. The new file is held before anybody may ask for it, and the old one until then.
     fn restart_list(&mut self, triplets: &[Triplet]) -> Result<()> {
         let text: String = triplets.iter().map(|triplet| to_line(triplet) + "\n").collect();
+        let turn = io::lock_folder(&self.root);
         io::write_atomically(&self.list, true, |file| file.write_all(text.as_bytes()))?;
         self.log = LineLog::open(&self.list)?;
+        self.log.try_lock()?;
+        drop(turn);
         Ok(())
     }
 

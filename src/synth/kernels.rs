@@ -21,6 +21,8 @@ pub(super) struct KernelSet<'a> {
     held_bytes: usize,
     /// Images beside the planes and the file of each degraded image.
     beside: usize,
+    /// Pixels by which scenes are larger than the frame on each side.
+    margin: usize,
 }
 
 impl<'a> KernelSet<'a> {
@@ -28,7 +30,7 @@ impl<'a> KernelSet<'a> {
     pub(super) fn of_bank(bank: &'a KernelBank) -> Self {
         let psf = size_of_val(bank.psfs[0].as_slice());
         let held_bytes = psf * (bank.len() + bank.code_dim() + 1);
-        Self { psfs: &bank.psfs, images: bank.len(), held_bytes, beside: 0 }
+        Self { psfs: &bank.psfs, images: bank.len(), held_bytes, beside: 0, margin: 0 }
     }
 
     /// One image by all PSFs of a field; the bank holds the PSF in its middle.
@@ -36,7 +38,12 @@ impl<'a> KernelSet<'a> {
         let psfs = field.psfs();
         let held_bytes = KernelSet::of_bank(bank).held_bytes + psfs.len() * size_of_val(psfs[0].as_slice());
         // The weighted scene, its weights, and the sum.
-        Self { psfs, images: 1, held_bytes, beside: 3 }
+        Self { psfs, images: 1, held_bytes, beside: 3, margin: 0 }
+    }
+
+    /// The same for scenes with a margin around the frame.
+    pub(super) fn with_margin(self, margin: usize) -> Self {
+        Self { margin, ..self }
     }
 }
 
@@ -89,6 +96,8 @@ fn bytes_needed(convolver: &Convolver, set: KernelSet<'_>, cached: usize, at_onc
     let float = size_of::<f32>();
     let [height, width] = convolver.image_size();
     let image = CHANNELS * height * width * float;
+    let inner = |side: usize| side.saturating_sub(2 * set.margin);
+    let frame = CHANNELS * inner(height) * inner(width) * float;
     let spectrum = convolver.spectrum_bytes();
     // The scene as it was read and decoded, and its clipped copy.
     let scene = 3 * image;
@@ -96,7 +105,7 @@ fn bytes_needed(convolver: &Convolver, set: KernelSet<'_>, cached: usize, at_onc
     let forward = CHANNELS * convolver.intermediate_bytes();
     let transient_otf = if cached < set.psfs.len() { spectrum } else { 0 };
     // The planes, and the file made of them.
-    let each = convolver.intermediate_bytes() + (2 + set.beside) * image + transient_otf;
+    let each = convolver.intermediate_bytes() + 2 * frame + set.beside * image + transient_otf;
     (set.held_bytes + scene + spectrum + forward + cached * spectrum + at_once * each) as u64
 }
 

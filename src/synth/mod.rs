@@ -19,4 +19,4 @@ pub use formation::Formation;
 pub use kernels::MemoryPlan;
 pub use noise::add_noise;
 pub use run::{BankFile, Needs, SceneReport, Synthesis};
-pub use scenes::{Division, Scene, Shard, list_scenes};
+pub use scenes::{Division, Scene, Shard, common_margin, list_scenes};

@@ -131,8 +131,8 @@ mod tests {
     fn sensor_noise_is_shot_noise_read_noise_and_quantisation() {
         let sensor = SensorConfig::default();
         let gain = sensor.gain_e_per_dn();
-        // 16 units are read from the longest exposure, 100 from the second, 300 from the shortest.
-        for (irradiance, exposure) in [(16.0f32, 1.0), (100.0, 0.25), (300.0, 0.0625)] {
+        // Half of white is read from the longest exposure, 3 times white from the second, 9 times from the shortest.
+        for (irradiance, exposure) in [(0.5f32, 1.0), (3.0, 0.25), (9.0, 0.0625)] {
             let q = sensor.electrons_per_unit * exposure;
             let electrons = f64::from(irradiance) * q;
             let variance = (electrons + sensor.read_noise_e.powi(2) + gain * gain / 12.0) / (q * q);
@@ -143,7 +143,7 @@ mod tests {
     #[test]
     fn a_less_sensitive_channel_is_noisier() {
         let sensor = SensorConfig { channel_gains: [0.25, 1.0, 1.0], ..SensorConfig::default() };
-        let samples = samples(&NoiseConfig::Sensor(sensor), 4.0);
+        let samples = samples(&NoiseConfig::Sensor(sensor), 0.5);
         let (_, red) = mean_and_variance(&samples[..SIDE * SIDE]);
         let (_, green) = mean_and_variance(&samples[SIDE * SIDE..2 * SIDE * SIDE]);
         assert!(red > 3.5 * green, "red {red}, green {green}");

@@ -67,7 +67,7 @@ pub struct Synthesis {
 pub struct Needs {
     /// Number of degraded images.
     pub images: usize,
-    /// Height and width of the largest scenes.
+    /// Height and width of the largest images.
     pub size: [usize; 2],
     /// Whether other scenes have other sizes.
     pub sizes_differ: bool,
@@ -114,9 +114,12 @@ impl Synthesis {
             return Err(Error::config("scenes", "this shard has none; use fewer shards"));
         };
         let sample_bytes = if self.config.half { 2 } else { 4 };
-        let image_bytes =
-            |[height, width]: [usize; 2]| (CHANNELS * height * width * sample_bytes) as u64 + HEADER_BYTES;
-        let truths: u64 = counts.iter().map(|(&size, &scenes)| scenes * image_bytes(size)).sum();
+        let mut truths = 0;
+        for (&size, &scenes) in &counts {
+            let [height, width] = self.config.formation.frame_size(size)?;
+            truths += scenes * ((CHANNELS * height * width * sample_bytes) as u64 + HEADER_BYTES);
+        }
+        let size = self.config.formation.frame_size(size)?;
         let images = self.scenes.len() * self.bank.len();
         let disk_bytes = truths * (1 + self.bank.len() as u64) + self.bank_file.read()?.len() as u64;
         Ok(Needs { images, size, sizes_differ: sizes.len() > 1, memory, disk_bytes })
@@ -165,10 +168,11 @@ impl Synthesis {
 
     /// What scenes are convolved with.
     pub(super) fn kernels(&self) -> KernelSet<'_> {
-        match &self.field {
+        let set = match &self.field {
             Some(field) => KernelSet::of_field(field, &self.bank),
             None => KernelSet::of_bank(&self.bank),
-        }
+        };
+        set.with_margin(self.config.formation.margin)
     }
 
     fn formation(&self) -> Result<Formation> {

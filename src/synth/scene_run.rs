@@ -62,12 +62,13 @@ enum Light<'a> {
 }
 
 impl Light<'_> {
-    /// x∗k of kernel `index`; a field has one image.
-    fn through(&self, kernels: &Kernels<'_>, index: usize) -> Result<Array3<f32>> {
+    /// x∗k of kernel `index` on the frame; a field has one image.
+    fn through(&self, kernels: &Kernels<'_>, formation: &Formation, index: usize) -> Result<Array3<f32>> {
+        let convolver = &kernels.convolver;
         match self {
-            Self::Spectrum(spectrum) => Ok(kernels.convolver.convolve(spectrum, &*kernels.otf(index)?)),
+            Self::Spectrum(spectrum) => Ok(formation.irradiance(convolver, spectrum, &*kernels.otf(index)?)),
             Self::Field(scene, field) => {
-                convolve_nodes(&kernels.convolver, scene, field.grid(), |node| kernels.otf(node))
+                convolve_nodes(convolver, (scene, formation.margin()), field.grid(), |node| kernels.otf(node))
             }
         }
     }
@@ -113,6 +114,7 @@ impl<'a> Run<'a> {
             kernels.convolver.reuse(spectrum);
         }
         self.kernels = Some(kernels);
+        let size = self.synthesis.config.formation.frame_size(size)?;
         Ok(SceneReport { id: scene.id.clone(), size, made: todo.len(), reading, computing, writing })
     }
 
@@ -128,7 +130,7 @@ impl<'a> Run<'a> {
 
     /// Writes the ground truth anew; where some images of it are kept, it must be what it was.
     fn write_ground_truth(&self, scene: &Scene, image: &LinearImage, is_kept: bool) -> Result<()> {
-        let ground_truth = self.formation.ground_truth(image);
+        let ground_truth = self.formation.ground_truth(image)?;
         let path = self.folder.root().join(self.ground_truth_path(scene));
         if is_kept && !is_same(&io::read_image::<Linear>(&path)?, &ground_truth, self.synthesis.config.half) {
             let reason = format!(
@@ -145,7 +147,7 @@ impl<'a> Run<'a> {
     fn degrade(&self, scene: &Scene, kernels: &Kernels<'_>, light: &Light<'_>, index: usize) -> Result<Made> {
         let name = &self.names[index];
         let started = Instant::now();
-        let irradiance = light.through(kernels, index)?;
+        let irradiance = light.through(kernels, &self.formation, index)?;
         let image = self.formation.record(irradiance, &format!("{}/{name}", scene.id))?;
         let computing = started.elapsed();
         let started = Instant::now();

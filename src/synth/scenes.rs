@@ -10,6 +10,7 @@ use sha2::{Digest, Sha256};
 use crate::core::dataset::Split;
 use crate::core::error::{Error, Result};
 use crate::core::io;
+use crate::core::provenance::Provenance;
 
 /// A clean image that a dataset is made of.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -22,6 +23,8 @@ pub struct Scene {
     pub source: String,
     /// What it is reserved for.
     pub split: Split,
+    /// Pixels by which it is larger than the frame on each side, where the file says it, as those of `udc crop` do.
+    pub margin: Option<usize>,
 }
 
 /// How the sources are divided.
@@ -94,8 +97,10 @@ pub fn list_scenes(paths: Vec<PathBuf>, division: Division, seed: u64) -> Result
             );
             return Err(Error::config("scenes", reason));
         }
-        let source = source_of(&path, &id)?;
-        scenes.insert(id.clone(), Scene { id, path, source, split: Split::Train });
+        let provenance = io::read_provenance(&path)?;
+        let source = source_of(provenance.as_ref(), &id);
+        let margin = provenance.as_ref().and_then(Provenance::margin);
+        scenes.insert(id.clone(), Scene { id, path, source, split: Split::Train, margin });
     }
     let mut scenes: Vec<_> = scenes.into_values().collect();
     divide(&mut scenes, division, seed)?;
@@ -106,11 +111,42 @@ fn stem(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-fn source_of(path: &Path, id: &str) -> Result<String> {
-    let provenance = io::read_provenance(path)?;
-    let panorama = provenance.as_ref().and_then(|provenance| provenance.config.get("panorama")?.as_str());
+/// The margin that scenes have around the frame: what was asked for, or what their files declare.
+///
+/// A view that was cut with a margin belongs to a frame of its own, so that no other margin will do. Files that say none
+/// may have any: the frame is then their middle.
+///
+/// # Errors
+/// [`Error::Config`] when files were cut with another margin than was asked for, or with several, or when some say one,
+/// others say nothing, and nobody asked.
+pub fn common_margin(declared: &[(&Path, Option<usize>)], asked: Option<usize>) -> Result<usize> {
+    let cut = declared.iter().find_map(|(path, margin)| Some((path, margin.filter(|&margin| margin > 0)?)));
+    let Some((cut, margin)) = cut else { return Ok(asked.unwrap_or(0)) };
+    let (cut, refuse) = (cut.display(), |reason: String| Err(Error::config("margin", reason)));
+    if let Some(asked) = asked.filter(|&asked| asked != margin) {
+        let advice = format!("ask for that, or cut views with the margin of {asked}");
+        return refuse(format!("is {asked}, and {cut} was cut with a margin of {margin} pixels; {advice}"));
+    }
+    let is_other = |(_, found): &&(&Path, Option<usize>)| match found {
+        Some(other) => *other != margin,
+        None => asked.is_none(),
+    };
+    let Some((path, other)) = declared.iter().find(is_other) else { return Ok(margin) };
+    let path = path.display();
+    match other {
+        Some(other) => refuse(format!(
+            "{cut} was cut with a margin of {margin} pixels, and {path} with {other}; make a dataset of each"
+        )),
+        None => refuse(format!(
+            "{cut} was cut with a margin of {margin} pixels, and {path} does not say; if all were, ask for that margin"
+        )),
+    }
+}
+
+fn source_of(provenance: Option<&Provenance>, id: &str) -> String {
+    let panorama = provenance.and_then(|provenance| provenance.config.get("panorama")?.as_str());
     let by_name = || id.rsplit_once('_').map_or(id, |(source, _)| source);
-    Ok(panorama.unwrap_or_else(by_name).to_owned())
+    panorama.unwrap_or_else(by_name).to_owned()
 }
 
 fn divide(scenes: &mut [Scene], division: Division, seed: u64) -> Result<()> {
@@ -166,6 +202,7 @@ mod tests {
                 path: PathBuf::new(),
                 source: format!("s{}", i / 3),
                 split: Split::Val,
+                margin: None,
             })
             .collect();
         divide(&mut scenes, division, seed).unwrap();
@@ -175,6 +212,23 @@ mod tests {
     fn tested(scenes: &[Scene]) -> BTreeSet<&str> {
         let tested = scenes.iter().filter(|scene| scene.split == Split::Test);
         tested.map(|scene| scene.source.as_str()).collect()
+    }
+
+    #[test]
+    fn a_margin_is_what_the_files_say_or_what_is_asked_for() {
+        let found = |margins: &[Option<usize>], asked| {
+            let files: Vec<_> = margins.iter().map(|&margin| (Path::new("a.exr"), margin)).collect();
+            common_margin(&files, asked).map_err(|error| error.to_string())
+        };
+        assert_eq!(found(&[None, None], None), Ok(0));
+        assert_eq!(found(&[None, Some(0)], Some(7)), Ok(7));
+        assert_eq!(found(&[Some(64), Some(64)], None), Ok(64));
+        assert_eq!(found(&[Some(64), None], Some(64)), Ok(64));
+        let refused = |margins, asked| found(margins, asked).unwrap_err();
+        assert!(refused(&[Some(64)], Some(0)).contains("is 0, and a.exr was cut with a margin of 64"));
+        assert!(refused(&[Some(64), Some(32)], None).contains("with 32"));
+        assert!(refused(&[Some(64), Some(0)], Some(64)).contains("with 0"));
+        assert!(refused(&[Some(64), None], None).contains("does not say"));
     }
 
     #[test]

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use self::settings::{apply, in_plain_words, keys};
 use crate::core::config::parse_toml;
+use crate::core::dataset::FormationConfig;
 use crate::core::error::{Error, Result};
 use crate::core::metrics::{Metric, MetricDefinition};
 use crate::network::{Architecture, Initialisation};
@@ -69,7 +70,7 @@ pub enum Degradation {
 }
 
 /// What a step learns from.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct DataConfig {
     /// Where degraded images come from.
@@ -84,6 +85,9 @@ pub struct DataConfig {
     pub shuffle: bool,
     /// Memory for images that have been read.
     pub cache_mib: usize,
+    /// How clean images that are no dataset's are degraded on the fly: saturation, noise, the margin around the frame. A
+    /// dataset says it itself.
+    pub formation: FormationConfig,
 }
 
 impl Default for DataConfig {
@@ -96,6 +100,7 @@ impl Default for DataConfig {
             accumulate: 16,
             shuffle: true,
             cache_mib: 2048,
+            formation: FormationConfig::default(),
         }
     }
 }

@@ -17,13 +17,16 @@ mod events;
 mod files;
 mod finish;
 mod instruction_sets;
+mod margin;
 mod measure;
 mod negatives;
 #[path = "../common/perceptual_weights.rs"]
 mod perceptual_weights;
 mod raw;
 mod restore;
+mod resume;
 mod run_folder;
+mod scale;
 mod sweep;
 mod synth;
 #[path = "../common/tiff.rs"]

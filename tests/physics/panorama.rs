@@ -3,7 +3,7 @@
 use ndarray::Array3;
 use udc::core::image::LinearImage;
 use udc::core::tone::ToneCurve;
-use udc::crop::{Panorama, View, crop};
+use udc::crop::{Panorama, View, crop, crop_with_margin};
 
 /// Samples `light(longitude, latitude, channel)` at the texel centres of a panorama.
 #[expect(clippy::cast_possible_truncation, reason = "images are f32")]
@@ -141,4 +141,26 @@ fn psnr(a: &LinearImage, b: &LinearImage) -> f64 {
     let (a, b) = (curve.tone_map(a), curve.tone_map(b));
     let squares = a.as_slice().iter().zip(b.as_slice()).map(|(a, b)| f64::from(a - b).powi(2));
     -10.0 * (squares.sum::<f64>() / a.as_slice().len() as f64).log10()
+}
+
+/// The same rays through the same footprints, so that not a bit differs; and what lies around the frame is what a wider
+/// view at the same focal length shows.
+#[test]
+fn the_middle_of_a_view_with_a_margin_is_the_view() {
+    let texture =
+        |lon: f64, lat: f64, c: usize| ((37.0 * lon).sin() * (29.0 * lat).cos() + 1.5) * (c + 1) as f64;
+    let panorama = panorama(96, texture);
+    for (size, margin) in [(24, 7), (25, 10)] {
+        let frame = view(33.0, -20.0, 60.0, size);
+        let with_margin = crop_with_margin(&panorama, &frame, margin);
+        assert_eq!((with_margin.height(), with_margin.width()), (size + 2 * margin, size + 2 * margin));
+        assert_eq!(with_margin.crop(margin, margin, size, size), crop(&panorama, &frame));
+        let wider = View { fov_deg: frame.fov_with_margin_deg(margin), size: size + 2 * margin, ..frame };
+        let wider = crop(&panorama, &wider);
+        // Subsamples may be one more or fewer where the rounding of the angle tips the balance.
+        let nearest =
+            with_margin.as_slice().iter().zip(wider.as_slice()).filter(|(a, b)| (*a - *b).abs() < 1e-4);
+        let share = nearest.count() as f64 / wider.as_slice().len() as f64;
+        assert!(share > 0.99, "{share} of the pixels agree");
+    }
 }

@@ -63,3 +63,33 @@ fn the_curve_falls_where_the_well_is_full() {
     // Red has 0.7 of the sensitivity, and is not full yet.
     assert!(red.1 > 0.8 * most.1, "{red:?}");
 }
+
+/// A capture is counted so that 1 is white of the longest exposure, and white is a full well of F electrons: at an
+/// irradiance x below 1 it holds x·F photons, read with σ electrons of noise in steps of G, and varies by
+/// (x·F + σ² + G²/12) / F². The variance of n = 16384 readings scatters by √(2/n); five of these are allowed.
+#[test]
+fn synthetic_noise_has_as_many_photons_as_a_capture_of_the_same_full_well() {
+    let file = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("configs/sensor/phone-10bit.toml");
+    let sensor: SensorConfig = toml::from_str(&std::fs::read_to_string(file).unwrap()).unwrap();
+    let (full_well, gain) = (sensor.full_well_e, sensor.gain_e_per_dn());
+    let noise = NoiseConfig::Sensor(sensor.clone());
+    let formation = Formation::new(FormationConfig { noise, ..FormationConfig::default() }, 4).unwrap();
+    for irradiance in [0.1, 0.5, 0.9] {
+        let flat = Array3::from_elem((3, SIDE, SIDE), irradiance as f32);
+        let image = formation.record(flat, &format!("flat {irradiance}")).unwrap();
+        // Green is the most sensitive channel, the one that white is counted by.
+        let green: Vec<f64> = image.channel(1).iter().map(|&v| f64::from(v)).collect();
+        let count = green.len() as f64;
+        let mean = green.iter().sum::<f64>() / count;
+        let variance = green.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (count - 1.0);
+        let expected =
+            (irradiance * full_well + sensor.read_noise_e.powi(2) + gain * gain / 12.0) / full_well.powi(2);
+        assert!((mean - irradiance).abs() < 5.0 * (expected / count).sqrt(), "{mean} of {irradiance}");
+        assert!(
+            (variance / expected - 1.0).abs() < 5.0 * (2.0 / count).sqrt(),
+            "{variance}, expected {expected}"
+        );
+    }
+    // The bracket 1, 1/4, 1/16 tells irradiance up to 16, as `udc fuse` does for captures.
+    assert!((sensor.saturation() - 16.0).abs() < 1e-9, "{}", sensor.saturation());
+}

@@ -49,6 +49,9 @@ struct Row {
 
 impl<'a> Ldr<'a> {
     /// Checks, before any work, that scenes can be clipped at `white` and formed as the dataset was.
+    ///
+    /// Of scenes with a margin the frame is left, so that what the clipped ones receive from outside of it is a
+    /// continuation of the border.
     pub(super) fn new(comparison: &'a Comparison<'a>, white: f32) -> Result<Self> {
         if !(white > 0.0 && white.is_finite()) {
             bail!("--ldr {white} clips every scene to darkness; name a positive irradiance, such as 1");
@@ -61,7 +64,14 @@ impl<'a> Ldr<'a> {
                 dataset.root.display()
             );
         };
-        let formation = Formation::new(dataset.formation.clone(), config.seed)?;
+        if dataset.formation.margin > 0 {
+            comparison.session.warn(format_args!(
+                "the scenes of {} had a margin, of which nothing is stored: light from outside of the frame is in its \
+                 degraded images, and not in those of --ldr",
+                dataset.root.display()
+            ));
+        }
+        let formation = Formation::new(dataset.formation.of_frames(), config.seed)?;
         Ok(Self { comparison, bank, formation, white })
     }
 

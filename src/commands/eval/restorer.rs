@@ -155,7 +155,7 @@ impl Degraded<'_> {
 
     fn deconvolve(&self, method: MethodArg, curve: ToneCurve) -> error::Result<ToneMappedImage> {
         let ToneCurve { alpha, x_max } = curve;
-        let border = self.dataset.formation.boundary.into();
+        let border = (&self.dataset.formation).into();
         let default = DeconvolutionConfig::of_method(method.into());
         let config = DeconvolutionConfig { alpha, saturation: x_max, border, ..default };
         let bank = self.dataset.bank.as_ref().expect("checked before the work");

@@ -26,11 +26,18 @@ pub(super) fn examine(file: &Path) -> Result<(Value, String)> {
         let text = format!("PSFs of {} × {} places of the frame, for --field", grid.rows(), grid.columns());
         return Ok((object, text));
     }
-    if has(&["full-well-e", "read-noise-e"]) {
+    if has(&["full-well-e", "read-noise-e", "white-irradiance", "electrons-per-unit"]) {
         let sensor: SensorConfig =
             parse_toml(&text).map_err(|reason| anyhow!("{}: {reason}", file.display()))?;
-        let object = json!({"kind": "sensor", "sensor": sensor});
-        return Ok((object, format!("sensor, for --noise sensor:{}\n{}", file.display(), text.trim_end())));
+        let (white, x_max) = (sensor.white_irradiance(), sensor.saturation());
+        let object = json!({"kind": "sensor", "sensor": sensor, "white_irradiance": white, "x_max": x_max});
+        let text = format!(
+            "sensor, for --noise sensor:{}: full at an irradiance of {white:.4} in the longest exposure and of {x_max:.4} \
+             (x-max) in the shortest\n{}",
+            file.display(),
+            text.trim_end()
+        );
+        return Ok((object, text));
     }
     examine_training(file, &text)
 }

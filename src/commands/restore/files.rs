@@ -2,11 +2,12 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use anyhow::{Context as _, Result, bail};
 
 use udc::core::error::Error;
-use udc::core::io::{expand_inputs, inspect_image, is_hidden, list_folder};
+use udc::core::io::{expand_inputs, inspect_image, is_hidden, list_folder, sha256_of_file};
 use udc::psf::{Bracket, fuse};
 
 use super::RestoreArgs;
@@ -25,6 +26,8 @@ pub(super) struct Job {
     pub(super) inputs: Vec<PathBuf>,
     /// The image to write.
     pub(super) output: PathBuf,
+    /// SHA-256 of the inputs, when they were first asked for.
+    sha256: OnceLock<Vec<Option<String>>>,
 }
 
 /// What was read for a job.
@@ -38,6 +41,17 @@ pub(super) struct Capture {
 impl Job {
     pub(super) fn name(&self) -> String {
         names_of(&self.inputs)
+    }
+
+    /// SHA-256 of the inputs, which are read for it once; what is no file, such as a pipe, can be read once only and has
+    /// none.
+    pub(super) fn inputs_sha256(&self) -> Result<&[Option<String>]> {
+        if let Some(found) = self.sha256.get() {
+            return Ok(found);
+        }
+        let of_input = |input: &PathBuf| input.is_file().then(|| sha256_of_file(input)).transpose();
+        let found: Vec<Option<String>> = self.inputs.iter().map(of_input).collect::<Result<_, _>>()?;
+        Ok(self.sha256.get_or_init(|| found))
     }
 }
 
@@ -79,7 +93,8 @@ impl RestoreArgs {
         };
         let unplaced = |group: &Group| Unplaced { name: group.name.clone(), source: names_of(&group.files) };
         let outputs = destination.place(&groups.iter().map(unplaced).collect::<Vec<_>>(), in_folder)?;
-        let job = |(group, output): (Group, PathBuf)| Job { inputs: group.files, output };
+        let job =
+            |(group, output): (Group, PathBuf)| Job { inputs: group.files, output, sha256: OnceLock::new() };
         Ok(groups.into_iter().zip(outputs).map(job).collect())
     }
 

@@ -44,20 +44,26 @@ pub(super) struct FormationArgs {
     /// Where the paper and its released data differ, take the values of one of them
     #[arg(long, value_enum, default_value = "paper")]
     preset: Preset,
-    /// Irradiance at which the sensor saturates [default: 500]
+    /// Irradiance at which the sensor saturates, 1 being white of a capture's longest exposure: 16 for a bracket 1, 1/4,
+    /// 1/16 [default: that of --noise sensor, else 500 as published]
     #[arg(long, value_name = "X")]
     x_max: Option<f32>,
     /// Irradiance that the tone mapping maps to one half: stored images stay linear, and training and evaluation
     /// tone-map them with it [default: 0.25]
     #[arg(long, value_name = "A")]
     alpha: Option<f32>,
-    /// What lies beyond the scene's border [default: zero]
+    /// What lies beyond the scene's border, beyond its margin if it has one [default: zero]
     #[arg(long, value_enum)]
     boundary: Option<BoundaryName>,
+    /// Pixels by which the scenes are larger than the frame on each side [default: what .exr files of `udc crop` say,
+    /// else 0]
+    #[arg(long, value_name = "PX")]
+    pub(super) margin: Option<usize>,
     /// Clip the scene to the saturation before the convolution, as preset `released` does
     #[arg(long)]
     clip_ground_truth: bool,
-    /// Noise: none, gaussian:SIGMA (in units of irradiance), sensor, or sensor:FILE.toml
+    /// Noise: none, gaussian:SIGMA (in units of irradiance), sensor, or sensor:FILE.toml. A sensor says where it
+    /// saturates, which is then x-max
     #[arg(long, value_name = "NOISE", default_value = "none", value_parser = parse_noise)]
     noise: NoiseConfig,
 }
@@ -131,18 +137,23 @@ fn central_bank(field: &PsfField, bank: Option<KernelBank>) -> Result<KernelBank
 }
 
 impl FormationArgs {
-    /// The parameters, with every default resolved.
+    /// The parameters, with every default resolved but that of the margin, which the scenes' files know.
     pub(super) fn resolve(&self) -> FormationConfig {
         let preset = match self.preset {
             Preset::Paper => FormationConfig::default(),
             Preset::Released => FormationConfig::released(),
         };
+        let x_max = match &self.noise {
+            NoiseConfig::Sensor(sensor) => sensor.x_max(),
+            NoiseConfig::None | NoiseConfig::Gaussian { .. } => preset.x_max,
+        };
         FormationConfig {
-            x_max: self.x_max.unwrap_or(preset.x_max),
+            x_max: self.x_max.unwrap_or(x_max),
             alpha: self.alpha.unwrap_or(preset.alpha),
             boundary: self.boundary.map_or(preset.boundary, Boundary::from),
             clip_ground_truth: self.clip_ground_truth || preset.clip_ground_truth,
             noise: self.noise.clone(),
+            ..preset
         }
     }
 }

@@ -14,10 +14,11 @@ use udc::core::fft::{Convolver, Otf};
 use udc::core::image::LinearImage;
 use udc::core::io;
 use udc::core::kernel_code::KernelBank;
+use udc::core::provenance::Provenance;
 use udc::core::psf::hex;
 use udc::core::rng::Rng;
 use udc::core::tone::ToneCurve;
-use udc::synth::Formation;
+use udc::synth::{Formation, common_margin};
 use udc::train::{DataIdentity, Degradation, TrainConfig};
 
 /// Everything that samples are made of, opened once.
@@ -57,8 +58,14 @@ impl Source {
                 "--bank goes with a folder of clean images and data.degradation = \"on-the-fly\"; a dataset has a \
                  bank of its own"
             ),
-            Some(bank) => Ok(Self::OnTheFly(OnTheFly::of_views(data, bank, config.seed)?.into(), None)),
+            Some(bank) => Ok(Self::OnTheFly(OnTheFly::of_views(data, bank, config)?.into(), None)),
             None => {
+                if config.data.formation != FormationConfig::default() {
+                    bail!(
+                        "data.formation goes with a folder of clean images and --bank; a dataset says itself how its \
+                         images were formed"
+                    );
+                }
                 let dataset = Dataset::open(data).context("opening the dataset")?;
                 Ok(if on_the_fly {
                     Self::OnTheFly(OnTheFly::of_dataset(&dataset, config.seed)?.into(), Some(dataset))
@@ -67,6 +74,21 @@ impl Source {
                 })
             }
         }
+    }
+
+    /// What is wrong between the data and how they are degraded, and need not be.
+    pub(super) fn warnings(&self, config: &TrainConfig) -> Vec<String> {
+        let formation = self.dataset().map_or(&config.data.formation, |dataset| &dataset.formation);
+        let lost_margin = match self {
+            Self::OnTheFly(_, Some(_)) if formation.margin > 0 => Some(
+                "stored ground truths lack the margin that the dataset's scenes had: what is degraded on the fly lacks the \
+                 flare of lamps outside of the frame; to keep it, name the folder of scenes as --data, the kernels with \
+                 --bank, and the margin with --set data.formation.margin=PX"
+                    .to_owned(),
+            ),
+            _ => None,
+        };
+        formation.scale_warning().into_iter().chain(lost_margin).collect()
     }
 
     /// The dataset, unless a folder of clean images was named.
@@ -140,10 +162,14 @@ fn names_sha256(images: &[PathBuf]) -> String {
 }
 
 impl OnTheFly {
-    fn of_views(folder: &Path, bank: &Path, seed: u64) -> Result<Self> {
+    fn of_views(folder: &Path, bank: &Path, config: &TrainConfig) -> Result<Self> {
         let scenes = io::expand_inputs(&[folder.to_owned()])?;
-        let config = FormationConfig::default();
-        Self::new((scenes, false), (io::read_bank(bank)?, io::bank_sha256(bank)?), config, seed)
+        let declared = |path: &PathBuf| Ok(io::read_provenance(path)?.as_ref().and_then(Provenance::margin));
+        let margins: Vec<Option<usize>> = scenes.iter().map(declared).collect::<CoreResult<_>>()?;
+        let declared: Vec<_> = scenes.iter().map(PathBuf::as_path).zip(margins).collect();
+        let formation = config.data.formation.clone();
+        common_margin(&declared, Some(formation.margin)).context("checking data.formation.margin")?;
+        Self::new((scenes, false), (io::read_bank(bank)?, io::bank_sha256(bank)?), formation, config.seed)
     }
 
     fn of_dataset(dataset: &Dataset, seed: u64) -> Result<Self> {
@@ -159,7 +185,7 @@ impl OnTheFly {
             dataset.split(Split::Train)?.iter().map(|triplet| dataset.root.join(&triplet.gt)).collect();
         scenes.dedup();
         let clipped = !dataset.formation.clip_ground_truth;
-        Self::new((scenes, clipped), (bank, config.bank_sha256.clone()), dataset.formation.clone(), seed)
+        Self::new((scenes, clipped), (bank, config.bank_sha256.clone()), dataset.formation.of_frames(), seed)
     }
 
     fn new(
@@ -171,6 +197,11 @@ impl OnTheFly {
         let curve = config.curve()?;
         let formation = Formation::new(config, seed)?;
         Ok(Self { scenes, bank, curve, clipped, bank_sha256, formation, plans: Mutex::new(BTreeMap::new()) })
+    }
+
+    /// Pixels by which clean images are larger than the frame on each side.
+    pub(super) fn margin(&self) -> usize {
+        self.formation.margin()
     }
 
     /// Whether a clean image lost light above x_max when it was stored.
@@ -189,7 +220,7 @@ impl OnTheFly {
     ) -> CoreResult<LinearImage> {
         let plan = self.plan([scene.height(), scene.width()])?;
         let spectrum = plan.convolver.spectrum(&self.formation.scene(scene))?;
-        let irradiance = plan.convolver.convolve(&spectrum, &plan.otfs[kernel]);
+        let irradiance = self.formation.irradiance(&plan.convolver, &spectrum, &plan.otfs[kernel]);
         self.formation.record(irradiance, &format!("on-the-fly/{:016x}", rng.next_u64()))
     }
 

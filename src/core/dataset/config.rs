@@ -55,6 +55,8 @@ pub struct FormationConfig {
     pub alpha: f32,
     /// What lies beyond the scene's border.
     pub boundary: Boundary,
+    /// Pixels by which scenes are larger than the frame on each side: what shines there spreads light into the frame.
+    pub margin: usize,
     /// Whether the scene is clipped to `[0, x_max]` before the convolution, as the released data were.
     pub clip_ground_truth: bool,
     /// n.
@@ -69,6 +71,7 @@ impl Default for FormationConfig {
             x_max: curve.x_max,
             alpha: curve.alpha,
             boundary: Boundary::Zero,
+            margin: 0,
             clip_ground_truth: false,
             noise: NoiseConfig::None,
         }
@@ -87,6 +90,58 @@ impl FormationConfig {
     /// [`Error::Config`] when α or x_max is not positive.
     pub fn curve(&self) -> Result<ToneCurve> {
         ToneCurve::new(self.alpha, self.x_max)
+    }
+
+    /// The frame of a scene of `[height, width]`: its middle, without the margin.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] when the margin leaves nothing of the scene.
+    pub fn frame_size(&self, scene: [usize; 2]) -> Result<[usize; 2]> {
+        let inner =
+            |side: usize| side.checked_sub(self.margin)?.checked_sub(self.margin).filter(|&side| side > 0);
+        match scene.map(inner) {
+            [Some(height), Some(width)] => Ok([height, width]),
+            _ => {
+                let expected = format!("more than twice the margin of {} pixels", self.margin);
+                Err(Error::shape("scene", expected, format!("{} × {}", scene[0], scene[1])))
+            }
+        }
+    }
+
+    /// The same model for scenes of which only the frame is left, such as stored ground truths.
+    ///
+    /// Where a margin shone into the frame, the frame's border stands for what is no longer known: it goes on, rather
+    /// than ending in darkness.
+    #[must_use]
+    pub fn of_frames(&self) -> Self {
+        if self.margin == 0 {
+            return self.clone();
+        }
+        let boundary = match self.boundary {
+            Boundary::Zero | Boundary::Periodic => Boundary::Replicate,
+            boundary => boundary,
+        };
+        Self { margin: 0, boundary, ..self.clone() }
+    }
+
+    /// What is wrong between the clipping and the noise's sensor, where they saturate at different irradiance.
+    ///
+    /// Either is right by itself; together they clip what the sensor records, or never reach x_max.
+    pub fn scale_warning(&self) -> Option<String> {
+        /// A converter that ends a little before or behind the full well is no other scale.
+        const TOLERANCE: f64 = 1.1;
+        let NoiseConfig::Sensor(sensor) = &self.noise else { return None };
+        let (saturation, x_max) = (sensor.saturation(), f64::from(self.x_max));
+        let consequence = match saturation / x_max {
+            ratio if ratio > TOLERANCE => "what it records above x-max is clipped",
+            ratio if ratio < 1.0 / TOLERANCE => "nothing above that is ever recorded",
+            _ => return None,
+        };
+        Some(format!(
+            "x-max is {x_max}, and the sensor's shortest exposure saturates at an irradiance of {saturation:.4}: \
+             {consequence}; leave --x-max out to take it from the sensor, or set white-irradiance = {:.4} in its file",
+            sensor.white_irradiance() * x_max / saturation
+        ))
     }
 }
 
@@ -109,9 +164,15 @@ pub enum NoiseConfig {
 /// A sensor that captures a bracket of exposures, which are fused again.
 ///
 /// # Units
-/// Electrons (`_e`) and digital numbers (`_dn`).
+/// Electrons (`_e`) and digital numbers (`_dn`). Irradiance is relative: it is counted as captures are, 1 being white
+/// of the longest exposure in the most sensitive channel, unless the file says another `white-irradiance`.
+///
+/// # Files
+/// A file says `white-irradiance` (1 without it), and the electrons follow: `full-well-e / (white-irradiance · largest
+/// channel gain · longest exposure)`. Or it says `electrons-per-unit` itself, and the white follows. Both only if they
+/// agree.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[serde(try_from = "SensorFile", rename_all = "kebab-case")]
 pub struct SensorConfig {
     /// Electrons that a pixel holds before it saturates.
     pub full_well_e: f64,
@@ -130,18 +191,87 @@ pub struct SensorConfig {
 }
 
 impl Default for SensorConfig {
-    /// A 10-bit phone sensor of 1.1 µm pixels with the paper's scene bracket. `electrons-per-unit` is set
-    /// so that the shortest exposure saturates at x_max = 500: 6000 e · 16 / 500 = 192 e.
+    /// A 10-bit phone sensor of 1.1 µm pixels with the paper's scene bracket: the longest exposure saturates at an
+    /// irradiance of 1, the shortest at 16.
     fn default() -> Self {
         Self {
             full_well_e: 6000.0,
             read_noise_e: 2.5,
             bits: 10,
             black_level_dn: 64.0,
-            electrons_per_unit: 192.0,
+            electrons_per_unit: 6000.0,
             exposures: vec![1.0, 1.0 / 4.0, 1.0 / 16.0],
             channel_gains: [1.0; 3],
         }
+    }
+}
+
+/// What a sensor's file may say.
+#[derive(Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+struct SensorFile {
+    full_well_e: f64,
+    read_noise_e: f64,
+    bits: u32,
+    black_level_dn: f64,
+    white_irradiance: Option<f64>,
+    electrons_per_unit: Option<f64>,
+    exposures: Vec<f64>,
+    channel_gains: [f64; 3],
+}
+
+impl Default for SensorFile {
+    fn default() -> Self {
+        let SensorConfig {
+            full_well_e, read_noise_e, bits, black_level_dn, exposures, channel_gains, ..
+        } = SensorConfig::default();
+        let (white_irradiance, electrons_per_unit) = (None, None);
+        Self {
+            full_well_e,
+            read_noise_e,
+            bits,
+            black_level_dn,
+            white_irradiance,
+            electrons_per_unit,
+            exposures,
+            channel_gains,
+        }
+    }
+}
+
+impl TryFrom<SensorFile> for SensorConfig {
+    type Error = Error;
+
+    /// Finds the electrons of a unit from the irradiance of white, or checks that both agree.
+    fn try_from(file: SensorFile) -> Result<Self> {
+        /// Decimals that a file may leave out.
+        const AGREEMENT: f64 = 1e-3;
+        let white = file.white_irradiance.unwrap_or(1.0);
+        require("white-irradiance", white, white > 0.0, "positive")?;
+        let SensorFile { full_well_e, read_noise_e, bits, black_level_dn, exposures, channel_gains, .. } =
+            file;
+        let mut sensor = Self {
+            full_well_e,
+            read_noise_e,
+            bits,
+            black_level_dn,
+            electrons_per_unit: 1.0,
+            exposures,
+            channel_gains,
+        };
+        sensor.validate()?;
+        let derived = sensor.white_irradiance() / white;
+        sensor.electrons_per_unit = file.electrons_per_unit.unwrap_or(derived);
+        sensor.validate()?;
+        if file.white_irradiance.is_some() && (sensor.electrons_per_unit / derived - 1.0).abs() > AGREEMENT {
+            let reason = format!(
+                "is {}, and with white-irradiance = {white} the longest exposure is full at {derived:.4} electrons in a \
+                 unit; leave one of the two out",
+                sensor.electrons_per_unit
+            );
+            return Err(Error::config("electrons-per-unit", reason));
+        }
+        Ok(sensor)
     }
 }
 
@@ -189,6 +319,28 @@ impl SensorConfig {
         2f64.powi(self.bits.cast_signed()) - 1.0
     }
 
+    /// The irradiance at which the longest exposure is full, in the most sensitive channel.
+    pub fn white_irradiance(&self) -> f64 {
+        self.white_of(self.exposures.first())
+    }
+
+    /// The irradiance at which the shortest exposure is full too, in the most sensitive channel: the bracket tells no
+    /// more. It is the x_max that belongs to this sensor.
+    pub fn saturation(&self) -> f64 {
+        self.white_of(self.exposures.last())
+    }
+
+    /// [`saturation`](Self::saturation) as the x_max of an image formation.
+    #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
+    pub fn x_max(&self) -> f32 {
+        self.saturation() as f32
+    }
+
+    fn white_of(&self, exposure: Option<&f64>) -> f64 {
+        let gain = self.channel_gains.iter().copied().fold(0.0, f64::max);
+        self.full_well_e / (self.electrons_per_unit * gain * exposure.copied().unwrap_or(1.0))
+    }
+
     /// Electrons per digital number: the full well lies at the white level.
     pub fn gain_e_per_dn(&self) -> f64 {
         self.full_well_e / (self.white_level_dn() - self.black_level_dn)
@@ -227,6 +379,67 @@ mod tests {
         let sensor = "[noise]\nkind = \"sensor\"\nfull-wall-e = 3.0";
         let message = toml::from_str::<FormationConfig>(sensor).unwrap_err().to_string();
         assert!(message.contains("full-wall-e"), "{message}");
+    }
+
+    fn sensor(text: &str) -> std::result::Result<SensorConfig, toml::de::Error> {
+        toml::from_str(text)
+    }
+
+    /// A bracket 1, 1/4, 1/16 saturates at 16 times white of the longest exposure, in whatever units times are given.
+    #[test]
+    fn a_sensor_saturates_where_a_capture_of_its_bracket_does() {
+        let exactly = |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 1e-12, "{found}");
+        for text in [
+            "",
+            "exposures = [0.5, 0.125, 0.03125]",
+            "channel-gains = [0.7, 0.9, 0.4]",
+            "full-well-e = 900.0",
+        ] {
+            let sensor = sensor(text).unwrap();
+            exactly(sensor.white_irradiance(), 1.0);
+            exactly(sensor.saturation(), 16.0);
+        }
+        exactly(sensor("white-irradiance = 31.25").unwrap().electrons_per_unit, 192.0);
+        exactly(sensor("white-irradiance = 31.25").unwrap().saturation(), 500.0);
+        // Files from before the scale was one.
+        exactly(sensor("electrons-per-unit = 192.0").unwrap().white_irradiance(), 31.25);
+        exactly(
+            sensor("electrons-per-unit = 192.0\nwhite-irradiance = 31.25").unwrap().electrons_per_unit,
+            192.0,
+        );
+        let message = sensor("electrons-per-unit = 192.0\nwhite-irradiance = 1.0").unwrap_err().to_string();
+        assert!(
+            message.contains("192") && message.contains("6000") && message.contains("leave one"),
+            "{message}"
+        );
+        assert!(sensor("white-irradiance = 0.0").is_err() && sensor("electrons-per-unit = -1.0").is_err());
+        assert!(sensor("channel-gains = [0.0, 0.0, 0.0]").is_err() && sensor("exposures = []").is_err());
+    }
+
+    #[test]
+    fn a_clipping_that_is_not_the_sensors_is_named() {
+        let config = |x_max| {
+            let noise = NoiseConfig::Sensor(SensorConfig::default());
+            FormationConfig { x_max, noise, ..FormationConfig::default() }
+        };
+        assert_eq!(config(16.0).scale_warning(), None);
+        let message = config(500.0).scale_warning().unwrap();
+        assert!(
+            message.contains("nothing above") && message.contains("white-irradiance = 31.25"),
+            "{message}"
+        );
+        assert!(config(4.0).scale_warning().unwrap().contains("is clipped"));
+        assert_eq!(FormationConfig::default().scale_warning(), None);
+    }
+
+    #[test]
+    fn the_frame_is_the_middle_of_the_scene() {
+        let config = FormationConfig { margin: 3, ..FormationConfig::default() };
+        assert_eq!(config.frame_size([10, 7]).unwrap(), [4, 1]);
+        assert!(config.frame_size([10, 6]).unwrap_err().to_string().contains("margin of 3"));
+        let left = config.of_frames();
+        assert_eq!((left.margin, left.boundary), (0, Boundary::Replicate));
+        assert_eq!(FormationConfig::default().of_frames(), FormationConfig::default());
     }
 
     #[test]

@@ -195,6 +195,21 @@ impl Convolver {
         out
     }
 
+    /// As [`convolve`](Self::convolve), but for the middle: without `margin` pixels on each side.
+    ///
+    /// # Panics
+    /// When the margin leaves nothing, or the spectrum or the OTF is of another convolver.
+    pub fn convolve_middle(&self, image: &Spectrum, otf: &Otf, margin: usize) -> Array3<f32> {
+        let [height, width] = self.image_size();
+        assert!(2 * margin < height.min(width), "a margin of {margin} leaves nothing of {height} × {width}");
+        let (height, width) = (height - 2 * margin, width - 2 * margin);
+        let mut out = Array3::zeros((CHANNELS, height, width));
+        let (top, left) = (self.rows.lead + margin, self.columns.lead + margin);
+        let window = Window { top, left, height, width };
+        self.convolve_window(image, otf, window, out.as_slice_mut().expect("new arrays are contiguous"));
+        out
+    }
+
     /// Convolves into planes `[3, height, width]` that exist already.
     ///
     /// # Panics
@@ -203,10 +218,14 @@ impl Convolver {
         let [height, width] = self.image_size();
         assert_eq!(out.len(), CHANNELS * height * width, "the output has the image's size");
         let window = Window { top: self.rows.lead, left: self.columns.lead, height, width };
+        self.convolve_window(image, otf, window, out);
+    }
+
+    /// Convolves, and keeps a window of the extended scene.
+    fn convolve_window(&self, image: &Spectrum, otf: &Otf, window: Window, out: &mut [f32]) {
+        let plane = window.height * window.width;
         let spectra = image.channels.iter().zip(&otf.channels);
-        for ((spectrum, SplitSpectrum { high, low }), out) in
-            spectra.zip(out.chunks_exact_mut(height * width))
-        {
+        for ((spectrum, SplitSpectrum { high, low }), out) in spectra.zip(out.chunks_exact_mut(plane)) {
             assert_eq!(high.len(), self.transform.spectrum_len(), "the OTF belongs to this convolver");
             match spectrum {
                 ChannelSpectrum::Single(spectrum) => {

@@ -80,6 +80,26 @@ impl AppendFile {
         Ok(Self { path: path.to_owned(), file })
     }
 
+    /// Holds the file until this is dropped, or the process ends, unless another process holds it.
+    ///
+    /// Processes that do not ask are not kept out. Where files cannot be locked, as on some network file systems, nobody
+    /// is; nor on Windows, where a lock would keep readers out.
+    ///
+    /// # Errors
+    /// [`Error::Format`] when another process holds it.
+    pub fn try_lock(&self) -> Result<()> {
+        if cfg!(windows) {
+            return Ok(());
+        }
+        match self.file.try_lock() {
+            Ok(()) | Err(TryLockError::Error(_)) => Ok(()),
+            Err(TryLockError::WouldBlock) => {
+                let reason = "another process is writing it; wait for its end";
+                Err(Error::format(&self.path, reason))
+            }
+        }
+    }
+
     /// Appends bytes in one piece.
     ///
     /// # Errors
@@ -108,6 +128,14 @@ impl LineLog {
     /// [`Error::Io`] when the file cannot be written.
     pub fn open(path: &Path) -> Result<Self> {
         AppendFile::at(path).map(Self)
+    }
+
+    /// Holds the log, as [`AppendFile::try_lock`] does.
+    ///
+    /// # Errors
+    /// [`Error::Format`] when another process holds it.
+    pub fn try_lock(&self) -> Result<()> {
+        self.0.try_lock()
     }
 
     /// Appends one line in one piece.
@@ -152,6 +180,19 @@ mod tests {
         assert!(message.contains("another process"), "{message}");
         drop(held);
         assert!(try_lock_folder(root.path()).unwrap().is_some());
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_log_is_held_by_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log");
+        let held = LineLog::open(&path).unwrap();
+        held.try_lock().unwrap();
+        let other = LineLog::open(&path).unwrap();
+        assert!(other.try_lock().unwrap_err().to_string().contains("another process is writing it"));
+        drop(held);
+        other.try_lock().unwrap();
     }
 
     #[test]

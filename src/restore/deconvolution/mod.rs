@@ -18,6 +18,7 @@ mod wiener_orieux;
 use ndarray::{Array2, Array3, ArrayView2, Axis};
 use serde::{Deserialize, Serialize};
 
+use crate::core::dataset::FormationConfig;
 use crate::core::error::{Error, Result};
 use crate::core::fft::Boundary;
 use crate::core::image::{CHANNELS, LinearImage};
@@ -52,6 +53,14 @@ pub enum Border {
     Periodic,
     /// Darkness, as in synthetic images of the [`Boundary`] of that name.
     Zero,
+}
+
+impl From<&FormationConfig> for Border {
+    /// What a restoration knows of the light around a frame that was formed so: a scene that goes on in a margin is not
+    /// known to be dark there, whatever lies beyond the margin.
+    fn from(formation: &FormationConfig) -> Self {
+        if formation.margin > 0 { Self::Smooth } else { formation.boundary.into() }
+    }
 }
 
 impl From<Boundary> for Border {

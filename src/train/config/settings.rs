@@ -32,10 +32,11 @@ pub(super) fn apply(table: &mut toml::Table, setting: &str) -> Result<()> {
 
 /// A message of the TOML reader without the names of Rust's types.
 pub(super) fn in_plain_words(message: &str) -> String {
-    const WORDS: [(&str, &str); 5] = [
+    const WORDS: [(&str, &str); 6] = [
         ("expected usize", "expected a whole number"),
         ("expected u64", "expected a whole number"),
         ("expected f64", "expected a number"),
+        ("expected f32", "expected a number"),
         ("expected a boolean", "expected true or false"),
         ("expected a string", "expected text"),
     ];

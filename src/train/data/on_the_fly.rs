@@ -24,6 +24,8 @@ pub struct OnTheFlyData<'a> {
     curve: ToneCurve,
     degrade: &'a Degrade<'a>,
     cache: ImageCache<Linear>,
+    /// Pixels by which clean images are larger than the frame on each side.
+    margin: usize,
 }
 
 impl<'a> OnTheFlyData<'a> {
@@ -35,7 +37,13 @@ impl<'a> OnTheFlyData<'a> {
         degrade: &'a Degrade<'a>,
         cache_mib: usize,
     ) -> Self {
-        Self { scenes, bank, curve, degrade, cache: ImageCache::new(cache_mib) }
+        Self { scenes, bank, curve, degrade, cache: ImageCache::new(cache_mib), margin: 0 }
+    }
+
+    /// The same for clean images with a margin around the frame, which `degrade` returns without it.
+    #[must_use]
+    pub fn with_margin(self, margin: usize) -> Self {
+        Self { margin, ..self }
     }
 }
 
@@ -48,12 +56,14 @@ impl TrainingData for OnTheFlyData<'_> {
         let path = &self.scenes[item];
         let clean = self.cache.get(&path.to_string_lossy(), || io::read_image(path))?;
         let kernel = rng.random_range(0..self.bank.len());
-        let window = Window::draw(side, clean.height(), clean.width(), rng)?;
+        let frame = |side: usize| side.saturating_sub(2 * self.margin);
+        let window = Window::draw(side, frame(clean.height()), frame(clean.width()), rng)?;
         // The whole image: a PSF's support reaches as far as the image's own sides.
         let degraded = (self.degrade)(&clean, kernel, rng)?;
+        let in_scene = Window { top: window.top + self.margin, left: window.left + self.margin, ..window };
         Ok(Patch {
             degraded: self.curve.tone_map(&window.of(&degraded)),
-            ground_truth: self.curve.tone_map(&window.of(&clean)),
+            ground_truth: self.curve.tone_map(&in_scene.of(&clean)),
             code: Some(self.bank.code(kernel).to_owned()),
         })
     }
@@ -67,11 +77,9 @@ mod tests {
     use crate::core::rng;
     use ndarray::{Array1, Array2, Array3};
 
-    /// Two kernels with codes 0 and 1; "degrading" adds the kernel's index.
-    #[test]
-    fn a_sample_carries_the_code_of_the_kernel_that_degraded_it() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("scene.npy");
+    /// A scene of 9 × 8 pixels, and two kernels with codes 0 and 1.
+    fn scene_and_bank(folder: &std::path::Path) -> (PathBuf, KernelBank) {
+        let path = folder.join("scene.npy");
         let planes = Array3::from_shape_fn((3, 9, 8), |(_, y, x)| (y * 8 + x) as f32);
         let scene = LinearImage::from_planes(planes).unwrap();
         io::write_image(&path, &scene, &io::WriteOptions::default()).unwrap();
@@ -82,7 +90,31 @@ mod tests {
             explained_variance: Array1::zeros(1),
         };
         let codes = Array2::from_shape_vec((2, 1), vec![0.0, 1.0]).unwrap();
-        let bank = KernelBank::new(vec![psf.clone(), psf], codes, basis, None).unwrap();
+        (path, KernelBank::new(vec![psf.clone(), psf], codes, basis, None).unwrap())
+    }
+
+    /// "Degrading" keeps the frame: what is degraded and what is clean show the same place.
+    #[test]
+    fn a_sample_of_a_scene_with_a_margin_is_of_the_frame() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, bank) = scene_and_bank(folder.path());
+        let degrade = |image: &LinearImage, _: usize, _: &mut Rng| Ok(image.crop(2, 2, 5, 4));
+        let curve = ToneCurve::default();
+        let data = OnTheFlyData::new(vec![path], &bank, curve, &degrade, 16).with_margin(2);
+        for position in 0..8 {
+            let patch = data.patch(0, 3, &mut rng::stream(1, &position.to_string())).unwrap();
+            assert_eq!(patch.degraded, patch.ground_truth);
+            let first = curve.expand(patch.ground_truth.as_slice()[0]);
+            assert!(first > 17.5 && first < 36.0, "{first} lies outside of the frame");
+        }
+        assert!(data.patch(0, 5, &mut rng::stream(1, "large")).unwrap_err().to_string().contains("5 × 4"));
+    }
+
+    /// "Degrading" adds the kernel's index.
+    #[test]
+    fn a_sample_carries_the_code_of_the_kernel_that_degraded_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, bank) = scene_and_bank(folder.path());
         let degrade =
             |image: &LinearImage, kernel: usize, _: &mut Rng| Ok(image.map_values(|x| x + kernel as f32));
         let curve = ToneCurve::default();
