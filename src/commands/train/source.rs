@@ -1,20 +1,19 @@
 //! Where `udc train` learns from: a dataset's files, or clean images degraded as they are drawn.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::{Context as _, Result, bail};
 use rand::Rng as _;
 use sha2::{Digest, Sha256};
 
 use udc::core::dataset::{CONFIG_FILE, Dataset, FormationConfig, Split};
-use udc::core::error::Result as CoreResult;
+use udc::core::error::{Error, Result as CoreResult};
 use udc::core::fft::{Convolver, Otf};
 use udc::core::image::LinearImage;
 use udc::core::io;
 use udc::core::kernel_code::KernelBank;
 use udc::core::psf::hex;
+use udc::core::recent::RecentlyUsed;
 use udc::core::rng::Rng;
 use udc::core::tone::ToneCurve;
 use udc::synth::Formation;
@@ -39,13 +38,10 @@ pub(super) struct OnTheFly {
     clipped: bool,
     bank_sha256: String,
     formation: Formation,
-    plans: Mutex<BTreeMap<[usize; 2], Arc<Plan>>>,
-}
-
-/// The transforms for one size of scene.
-struct Plan {
-    convolver: Convolver,
-    otfs: Vec<Otf>,
+    /// By the size of the scene.
+    convolvers: RecentlyUsed<[usize; 2], Convolver>,
+    /// By the size of the scene, and the kernel.
+    otfs: RecentlyUsed<([usize; 2], usize), Otf>,
 }
 
 impl Source {
@@ -57,11 +53,11 @@ impl Source {
                 "--bank goes with a folder of clean images and data.degradation = \"on-the-fly\"; a dataset has a \
                  bank of its own"
             ),
-            Some(bank) => Ok(Self::OnTheFly(OnTheFly::of_views(data, bank, config.seed)?.into(), None)),
+            Some(bank) => Ok(Self::OnTheFly(OnTheFly::of_views(data, bank, config)?.into(), None)),
             None => {
                 let dataset = Dataset::open(data).context("opening the dataset")?;
                 Ok(if on_the_fly {
-                    Self::OnTheFly(OnTheFly::of_dataset(&dataset, config.seed)?.into(), Some(dataset))
+                    Self::OnTheFly(OnTheFly::of_dataset(&dataset, config)?.into(), Some(dataset))
                 } else {
                     Self::Stored(dataset)
                 })
@@ -140,15 +136,15 @@ fn names_sha256(images: &[PathBuf]) -> String {
 }
 
 impl OnTheFly {
-    fn of_views(folder: &Path, bank: &Path, seed: u64) -> Result<Self> {
+    fn of_views(folder: &Path, bank: &Path, config: &TrainConfig) -> Result<Self> {
         let scenes = io::expand_inputs(&[folder.to_owned()])?;
-        let config = FormationConfig::default();
-        Self::new((scenes, false), (io::read_bank(bank)?, io::bank_sha256(bank)?), config, seed)
+        let formation = FormationConfig::default();
+        Self::new((scenes, false), (io::read_bank(bank)?, io::bank_sha256(bank)?), formation, config)
     }
 
-    fn of_dataset(dataset: &Dataset, seed: u64) -> Result<Self> {
+    fn of_dataset(dataset: &Dataset, config: &TrainConfig) -> Result<Self> {
         dataset.check_one_psf()?;
-        let (Some(bank), Some(config)) = (dataset.bank.clone(), &dataset.config) else {
+        let (Some(bank), Some(described)) = (dataset.bank.clone(), &dataset.config) else {
             bail!(
                 "{} has kernel codes and no PSFs, so that nothing can be degraded on the fly; train with \
                  data.degradation = \"stored\"",
@@ -159,18 +155,21 @@ impl OnTheFly {
             dataset.split(Split::Train)?.iter().map(|triplet| dataset.root.join(&triplet.gt)).collect();
         scenes.dedup();
         let clipped = !dataset.formation.clip_ground_truth;
-        Self::new((scenes, clipped), (bank, config.bank_sha256.clone()), dataset.formation.clone(), seed)
+        let bank = (bank, described.bank_sha256.clone());
+        Self::new((scenes, clipped), bank, dataset.formation.clone(), config)
     }
 
     fn new(
         (scenes, clipped): (Vec<PathBuf>, bool),
         (bank, bank_sha256): (KernelBank, String),
-        config: FormationConfig,
-        seed: u64,
+        formation: FormationConfig,
+        config: &TrainConfig,
     ) -> Result<Self> {
-        let curve = config.curve()?;
-        let formation = Formation::new(config, seed)?;
-        Ok(Self { scenes, bank, curve, clipped, bank_sha256, formation, plans: Mutex::new(BTreeMap::new()) })
+        let curve = formation.curve()?;
+        let formation = Formation::new(formation, config.seed)?;
+        let room = config.data.cache_mib.saturating_mul(1 << 20);
+        let (convolvers, otfs) = (RecentlyUsed::new(room), RecentlyUsed::new(room));
+        Ok(Self { scenes, bank, curve, clipped, bank_sha256, formation, convolvers, otfs })
     }
 
     /// Whether a clean image lost light above x_max when it was stored.
@@ -187,22 +186,21 @@ impl OnTheFly {
         kernel: usize,
         rng: &mut Rng,
     ) -> CoreResult<LinearImage> {
-        let plan = self.plan([scene.height(), scene.width()])?;
-        let spectrum = plan.convolver.spectrum(&self.formation.scene(scene))?;
-        let irradiance = plan.convolver.convolve(&spectrum, &plan.otfs[kernel]);
+        let size = [scene.height(), scene.width()];
+        let convolver = self.convolvers.get(size, || self.convolver(size))?;
+        let otf = self.otfs.get((size, kernel), || {
+            Ok::<_, Error>((convolver.otf(&self.bank.psfs[kernel])?, convolver.spectrum_bytes()))
+        })?;
+        let spectrum = convolver.spectrum(&self.formation.scene(scene))?;
+        let irradiance = convolver.convolve(&spectrum, &otf);
         self.formation.record(irradiance, &format!("on-the-fly/{:016x}", rng.next_u64()))
     }
 
-    fn plan(&self, scene: [usize; 2]) -> CoreResult<Arc<Plan>> {
-        let mut plans = self.plans.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(plan) = plans.get(&scene) {
-            return Ok(Arc::clone(plan));
-        }
+    /// The convolver for scenes of a size, and the bytes that its buffers come to take.
+    fn convolver(&self, scene: [usize; 2]) -> CoreResult<(Convolver, usize)> {
         let psf = &self.bank.psfs[0];
         let convolver = self.formation.convolver(scene, [psf.height(), psf.width()])?;
-        let otfs = self.bank.psfs.iter().map(|psf| convolver.otf(psf)).collect::<CoreResult<_>>()?;
-        let plan = Arc::new(Plan { convolver, otfs });
-        plans.insert(scene, Arc::clone(&plan));
-        Ok(plan)
+        let bytes = convolver.spectrum_bytes() + convolver.intermediate_bytes();
+        Ok((convolver, bytes))
     }
 }
