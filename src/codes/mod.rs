@@ -5,6 +5,7 @@ mod eigen;
 mod interpolate;
 mod pca;
 mod project;
+mod resample;
 mod rotation;
 
 pub use angles::parse_angles;
