@@ -15,6 +15,7 @@ mod eval;
 mod events;
 mod files;
 mod finish;
+mod kernel_choice;
 mod measure;
 mod negatives;
 #[path = "../common/perceptual_weights.rs"]

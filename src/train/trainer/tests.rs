@@ -297,3 +297,37 @@ fn a_perceptual_loss_has_the_gradient_of_its_value_and_falls() {
     let losses: Vec<f64> = (0..24).map(|_| trainer.step(&data).unwrap().loss).collect();
     assert!(losses[22] + losses[23] < 0.9 * (losses[0] + losses[1]), "{losses:?}");
 }
+
+/// The third image is so bright that the squares of its gradients overflow, though its loss does not.
+#[test]
+fn a_training_that_overflows_leaves_its_last_checkpoint_as_it_was() {
+    use crate::core::progress::Progress;
+    use crate::train::{DataIdentity, Job, Start};
+    let folder = tempfile::tempdir().unwrap();
+    let mut config = config(1, 1);
+    config.architecture = Architecture { kind: Kind::Unet, condition: Condition::None, ..config.architecture };
+    (config.data.shuffle, config.checkpoint.every, config.iterations) = (false, 1, 9);
+    let mut data = data();
+    let bright = data.0[2].degraded.planes().mapv(|value| value * 1e22);
+    data.0[2].degraded = ToneMappedImage::from_planes(bright).unwrap();
+    let run = |start| {
+        let (identity, progress) = (DataIdentity::default(), Progress::default());
+        let job = Job {
+            config: &config,
+            data: &data,
+            validation: None,
+            measures: &[],
+            identity,
+            backend: Backend::default(),
+            progress: &progress,
+            warn: &|text| panic!("{text}"),
+        };
+        job.run(folder.path(), start).unwrap_err().to_string()
+    };
+    let state = || std::fs::read(folder.path().join("checkpoints/2/state.safetensors")).unwrap();
+    let message = run(Start::New(None));
+    assert!(message.contains("overflowed") && message.contains("iteration 3"), "{message}");
+    let before = state();
+    assert_eq!(run(Start::Resume), message, "the checkpoint is whole, and the training comes to the same end");
+    assert!(state() == before && !folder.path().join("checkpoints/3").exists());
+}
