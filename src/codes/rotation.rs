@@ -1,17 +1,17 @@
 //! Turns a PSF about its centre, as a panel turned in front of the lens would.
 
 use ndarray::{Array3, Axis};
-use rayon::prelude::*;
 
+use super::resample::Interpolation;
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
 use crate::core::psf::Psf;
-use crate::core::resample::CubicSpline;
 
 /// Rotates a PSF about its centre, index N//2; positive angles turn counter-clockwise as displayed.
 ///
-/// Values between pixels come from a cubic spline, light from beyond the border is zero, negative values
-/// become zero and each channel's unit sum is restored. Multiples of 90° move pixels without touching their
+/// Values between pixels come from cubic splines of the light and of its square root, mixed so that no value is negative
+/// and that the light around each pixel is kept (the file `resample.rs` has the equation and what it achieves);
+/// light from beyond the border is zero and each channel's unit sum is restored. Multiples of 90° move pixels without touching their
 /// values; where N is even, index 0 has no counterpart on the other side of the centre: what turns out of
 /// the grid is lost and what turns in is zero.
 ///
@@ -22,12 +22,12 @@ pub fn rotate(psf: &Psf, angle_deg: f64) -> Result<Psf> {
     Ok(rotated.remove(0))
 }
 
-/// Rotates a PSF to each of `angles_deg`, as [`rotate`] does, sharing the spline.
+/// Rotates a PSF to each of `angles_deg`, as [`rotate`] does, sharing the splines.
 ///
 /// # Errors
 /// As [`rotate`].
 pub fn rotate_each(psf: &Psf, angles_deg: &[f64]) -> Result<Vec<Psf>> {
-    let mut splines = None;
+    let mut channels = None;
     angles_deg
         .iter()
         .map(|&angle_deg| {
@@ -40,15 +40,15 @@ pub fn rotate_each(psf: &Psf, angles_deg: &[f64]) -> Result<Vec<Psf>> {
             let planes = match quarter_turns(angle_deg) {
                 Some(0) => return Ok(psf.clone()),
                 Some(turns) => turn_quarters(psf, turns),
-                None => turn(psf, splines.get_or_insert_with(|| fit(psf)), angle_deg),
+                None => turn(psf, channels.get_or_insert_with(|| fit(psf)), angle_deg),
             };
             Psf::from_energy(planes)
         })
         .collect()
 }
 
-fn fit(psf: &Psf) -> Vec<CubicSpline> {
-    (0..CHANNELS).map(|channel| CubicSpline::fit(psf.channel(channel))).collect()
+fn fit(psf: &Psf) -> Vec<Interpolation> {
+    (0..CHANNELS).map(|channel| Interpolation::new(psf.channel(channel))).collect()
 }
 
 /// How many quarter turns (0 to 3) an angle is, when it is a whole number of them.
@@ -62,22 +62,15 @@ fn quarter_turns(angle_deg: f64) -> Option<u8> {
 /// # Equation
 /// With row offsets pointing down, the pixel at offset (dy, dx) from the centre takes the light from
 /// (dy·cos θ + dx·sin θ, dx·cos θ − dy·sin θ).
-fn turn(psf: &Psf, splines: &[CubicSpline], angle_deg: f64) -> Array3<f32> {
+fn turn(psf: &Psf, channels: &[Interpolation], angle_deg: f64) -> Array3<f32> {
     let (sin, cos) = angle_deg.to_radians().sin_cos();
     let (centre_y, centre_x) = (psf.centre().0 as f64, psf.centre().1 as f64);
     let mut planes = Array3::zeros(psf.planes().dim());
-    for (mut plane, spline) in planes.axis_iter_mut(Axis(0)).zip(splines) {
-        plane.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(y, mut row)| {
-            let dy = y as f64 - centre_y;
-            for (x, value) in row.iter_mut().enumerate() {
-                let dx = x as f64 - centre_x;
-                let (from_y, from_x) = (centre_y + dy * cos + dx * sin, centre_x + dx * cos - dy * sin);
-                #[expect(clippy::cast_possible_truncation, reason = "PSF values are f32")]
-                {
-                    *value = spline.sample(from_y, from_x) as f32;
-                }
-            }
-        });
+    for (mut plane, channel) in planes.axis_iter_mut(Axis(0)).zip(channels) {
+        plane.assign(&channel.sample((psf.height(), psf.width()), |y, x| {
+            let (dy, dx) = (y as f64 - centre_y, x as f64 - centre_x);
+            (centre_y + dy * cos + dx * sin, centre_x + dx * cos - dy * sin)
+        }));
     }
     planes
 }

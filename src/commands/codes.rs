@@ -10,28 +10,38 @@ use udc::codes::{self, CODE_DIM};
 use udc::core::io;
 use udc::core::kernel_code::{KernelBank, KernelCode};
 use udc::core::psf::Psf;
+use udc::psf::simulate_turned;
 
 use super::Session;
+use super::psf::read_display;
 
 /// Rotations of the published kernel set.
 const ANGLES: &str = "-12:12:3";
 
 /// Make kernel codes: rotate a PSF, find its PCA basis, store both as a kernel bank
 ///
-/// One PSF is rotated to each of the angles. Several PSFs are the set as they are. With --project, the code of
+/// One PSF is rotated to each of the angles, by interpolation. With --display, the panel itself is turned, and its PSFs
+/// are simulated: exact, nothing is interpolated. Several PSFs are the set as they are. With --project, the code of
 /// another PSF in an existing bank is found instead, with what the code leaves out.
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:\n  udc codes psf.exr -o bank.safetensors\n  \
     udc codes psf.exr --angles=-5,0,5 --dim 2 -o bank.safetensors\n  \
+    udc codes --display configs/display/pentile.toml --angles=-12:12:3 -o bank.safetensors\n  \
     udc codes --project bank.safetensors other.exr -o code.npy")]
 pub(crate) struct CodesArgs {
     /// The PSF to rotate, or the PSFs of a set: files, folders or patterns
-    #[arg(required = true, value_name = "PSF")]
+    #[arg(required_unless_present = "display", value_name = "PSF")]
     psfs: Vec<PathBuf>,
+    /// Display file (TOML) of a panel to turn and simulate, instead of a PSF
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["psfs", "project"])]
+    display: Option<PathBuf>,
+    /// Side of the simulated PSFs in pixels, instead of the display file's
+    #[arg(long, value_name = "N", requires = "display")]
+    size: Option<usize>,
     /// Kernel bank to write (.safetensors); with --project, the code to write (.npy)
     #[arg(short, long, value_name = "FILE", required_unless_present = "project")]
     output: Option<PathBuf>,
-    /// Rotations of a single PSF in degrees, counter-clockwise: start:stop:step or a comma-separated list
+    /// Rotations of a single PSF, or of the panel, in degrees, counter-clockwise: start:stop:step or a comma-separated list
     /// [default: -12:12:3]
     #[arg(long, value_parser = parse_angles, allow_hyphen_values = true)]
     angles: Option<Angles>,
@@ -55,32 +65,23 @@ fn parse_angles(text: &str) -> udc::core::error::Result<Angles> {
 
 impl CodesArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let psfs = io::expand_inputs(&self.psfs)?;
+        let inputs = || io::expand_inputs(&self.psfs);
         match (&self.project, &self.output) {
-            (Some(bank), _) => self.project(session, bank, &psfs),
-            (None, Some(output)) => self.make(session, output, &psfs),
+            (Some(bank), _) => self.project(session, bank, &inputs()?),
+            (None, Some(output)) => self.make(session, output),
             (None, None) => bail!("name the kernel bank to write with -o"),
         }
     }
 
-    fn make(&self, session: &Session, output: &Path, paths: &[PathBuf]) -> Result<()> {
+    fn make(&self, session: &Session, output: &Path) -> Result<()> {
         check_extension(output, "safetensors")?;
         io::check_output(output, session.overwrite)?;
-        if self.angles.is_some() && paths.len() > 1 {
-            bail!(
-                "--angles rotates one PSF, and {} were given; leave it out to use them as the set",
-                paths.len()
-            );
-        }
-        let psfs: Vec<Psf> = paths.iter().map(|path| io::read_psf(path)).collect::<Result<_, _>>()?;
         let started = Instant::now();
-        let bank = match &psfs[..] {
-            [psf] => {
-                let angles = self.angles.clone().map_or_else(|| codes::parse_angles(ANGLES), |a| Ok(a.0))?;
-                codes::make_rotated_bank(psf, &angles, self.dim)
-                    .with_context(|| format!("making codes of {}", paths[0].display()))?
-            }
-            _ => codes::make_bank(psfs, None, self.dim).context("making codes of the set")?,
+        let bank = match &self.display {
+            Some(display) => self
+                .turned_bank(session, display)
+                .with_context(|| format!("turning the panel of {}", display.display()))?,
+            None => self.bank_of(&io::expand_inputs(&self.psfs)?)?,
         };
         session.detail(format_args!("{} kernels and codes: {:.2?}", bank.len(), started.elapsed()));
         if let Some(folder) = &self.npy {
@@ -89,6 +90,44 @@ impl CodesArgs {
         }
         io::write_bank(output, &bank, session.overwrite)?;
         describe(session, output, &bank)
+    }
+
+    fn angles(&self) -> udc::core::error::Result<Vec<f64>> {
+        self.angles.clone().map_or_else(|| codes::parse_angles(ANGLES), |angles| Ok(angles.0))
+    }
+
+    /// The bank of a panel that is turned and simulated.
+    fn turned_bank(&self, session: &Session, display: &Path) -> Result<KernelBank> {
+        let config = read_display(display, self.size)?;
+        if config.display.is_bare() {
+            bail!("there is nothing to turn: the PSF of the bare lens is the same at every angle; describe a panel");
+        }
+        let angles = self.angles()?;
+        if self.dim >= angles.len() {
+            bail!(
+                "{} rotations differ in {} directions at most: choose a smaller --dim, or give more angles",
+                angles.len(),
+                angles.len() - 1
+            );
+        }
+        let psfs = simulate_turned(&config, &angles, &session.progress)?;
+        Ok(codes::make_turned_bank(psfs, &angles, self.dim, &config)?)
+    }
+
+    /// The bank of a PSF that is rotated, or of a set.
+    fn bank_of(&self, paths: &[PathBuf]) -> Result<KernelBank> {
+        if self.angles.is_some() && paths.len() > 1 {
+            bail!(
+                "--angles rotates one PSF, and {} were given; leave it out to use them as the set",
+                paths.len()
+            );
+        }
+        let psfs: Vec<Psf> = paths.iter().map(|path| io::read_psf(path)).collect::<Result<_, _>>()?;
+        match &psfs[..] {
+            [psf] => codes::make_rotated_bank(psf, &self.angles()?, self.dim)
+                .with_context(|| format!("making codes of {}", paths[0].display())),
+            _ => codes::make_bank(psfs, None, self.dim).context("making codes of the set"),
+        }
     }
 
     fn project(&self, session: &Session, bank: &Path, paths: &[PathBuf]) -> Result<()> {

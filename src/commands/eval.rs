@@ -14,7 +14,7 @@ use anyhow::{Result, bail};
 use clap::{ArgGroup, Args, ValueEnum};
 use serde_json::json;
 
-use udc::core::dataset::{Dataset, Split};
+use udc::core::dataset::{Dataset, KernelChoice, Split};
 use udc::core::error;
 use udc::core::io::DomainTag;
 use udc::core::metrics::Measure;
@@ -28,7 +28,7 @@ use super::highlights::HighlightsArg;
 use super::method::MethodArg;
 use super::metrics::MetricArgs;
 use super::precision::PrecisionArg;
-use comparison::{Comparison, Extras};
+use comparison::{Comparison, Extras, Images};
 use folders::Folders;
 use ldr::Ldr;
 use outputs::Outputs;
@@ -106,6 +106,9 @@ pub(crate) struct EvalArgs {
     /// Part of the dataset to measure on
     #[arg(long, value_enum, default_value_t = SplitArg::Test, requires = "dataset", conflicts_with = "restored")]
     split: SplitArg,
+    /// Measure images of these kernels only, by their names: r+00,r+03 [default: all]
+    #[arg(long, value_name = "NAME", value_delimiter = ',', requires = "dataset", conflicts_with = "restored")]
+    kernels: Vec<String>,
     /// Measure the first N triplets only
     #[arg(long, value_name = "N", requires = "dataset", conflicts_with = "restored",
         value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
@@ -152,6 +155,14 @@ impl EvalArgs {
         }
     }
 
+    fn images(&self) -> Images {
+        let kernels = match &self.kernels[..] {
+            [] => KernelChoice::All,
+            names => KernelChoice::Only(names.to_vec()),
+        };
+        Images { split: self.split.into(), kernels, limit: self.limit }
+    }
+
     /// Measures restorations on datasets.
     fn compare(&self, config: &EvalConfig, session: &Session) -> Result<()> {
         if self.dataset.len() > 1 && (self.mismatch || self.ldr.is_some()) {
@@ -160,12 +171,10 @@ impl EvalArgs {
         let datasets: Vec<Dataset> =
             self.dataset.iter().map(|root| Dataset::open(root)).collect::<error::Result<_>>()?;
         let restorers = self.restorers(session)?;
+        let images = self.images();
         let comparisons: Vec<Comparison<'_>> = datasets
             .iter()
-            .map(|dataset| {
-                let images = (self.split.into(), self.limit);
-                Comparison::new(dataset, &restorers, images, self.max_memory, session)
-            })
+            .map(|dataset| Comparison::new(dataset, &restorers, &images, self.max_memory, session))
             .collect::<Result<_>>()?;
         let told = restorers.iter().filter(|restorer| restorer.knows_the_kernel()).count();
         if self.mismatch && told == 0 {

@@ -31,7 +31,7 @@ pub(crate) struct PsfArgs {
 impl PsfArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let doing = || format!("simulating the PSF of {}", self.display.display());
-        let config = self.config().with_context(doing)?;
+        let config = read_display(&self.display, self.size).with_context(doing)?;
         check_float_output(&self.output)?;
         check_output(&self.output, session.overwrite)?;
         if config.display.is_featureless() {
@@ -53,15 +53,16 @@ impl PsfArgs {
         write_psf(&self.output, &simulated.psf, &options)?;
         session.say(summary(&simulated, &self.output))
     }
+}
 
-    fn config(&self) -> udc::core::error::Result<DisplayConfig> {
-        let mut config = DisplayConfig::parse(&read_text(&self.display)?, &self.display)?;
-        if let Some(size) = self.size {
-            config.sensor.size_px = size;
-        }
-        config.check()?;
-        Ok(config)
+/// Reads a display file, with another size of the PSF where one is asked for.
+pub(crate) fn read_display(path: &Path, size: Option<usize>) -> udc::core::error::Result<DisplayConfig> {
+    let mut config = DisplayConfig::parse(&read_text(path)?, path)?;
+    if let Some(size) = size {
+        config.sensor.size_px = size;
     }
+    config.check()?;
+    Ok(config)
 }
 
 /// Refuses integer formats: a PSF's sidelobes are far below their steps.

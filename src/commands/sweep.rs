@@ -10,7 +10,7 @@ use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use serde_json::json;
 
-use udc::core::dataset::{Dataset, Split};
+use udc::core::dataset::{Dataset, KernelChoice, Split};
 use udc::core::error;
 use udc::core::io;
 use udc::eval::EvalConfig;
@@ -18,7 +18,7 @@ use udc::network::{Backend, Model};
 use udc::restore::Highlights;
 use udc::train::TrainConfig;
 
-use super::eval::comparison::{Comparison, Extras};
+use super::eval::comparison::{Comparison, Extras, Images};
 use super::eval::outputs::{Outputs, RESULTS};
 use super::eval::pictures::Pictures;
 use super::eval::restorer::Restorer;
@@ -30,9 +30,9 @@ use row::Row;
 
 /// Train and measure several configurations, and tabulate them
 ///
-/// All are trained on the same data with the same seed, and measured on the test split. The folder gets a run for
-/// each configuration, named after its file, and table.md, table.csv and table.json of all. A configuration that fails
-/// is named at the end; the others are finished.
+/// All are trained on the same data (but for data.kernels) with the same seed, and measured on the test split: on the
+/// images of one kernel, and on those of all. The folder gets a run for each configuration, named after its file, and
+/// table.md, table.csv and table.json of all. A configuration that fails is named at the end; the others are finished.
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:\n  udc sweep configs/ablation-*.toml --data dataset -o ablation\n  \
     udc sweep a.toml b.toml --data dataset -o sweep --set iterations=2000 --set data.crop=64\n  \
@@ -58,6 +58,9 @@ pub(crate) struct SweepArgs {
     /// Measure on the first N triplets of the test split only
     #[arg(long, value_name = "N", value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
     limit: Option<usize>,
+    /// Kernel whose images are measured for themselves too, beside those of all [default: r+00 where there is one]
+    #[arg(long, value_name = "KERNEL")]
+    single: Option<String>,
     /// Memory that one restoration may take: 2GiB, 500MB, …
     #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = udc::restore::parse_bytes)]
     max_memory: u64,
@@ -84,6 +87,7 @@ impl SweepArgs {
         let sweep = Sweep {
             dataset: &dataset,
             data_sha256: triplets_sha256(&dataset),
+            single: single_kernel(&dataset, self.single.as_deref())?,
             measuring: self.metrics.config(false)?,
             session,
             args: &self,
@@ -137,11 +141,28 @@ impl SweepArgs {
     }
 }
 
+/// The kernel whose images are averaged for themselves too: the one that was asked for, else the unrotated one of a
+/// dataset of several. Where all images are of one kernel, its means are those of all.
+fn single_kernel(dataset: &Dataset, asked: Option<&str>) -> Result<Option<String>> {
+    const UNROTATED: &str = "r+00";
+    let name = asked.unwrap_or(UNROTATED).to_owned();
+    let found = dataset.kernel_indices(&KernelChoice::Only(vec![name]), "--single");
+    match (found, asked) {
+        (Ok(found), _) if asked.is_some() || dataset.kernel_names().len() > 1 => {
+            Ok(found.first().map(|&index| dataset.kernel_names()[index].clone()))
+        }
+        (Err(error), Some(_)) => Err(error.into()),
+        _ => Ok(None),
+    }
+}
+
 /// A sweep over one dataset.
 struct Sweep<'a> {
     args: &'a SweepArgs,
     dataset: &'a Dataset,
     data_sha256: String,
+    /// The kernel whose images are averaged for themselves too.
+    single: Option<String>,
     measuring: EvalConfig,
     session: &'a Session,
 }
@@ -226,15 +247,15 @@ impl Sweep<'_> {
             Restorer::Nothing,
             Restorer::Network(entry.name.clone(), Box::new(model), Highlights::default()),
         ];
-        let images = (Split::Test, self.args.limit);
+        let images = Images { split: Split::Test, kernels: KernelChoice::All, limit: self.args.limit };
         let comparison =
-            Comparison::new(self.dataset, &restorers, images, self.args.max_memory, self.session)?;
+            Comparison::new(self.dataset, &restorers, &images, self.args.max_memory, self.session)?;
         let pictures = Pictures { folder: PathBuf::new(), count: 0, prefix: String::new() };
         let evaluation =
             comparison.measure(&self.measuring, &Extras { regions: false, pictures: &pictures })?;
         let results = folder.join("results");
         Outputs::prepare(&results, &RESULTS.map(str::to_owned), true)?.write_results(&evaluation)?;
-        Ok(Row::of(&entry.name, iterations, &evaluation))
+        Ok(Row::of(&entry.name, iterations, &evaluation, self.single.as_deref()))
     }
 
     /// Everything that decides a row's numbers.
@@ -242,17 +263,18 @@ impl Sweep<'_> {
         let metrics: Vec<_> = self.measuring.metrics.iter().map(|measure| measure.metric()).collect();
         let everything = json!({
             "config": entry.config, "data-sha256": self.data_sha256, "metrics": metrics,
-            "definition": self.measuring.definition, "limit": self.args.limit,
+            "definition": self.measuring.definition, "limit": self.args.limit, "single-kernel": self.single,
         });
         everything.to_string()
     }
 
     fn write_tables(&self, rows: &[Row], failed: &[(String, String)]) -> Result<()> {
         let metrics: Vec<_> = self.measuring.metrics.iter().map(|measure| measure.metric()).collect();
-        let markdown = table::to_markdown(rows, failed, &metrics);
+        let markdown = table::to_markdown(rows, failed, &metrics, self.single.as_deref());
         let json = json!({
             "rows": rows.iter().map(Row::to_json).collect::<Vec<_>>(),
             "failed": failed.iter().map(|(name, reason)| json!({"name": name, "reason": reason})).collect::<Vec<_>>(),
+            "single-kernel": self.single,
             "data-sha256": self.data_sha256,
             "definition": self.measuring.definition,
         });
@@ -260,7 +282,7 @@ impl Sweep<'_> {
         let names = ["table.md", "table.csv", "table.json"].map(str::to_owned);
         let outputs = Outputs::prepare(&self.args.output, &names, true)?;
         outputs.write("table.md", markdown.as_bytes())?;
-        outputs.write("table.csv", table::to_csv(rows, &metrics).as_bytes())?;
+        outputs.write("table.csv", table::to_csv(rows, &metrics, self.single.as_deref()).as_bytes())?;
         outputs.write("table.json", format!("{json:#}\n").as_bytes())?;
         self.session.tell(markdown);
         self.session.tell(self.args.output.join("table.md").display());

@@ -9,7 +9,7 @@ use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use clap::error::ErrorKind;
 
-use udc::core::dataset::{Dataset, Split};
+use udc::core::dataset::{Dataset, KernelChoice, Split};
 use udc::core::error::Error;
 use udc::core::image::LinearImage;
 use udc::core::io;
@@ -78,7 +78,8 @@ impl TrainArgs {
         let source = Source::open(&self.data, self.bank.as_deref(), &config)?;
         source.warnings(&config).into_iter().for_each(|warning| session.warn(warning));
         check_codes(&config, source.code_dim())?;
-        let validation = source.dataset().map_or(Ok(None), validation_data)?;
+        let kernels = &config.data.kernels;
+        let validation = source.dataset().map_or(Ok(None), |dataset| validation_data(dataset, kernels))?;
         if validation.is_none() {
             session.warn("there is no val or test split; the training is not validated");
         }
@@ -101,7 +102,9 @@ impl TrainArgs {
         };
         let cache = config.data.cache_mib;
         let outcome = match &source {
-            Source::Stored(dataset) => train(&StoredData::new(dataset, Split::Train, cache)?),
+            Source::Stored(dataset) => {
+                train(&StoredData::new(dataset, Split::Train, cache)?.only(kernels)?)
+            }
             Source::OnTheFly(live, _) => {
                 let warned = Once::new();
                 let degrade = |scene: &LinearImage, kernel: usize, rng: &mut Rng| {
@@ -110,8 +113,9 @@ impl TrainArgs {
                     }
                     live.degrade(scene, kernel, rng)
                 };
-                let data = OnTheFlyData::new(live.scenes.clone(), &live.bank, live.curve, &degrade, cache);
-                train(&data.with_margin(live.margin()))
+                let scenes = live.scenes.clone();
+                let data = OnTheFlyData::new(scenes, &live.bank, live.curve, &degrade, cache);
+                train(&data.with_margin(live.margin()).only(kernels)?)
             }
         };
         Ok(outcome?)
@@ -178,10 +182,13 @@ fn check_codes(config: &TrainConfig, found: usize) -> Result<(), Error> {
 }
 
 /// The first split there is that training does not learn from.
-fn validation_data(dataset: &Dataset) -> Result<Option<StoredData<'_>>, Error> {
+fn validation_data<'a>(
+    dataset: &'a Dataset,
+    kernels: &KernelChoice,
+) -> Result<Option<StoredData<'a>>, Error> {
     let is_there = |split: &Split| dataset.triplets.iter().any(|triplet| triplet.split == *split);
     let split = [Split::Val, Split::Test].into_iter().find(is_there);
-    split.map(|split| StoredData::new(dataset, split, 0)).transpose()
+    split.map(|split| StoredData::new(dataset, split, 0)?.only(kernels)).transpose()
 }
 
 fn lost_highlights(x_max: f32) -> String {

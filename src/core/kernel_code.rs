@@ -2,6 +2,7 @@
 //! keeps them together.
 
 use ndarray::{Array1, Array2, ArrayView1};
+use serde_json::Value;
 
 use super::error::{Error, Result};
 use super::psf::Psf;
@@ -39,6 +40,9 @@ pub struct KernelBank {
     /// The rotation of each kernel in degrees, counter-clockwise; `None` for a set that was not made by
     /// rotation.
     pub angles_deg: Option<Vec<f64>>,
+    /// How the kernels were made, where it is known: `rotation` is `interpolation` of one PSF, or `propagation` through
+    /// the turned panel, whose description is then `display`.
+    pub origin: Option<Value>,
 }
 
 /// The codes of a bank without its PSFs: all that a network is told.
@@ -118,7 +122,13 @@ impl KernelBank {
                 return Err(Error::shape(what, format!("{expected:?}"), format!("{found:?}")));
             }
         }
-        Ok(Self { psfs, codes, basis, angles_deg })
+        Ok(Self { psfs, codes, basis, angles_deg, origin: None })
+    }
+
+    /// Says how the kernels were made.
+    #[must_use]
+    pub fn with_origin(self, origin: Value) -> Self {
+        Self { origin: Some(origin), ..self }
     }
 
     /// Keeps one PSF as a bank of one kernel at 0 degrees. Its code has no numbers: there is nothing to tell

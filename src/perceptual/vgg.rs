@@ -98,6 +98,13 @@ impl PerceptualLoss {
         Ok(Self { stages, distance })
     }
 
+    /// A network of other convolutions, stage by stage: weights `[outputs, inputs, 3, 3]` and bias `[outputs]` of each.
+    #[cfg(test)]
+    pub(crate) fn of_convolutions(stages: &[Vec<(Vec<f32>, Vec<f32>)>], distance: FeatureDistance) -> Self {
+        let frozen = |(weight, bias): &(Vec<f32>, Vec<f32>)| Frozen::new(weight, bias);
+        Self { stages: stages.iter().map(|stage| stage.iter().map(frozen).collect()).collect(), distance }
+    }
+
     /// What the weight file should be, for messages.
     pub fn expected_file() -> String {
         SOURCE.describe()

@@ -330,9 +330,29 @@ impl DisplayConfig {
         config.check()?;
         Ok(config)
     }
+
+    /// The same camera behind the panel turned about the optical axis by `angle_deg`, counter-clockwise as the camera
+    /// sees it and as its pictures are displayed.
+    ///
+    /// The light of the orders turns with the layout, its offset included; pupil and sensor stay, so that each pixel
+    /// collects what falls on it of the turned light: nothing is interpolated.
+    #[must_use]
+    pub fn turned(&self, angle_deg: f64) -> Self {
+        let (sin, cos) = angle_deg.to_radians().sin_cos();
+        let [right, down] = self.display.offset_um;
+        let mut turned = self.clone();
+        turned.display.angle_deg += angle_deg;
+        turned.display.offset_um = [right * cos + down * sin, down * cos - right * sin];
+        turned
+    }
 }
 
 impl LayoutConfig {
+    /// Whether nothing of the panel changes when it is turned about the axis.
+    pub fn is_bare(&self) -> bool {
+        self.kind == LayoutKind::None || self.is_featureless()
+    }
+
     /// Whether a panel has nothing that could diffract light: its PSF is the bare lens's.
     pub fn is_featureless(&self) -> bool {
         matches!(self.kind, LayoutKind::Pentile | LayoutKind::Stripe)

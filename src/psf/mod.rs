@@ -27,7 +27,7 @@ pub use bracket::{Bracket, show_time};
 pub use display::DisplayConfig;
 pub use fuse::{FuseConfig, Fused, MergeRule, fuse};
 pub use measure::{MeasureConfig, MeasuredPsf, Normalization, measure_psf};
-pub use propagate::{SimulatedPsf, simulate_psf};
+pub use propagate::{SimulatedPsf, simulate_psf, simulate_turned};
 pub use quality::{PsfQuality, assess_psf};
 
 /// The largest side of a PSF in pixels: more than any sensor's frame is a typing error.

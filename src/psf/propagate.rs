@@ -89,6 +89,23 @@ pub fn simulate_psf(config: &DisplayConfig, progress: &Progress) -> Result<Simul
     })
 }
 
+/// Simulates the PSFs of a panel that is turned to each of `angles_deg` about the axis; see
+/// [`DisplayConfig::turned`].
+///
+/// # Errors
+/// Those of [`simulate_psf`].
+pub fn simulate_turned(config: &DisplayConfig, angles_deg: &[f64], progress: &Progress) -> Result<Vec<Psf>> {
+    let bar = progress.bar(angles_deg.len() as u64, "rotations");
+    let turned = |angle_deg: &f64| {
+        let simulated = simulate_psf(&config.turned(*angle_deg), progress)?;
+        bar.inc(1);
+        Ok(simulated.psf)
+    };
+    let psfs = angles_deg.iter().map(turned).collect();
+    bar.finish_and_clear();
+    psfs
+}
+
 /// The light of one channel, summed over its wavelengths.
 struct ChannelSum {
     image: Array2<f64>,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use self::settings::{apply, in_plain_words, keys};
 use crate::core::config::parse_toml;
-use crate::core::dataset::FormationConfig;
+use crate::core::dataset::{FormationConfig, KernelChoice};
 use crate::core::error::{Error, Result};
 use crate::core::metrics::{Metric, MetricDefinition};
 use crate::network::{Architecture, Initialisation};
@@ -69,12 +69,17 @@ pub enum Degradation {
     OnTheFly,
 }
 
+/// What errors call [`DataConfig::kernels`].
+pub const KERNELS_KEY: &str = "data.kernels";
+
 /// What a step learns from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct DataConfig {
     /// Where degraded images come from.
     pub degradation: Degradation,
+    /// The kernels whose images are learned from and validated with.
+    pub kernels: KernelChoice,
     /// Side of the random crops in pixels.
     pub crop: usize,
     /// Crops that are computed at once.
@@ -95,6 +100,7 @@ impl Default for DataConfig {
     fn default() -> Self {
         Self {
             degradation: Degradation::Stored,
+            kernels: KernelChoice::All,
             crop: 256,
             batch: 1,
             accumulate: 16,
@@ -324,6 +330,7 @@ impl TrainConfig {
         if let Some((key, _)) = counts.into_iter().find(|(_, count)| *count == 0) {
             return Err(Error::config(key, "must be at least 1, found 0"));
         }
+        self.data.kernels.check(KERNELS_KEY)?;
         self.data.check_size()?;
         let (optimizer, perceptual) = (&self.optimizer, self.loss.perceptual.weight);
         let is_share = |value: f64| (0.0..1.0).contains(&value);
@@ -456,6 +463,8 @@ mod tests {
         assert!(large.contains("data.batch: 100000000 × 256 × 256 pixels take 150000000 MiB"), "{large}");
         assert!(message("", &["data.crop=4000000000"]).contains("data.batch: 1 × 4000000000"));
         assert!(message("", &["data.accumulate=100000000"]).contains("at most 16777216"));
+        assert!(message("", &["data.kernels=[]"]).contains("data.kernels: names no kernel"));
+        assert!(message("", &["data.kernels=3"]).contains("expected \"all\", or a list of names"));
         assert!(message("", &["optimizer.beta1=1.0"]).contains("optimizer.beta1"));
         assert!(
             message("", &["loss.perceptual.weight=-1"]).contains("loss.perceptual.weight: must be 0 (off)")

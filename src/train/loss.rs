@@ -37,6 +37,12 @@ impl Loss {
         Ok(Self { l1: config.l1, perceptual })
     }
 
+    /// A loss with a network that was not read from a file.
+    #[cfg(test)]
+    pub(super) fn with_perceptual(l1: f64, weight: f64, perceptual: PerceptualLoss) -> Self {
+        Self { l1, perceptual: Some((weight, Arc::new(perceptual))) }
+    }
+
     /// Computes the loss of a batch, and a tensor of one number with the same gradient.
     ///
     /// # Equation

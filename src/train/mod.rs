@@ -20,7 +20,7 @@ mod trainer;
 mod validation;
 
 pub use config::{
-    CheckpointConfig, DataConfig, Degradation, LossConfig, OptimizerConfig, PerceptualConfig, ScheduleConfig,
+    CheckpointConfig, DataConfig, Degradation, KERNELS_KEY, LossConfig, OptimizerConfig, PerceptualConfig, ScheduleConfig,
     TrainConfig, ValidationConfig,
 };
 pub use data::{Degrade, InMemory, OnTheFlyData, Patch, StoredData, TrainingData, Window};

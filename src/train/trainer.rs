@@ -103,8 +103,8 @@ impl Trainer {
     /// Draws samples, computes gradients and changes the weights.
     ///
     /// # Errors
-    /// Those of the data; [`Error::Unsupported`] when loss or gradients are not finite, which leaves the
-    /// weights as they were.
+    /// Those of the data; [`Error::Unsupported`] when loss, gradients or what would become of weights and moments are
+    /// not finite, or when a weight has no gradient, which all leave weights and moments as they were.
     pub fn step(&mut self, data: &dyn TrainingData) -> Result<Step> {
         // On a thread of the pool, which begins each operation at once instead of waking another.
         rayon::scope(|_| self.step_here(data))
@@ -130,12 +130,17 @@ impl Trainer {
         if config.optimizer.clip_norm > 0.0 {
             clip(&mut gradients, gradient_norm, config.optimizer.clip_norm);
         }
-        let State { parameters, moments, average: mean, .. } = &mut self.state;
-        moments.step(parameters, &gradients, &config.optimizer, (iteration, rate));
-        if let Some(mean) = mean {
-            average(mean, parameters, config.optimizer.ema_decay);
+        // On a copy: a state that has overflowed is never kept, or saved.
+        let mut next = self.state.clone();
+        next.iteration = iteration;
+        next.moments.step(&mut next.parameters, &gradients, &config.optimizer, (iteration, rate));
+        if let Some(mean) = &mut next.average {
+            average(mean, &next.parameters, config.optimizer.ema_decay);
         }
-        self.state.iteration = iteration;
+        if let Some((what, name)) = next.first_overflow() {
+            return Err(overflowed(iteration, what, name, gradient_norm));
+        }
+        self.state = next;
         Ok(Step { iteration, loss: total, learning_rate: rate, gradient_norm })
     }
 
@@ -159,16 +164,56 @@ impl Trainer {
         let mut collect =
             Collect { gradients: loss.backward(), found: vec![None; self.state.parameters.len()] };
         network.visit(&mut collect);
-        let sizes = self.state.parameters.iter().map(|p| p.values.len());
-        let found = collect.found.into_iter().zip(sizes);
-        Ok((value, found.map(|(values, size)| values.unwrap_or_else(|| vec![0.0; size])).collect()))
+        Ok((value, complete(collect.found, &self.state.parameters)?))
     }
 }
 
+impl State {
+    /// The first array that holds a number that is not finite: what it is, and of which weights.
+    fn first_overflow(&self) -> Option<(&'static str, &str)> {
+        let Moments { first, second } = &self.moments;
+        let is_finite = |values: &[f32]| values.par_iter().all(|value| value.is_finite());
+        let arrays = self.parameters.iter().zip(first).zip(second).flat_map(|((parameter, first), second)| {
+            let name = parameter.name.as_str();
+            let values: [(_, &[f32]); 3] =
+                [("mean squared gradient", second), ("mean gradient", first), ("value", &parameter.values)];
+            values.map(|(what, values)| (what, name, values))
+        });
+        let averages = self.average.iter().flat_map(|average| average.iter());
+        let averages = averages.map(|mean| ("running mean", mean.name.as_str(), &mean.values[..]));
+        arrays.chain(averages).find(|(.., values)| !is_finite(values)).map(|(what, name, _)| (what, name))
+    }
+}
+
+/// Every weight's gradient; refuses to take one that is missing for zero, under which it would never change.
+fn complete(found: Vec<Option<Vec<f32>>>, parameters: &Parameters) -> Result<Gradients> {
+    let missing = |(values, name): (&Option<Vec<f32>>, &str)| values.is_none().then(|| name.to_owned());
+    let names: Vec<String> =
+        found.iter().zip(parameters.iter().map(|p| p.name.as_str())).filter_map(missing).collect();
+    if names.is_empty() {
+        return Ok(found.into_iter().flatten().collect());
+    }
+    Err(Error::Unsupported(format!(
+        "the loss has no gradient to {}: the network does not use it, and it would stay as it is; this is a fault of \
+         the architecture in udc, please report it with the run's config.toml",
+        names.join(", ")
+    )))
+}
+
+fn overflowed(iteration: u64, what: &str, name: &str, gradient_norm: f64) -> Error {
+    Error::Unsupported(format!(
+        "the training overflowed: the {what} of {name} is no longer finite at iteration {iteration}, with gradients of \
+         norm {gradient_norm:.3e}; the state before it is kept. {ADVICE}"
+    ))
+}
+
+/// What to do when a training cannot go on.
+const ADVICE: &str = "Resume the last checkpoint's weights in a new run (--init) with a smaller \
+                      optimizer.learning-rate, or with optimizer.clip-norm set";
+
 fn diverged(iteration: u64, loss: f64) -> Error {
     Error::Unsupported(format!(
-        "the training diverged: loss {loss} at iteration {iteration}; resume the last checkpoint's weights in a \
-         new run (--init) with a smaller optimizer.learning-rate, or with optimizer.clip-norm set"
+        "the training diverged: loss {loss} at iteration {iteration}; the state before it is kept. {ADVICE}"
     ))
 }
 
@@ -248,91 +293,4 @@ impl ModuleVisitor for Collect {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::network::{Architecture, Initialisation};
-    use crate::train::InMemory;
-    use ndarray::{Array1, Array3};
-
-    fn config(batch: usize, accumulate: usize) -> TrainConfig {
-        let mut config = TrainConfig::default();
-        config.architecture = Architecture { features: 2, filter_size: 3, ..config.architecture };
-        (config.data.batch, config.data.accumulate, config.data.crop) = (batch, accumulate, 12);
-        config
-    }
-
-    fn data() -> InMemory {
-        let image = |phase: f32| {
-            let value = |(c, y, x): (usize, usize, usize)| {
-                0.5 + 0.5 * ((c + 3 * y) as f32 * 0.31 + x as f32 * 0.17 + phase).sin()
-            };
-            ToneMappedImage::from_planes(Array3::from_shape_fn((3, 14, 15), value)).unwrap()
-        };
-        let patch = |i: usize| Patch {
-            degraded: image(i as f32 + 0.4),
-            ground_truth: image(i as f32),
-            code: Some(Array1::from_elem(5, i as f32 * 0.1)),
-        };
-        InMemory((0..4).map(patch).collect())
-    }
-
-    fn trained(config: &TrainConfig, steps: usize) -> (Trainer, Vec<Step>) {
-        let mut trainer = Trainer::new(config, None, 4, Backend::default()).unwrap();
-        let steps = (0..steps).map(|_| trainer.step(&data()).unwrap()).collect();
-        (trainer, steps)
-    }
-
-    /// Both average the same four gradients; sums of f32 in another order.
-    #[test]
-    fn accumulated_batches_equal_one_large_batch() {
-        let (_, large) = trained(&config(4, 1), 2);
-        let (_, parts) = trained(&config(1, 4), 2);
-        for (large, parts) in large.iter().zip(&parts) {
-            assert!((large.loss / parts.loss - 1.0).abs() < 1e-5, "{large:?} {parts:?}");
-            assert!((large.gradient_norm / parts.gradient_norm - 1.0).abs() < 1e-4, "{large:?} {parts:?}");
-        }
-    }
-
-    #[test]
-    fn a_step_goes_down_its_gradient() {
-        let mut config = config(4, 1);
-        (config.optimizer.learning_rate, config.data.shuffle) = (1e-3, false);
-        let (_, steps) = trained(&config, 12);
-        assert!(steps[11].loss < 0.9 * steps[0].loss, "{steps:?}");
-    }
-
-    #[test]
-    fn the_running_mean_is_what_is_saved() {
-        let mut config = config(1, 1);
-        config.optimizer.ema_decay = 0.5;
-        let (trainer, _) = trained(&config, 1);
-        let before = Parameters::random(&config.architecture, config.initialisation, config.seed);
-        let after = trainer.state.parameters.iter().zip(trainer.weights().iter()).zip(before.iter());
-        for ((last, mean), first) in after {
-            for ((last, mean), first) in last.values.iter().zip(&mean.values).zip(&first.values) {
-                assert!((mean - 0.5 * (last + first)).abs() < 1e-7);
-            }
-        }
-    }
-
-    #[test]
-    fn a_loss_that_is_not_finite_stops_the_training_and_changes_nothing() {
-        let config = config(1, 1);
-        let mut initial = Parameters::random(&config.architecture, Initialisation::Paper, 1);
-        initial.iter_mut().for_each(|p| p.values.iter_mut().for_each(|v| *v *= 1e20));
-        let mut trainer = Trainer::new(&config, Some(initial.clone()), 4, Backend::default()).unwrap();
-        let message = trainer.step(&data()).unwrap_err().to_string();
-        assert!(message.contains("diverged") && message.contains("iteration 1"), "{message}");
-        assert_eq!((trainer.iteration(), trainer.weights()), (0, &initial));
-    }
-
-    #[test]
-    fn data_without_items_or_with_other_codes_are_refused() {
-        assert!(Trainer::new(&config(1, 1), None, 0, Backend::default()).is_err());
-        let mut config = config(1, 1);
-        config.architecture.code_dim = 3;
-        let mut trainer = Trainer::new(&config, None, 4, Backend::default()).unwrap();
-        let message = trainer.step(&data()).unwrap_err().to_string();
-        assert!(message.contains("expected 3 numbers") && message.contains("found 5"), "{message}");
-    }
-}
+mod tests;

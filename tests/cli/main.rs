@@ -18,6 +18,7 @@ mod files;
 mod finish;
 mod instruction_sets;
 mod margin;
+mod kernel_choice;
 mod measure;
 mod negatives;
 #[path = "../common/perceptual_weights.rs"]

@@ -12,3 +12,4 @@ mod panorama;
 mod propagation;
 mod rotation;
 mod sensor;
+mod turning;

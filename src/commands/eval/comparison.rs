@@ -1,8 +1,8 @@
 //! Measures restorations on the images of a dataset: as they are, or told another kernel than theirs.
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 
-use udc::core::dataset::{Dataset, Split, Triplet};
+use udc::core::dataset::{Dataset, KernelChoice, Split, Triplet};
 use udc::core::error;
 use udc::core::image::{LinearImage, ToneMappedImage};
 use udc::eval::{self, EvalConfig, Evaluation, Label, Matrix, Method, Regions, Sample};
@@ -21,6 +21,33 @@ pub(in crate::commands) struct Comparison<'a> {
     pub(in crate::commands) session: &'a Session,
 }
 
+/// Which images of a dataset are measured on.
+#[derive(Clone, Debug)]
+pub(in crate::commands) struct Images {
+    pub(in crate::commands) split: Split,
+    /// The kernels whose images count.
+    pub(in crate::commands) kernels: KernelChoice,
+    /// At most the first so many of these.
+    pub(in crate::commands) limit: Option<usize>,
+}
+
+impl Images {
+    fn of(&self, dataset: &Dataset) -> Result<Vec<Triplet>> {
+        let chosen = dataset.kernel_indices(&self.kernels, "--kernels")?;
+        let names: Vec<&String> = chosen.iter().map(|&index| &dataset.kernel_names()[index]).collect();
+        let is_chosen =
+            |triplet: &&Triplet| self.kernels == KernelChoice::All || names.contains(&&triplet.kernel);
+        let limit = self.limit.unwrap_or(usize::MAX);
+        let triplets: Vec<Triplet> =
+            dataset.split(self.split)?.into_iter().filter(is_chosen).take(limit).cloned().collect();
+        if triplets.is_empty() {
+            let (root, split) = (dataset.root.display(), self.split.name());
+            bail!("{root}: the {split} split has no image of the chosen kernels {names:?}; choose others");
+        }
+        Ok(triplets)
+    }
+}
+
 /// What is done beside measuring whole images.
 pub(in crate::commands) struct Extras<'a> {
     /// Whether regions are measured each for itself.
@@ -30,11 +57,11 @@ pub(in crate::commands) struct Extras<'a> {
 }
 
 impl<'a> Comparison<'a> {
-    /// Takes the first `limit` triplets of a split, after checking that the restorations can work on them.
+    /// Takes the triplets to measure on, after checking that the restorations can work on them.
     pub(in crate::commands) fn new(
         dataset: &'a Dataset,
         restorers: &'a [Restorer],
-        (split, limit): (Split, Option<usize>),
+        images: &Images,
         max_memory: u64,
         session: &'a Session,
     ) -> Result<Self> {
@@ -42,9 +69,7 @@ impl<'a> Comparison<'a> {
             restorer.check(dataset)?;
             restorer.warnings(dataset).into_iter().for_each(|warning| session.warn(warning));
         }
-        let limit = limit.unwrap_or(usize::MAX);
-        let triplets = dataset.split(split)?.into_iter().take(limit).cloned().collect();
-        Ok(Self { dataset, triplets, restorers, max_memory, session })
+        Ok(Self { dataset, triplets: images.of(dataset)?, restorers, max_memory, session })
     }
 
     /// Measures every restoration of every image under its own kernel.

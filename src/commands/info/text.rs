@@ -118,6 +118,9 @@ fn render_bank(text: &mut String, bank: &BankDescription) -> std::fmt::Result {
             code.iter().map(|&value| format!("{:>10}", number(f64::from(value)))).collect();
         writeln!(text, "  code {name:<5}{}", code.join(" "))?;
     }
+    if let Some(rotation) = bank.origin.as_ref().and_then(|origin| origin["rotation"].as_str()) {
+        writeln!(text, "  rotation  by {rotation}")?;
+    }
     writeln!(text, "  sha256    {}", bank.sha256)
 }
 

@@ -38,17 +38,36 @@ pub(super) struct Row {
     pub(super) mean: Means,
     /// The means of the images before restoration.
     pub(super) degraded: Means,
+    /// The means over the images of the single kernel, where the sweep has one and there are images of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) single: Option<Single>,
+}
+
+/// The part of the test set that one kernel made.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub(super) struct Single {
+    pub(super) images: usize,
+    pub(super) mean: Means,
+    /// The means before restoration.
+    pub(super) degraded: Means,
 }
 
 impl Row {
-    /// The row of an evaluation of the degraded images and one model.
-    pub(super) fn of(name: &str, iterations: u64, evaluation: &Evaluation) -> Self {
+    /// The row of an evaluation of the degraded images and one model, with the kernel whose images are averaged for
+    /// themselves too.
+    pub(super) fn of(name: &str, iterations: u64, evaluation: &Evaluation, single: Option<&str>) -> Self {
         let cost = evaluation.methods[1].cost.expect("the cost of networks is counted");
-        let means = |method| {
-            let values = evaluation.mean(method, None).unwrap_or_default();
+        let means = |method, kernel| -> Means {
+            let values = evaluation.mean(method, kernel).unwrap_or_default();
             let named = |(metric, value): (&Metric, f64)| (metric.name().to_owned(), value);
             evaluation.metrics.iter().zip(values).map(named).collect()
         };
+        let single = single.map(|kernel| Single {
+            images: evaluation.of(1, Some(kernel)).count(),
+            mean: means(1, Some(kernel)),
+            degraded: means(0, Some(kernel)),
+        });
         Self {
             name: name.to_owned(),
             parameters: cost.parameters,
@@ -58,8 +77,9 @@ impl Row {
             images: evaluation.count(1),
             made_with: String::new(),
             kernel_bank_sha256: None,
-            mean: means(1),
-            degraded: means(0),
+            mean: means(1, None),
+            degraded: means(0, None),
+            single: single.filter(|single| single.images > 0),
         }
     }
 
@@ -71,11 +91,15 @@ impl Row {
 
     /// The row as JSON; a mean that is infinite is null.
     pub(super) fn to_json(&self) -> Value {
-        json!({
+        let mut json = json!({
             "name": self.name, "parameters": self.parameters, "gmac-800x800": self.gmac_published,
             "gmac-evaluated": self.gmac_evaluated, "iterations": self.iterations, "images": self.images,
             "mean": self.mean, "degraded": self.degraded,
-        })
+        });
+        if let Some(single) = &self.single {
+            json["single"] = json!(single);
+        }
+        json
     }
 
     /// The row of a run that was finished, if it was.

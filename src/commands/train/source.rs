@@ -1,21 +1,20 @@
 //! Where `udc train` learns from: a dataset's files, or clean images degraded as they are drawn.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::{Context as _, Result, bail};
 use rand::Rng as _;
 use sha2::{Digest, Sha256};
 
 use udc::core::dataset::{CONFIG_FILE, Dataset, FormationConfig, Split};
-use udc::core::error::Result as CoreResult;
+use udc::core::error::{Error, Result as CoreResult};
 use udc::core::fft::{Convolver, Otf};
 use udc::core::image::LinearImage;
 use udc::core::io;
 use udc::core::kernel_code::KernelBank;
 use udc::core::provenance::Provenance;
 use udc::core::psf::hex;
+use udc::core::recent::RecentlyUsed;
 use udc::core::rng::Rng;
 use udc::core::tone::ToneCurve;
 use udc::synth::{Formation, common_margin};
@@ -40,13 +39,10 @@ pub(super) struct OnTheFly {
     clipped: bool,
     bank_sha256: String,
     formation: Formation,
-    plans: Mutex<BTreeMap<[usize; 2], Arc<Plan>>>,
-}
-
-/// The transforms for one size of scene.
-struct Plan {
-    convolver: Convolver,
-    otfs: Vec<Otf>,
+    /// By the size of the scene.
+    convolvers: RecentlyUsed<[usize; 2], Convolver>,
+    /// By the size of the scene, and the kernel.
+    otfs: RecentlyUsed<([usize; 2], usize), Otf>,
 }
 
 impl Source {
@@ -68,7 +64,7 @@ impl Source {
                 }
                 let dataset = Dataset::open(data).context("opening the dataset")?;
                 Ok(if on_the_fly {
-                    Self::OnTheFly(OnTheFly::of_dataset(&dataset, config.seed)?.into(), Some(dataset))
+                    Self::OnTheFly(OnTheFly::of_dataset(&dataset, config)?.into(), Some(dataset))
                 } else {
                     Self::Stored(dataset)
                 })
@@ -169,12 +165,12 @@ impl OnTheFly {
         let declared: Vec<_> = scenes.iter().map(PathBuf::as_path).zip(margins).collect();
         let formation = config.data.formation.clone();
         common_margin(&declared, Some(formation.margin)).context("checking data.formation.margin")?;
-        Self::new((scenes, false), (io::read_bank(bank)?, io::bank_sha256(bank)?), formation, config.seed)
+        Self::new((scenes, false), (io::read_bank(bank)?, io::bank_sha256(bank)?), formation, config)
     }
 
-    fn of_dataset(dataset: &Dataset, seed: u64) -> Result<Self> {
+    fn of_dataset(dataset: &Dataset, config: &TrainConfig) -> Result<Self> {
         dataset.check_one_psf()?;
-        let (Some(bank), Some(config)) = (dataset.bank.clone(), &dataset.config) else {
+        let (Some(bank), Some(described)) = (dataset.bank.clone(), &dataset.config) else {
             bail!(
                 "{} has kernel codes and no PSFs, so that nothing can be degraded on the fly; train with \
                  data.degradation = \"stored\"",
@@ -185,18 +181,21 @@ impl OnTheFly {
             dataset.split(Split::Train)?.iter().map(|triplet| dataset.root.join(&triplet.gt)).collect();
         scenes.dedup();
         let clipped = !dataset.formation.clip_ground_truth;
-        Self::new((scenes, clipped), (bank, config.bank_sha256.clone()), dataset.formation.of_frames(), seed)
+        let bank = (bank, described.bank_sha256.clone());
+        Self::new((scenes, clipped), bank, dataset.formation.of_frames(), config)
     }
 
     fn new(
         (scenes, clipped): (Vec<PathBuf>, bool),
         (bank, bank_sha256): (KernelBank, String),
-        config: FormationConfig,
-        seed: u64,
+        formation: FormationConfig,
+        config: &TrainConfig,
     ) -> Result<Self> {
-        let curve = config.curve()?;
-        let formation = Formation::new(config, seed)?;
-        Ok(Self { scenes, bank, curve, clipped, bank_sha256, formation, plans: Mutex::new(BTreeMap::new()) })
+        let curve = formation.curve()?;
+        let formation = Formation::new(formation, config.seed)?;
+        let room = config.data.cache_mib.saturating_mul(1 << 20);
+        let (convolvers, otfs) = (RecentlyUsed::new(room), RecentlyUsed::new(room));
+        Ok(Self { scenes, bank, curve, clipped, bank_sha256, formation, convolvers, otfs })
     }
 
     /// Pixels by which clean images are larger than the frame on each side.
@@ -218,22 +217,21 @@ impl OnTheFly {
         kernel: usize,
         rng: &mut Rng,
     ) -> CoreResult<LinearImage> {
-        let plan = self.plan([scene.height(), scene.width()])?;
-        let spectrum = plan.convolver.spectrum(&self.formation.scene(scene))?;
-        let irradiance = self.formation.irradiance(&plan.convolver, &spectrum, &plan.otfs[kernel]);
+        let size = [scene.height(), scene.width()];
+        let convolver = self.convolvers.get(size, || self.convolver(size))?;
+        let otf = self.otfs.get((size, kernel), || {
+            Ok::<_, Error>((convolver.otf(&self.bank.psfs[kernel])?, convolver.spectrum_bytes()))
+        })?;
+        let spectrum = convolver.spectrum(&self.formation.scene(scene))?;
+        let irradiance = self.formation.irradiance(&convolver, &spectrum, &otf);
         self.formation.record(irradiance, &format!("on-the-fly/{:016x}", rng.next_u64()))
     }
 
-    fn plan(&self, scene: [usize; 2]) -> CoreResult<Arc<Plan>> {
-        let mut plans = self.plans.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(plan) = plans.get(&scene) {
-            return Ok(Arc::clone(plan));
-        }
+    /// The convolver for scenes of a size, and the bytes that its buffers come to take.
+    fn convolver(&self, scene: [usize; 2]) -> CoreResult<(Convolver, usize)> {
         let psf = &self.bank.psfs[0];
         let convolver = self.formation.convolver(scene, [psf.height(), psf.width()])?;
-        let otfs = self.bank.psfs.iter().map(|psf| convolver.otf(psf)).collect::<CoreResult<_>>()?;
-        let plan = Arc::new(Plan { convolver, otfs });
-        plans.insert(scene, Arc::clone(&plan));
-        Ok(plan)
+        let bytes = convolver.spectrum_bytes() + convolver.intermediate_bytes();
+        Ok((convolver, bytes))
     }
 }

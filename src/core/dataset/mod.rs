@@ -5,6 +5,7 @@
 
 mod config;
 mod folder;
+mod kernels;
 mod published;
 
 use std::path::{Path, PathBuf};
@@ -18,6 +19,7 @@ use super::kernel_code::{KernelBank, KernelCode};
 
 pub use config::{DatasetConfig, FORMAT, FormationConfig, NoiseConfig, SensorConfig, VERSION};
 pub use folder::{BANK_FILE, CONFIG_FILE, FIELD_FILE, TripletFiles};
+pub use kernels::KernelChoice;
 
 /// The use that a triplet is reserved for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]

@@ -9,6 +9,7 @@ use std::path::Path;
 use ndarray::{Array, Array1, Array2, Array3, Dimension};
 use safetensors::tensor::Metadata;
 use safetensors::{Dtype, SafeTensors};
+use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use super::array::write_array;
@@ -25,6 +26,8 @@ use crate::core::psf::{Psf, hex};
 /// What the metadata of a kernel bank calls it.
 pub(super) const FORMAT: &str = "udc-kernel-bank";
 const VERSION: &str = "1";
+/// The metadata that says how the kernels were made.
+const ORIGIN: &str = "origin";
 const SIGN_RULE: &str = "the first kernel has non-negative coefficients";
 
 /// Reads a kernel bank (`*.safetensors`).
@@ -218,7 +221,8 @@ fn parse(bytes: &[u8]) -> Result<KernelBank, String> {
         explained_variance: vector(&tensors, "explained_variance")?,
     };
     let codes = matrix(&tensors, "codes")?;
-    KernelBank::new(psfs, codes, basis, angles(&metadata)?).map_err(|error| error.to_string())
+    let bank = KernelBank::new(psfs, codes, basis, angles(&metadata)?).map_err(|error| error.to_string())?;
+    Ok(KernelBank { origin: origin(&metadata)?, ..bank })
 }
 
 fn check_kind(metadata: &HashMap<String, String>) -> Result<(), String> {
@@ -248,6 +252,11 @@ fn check_hash(metadata: &HashMap<String, String>, tensors: &SafeTensors<'_>) -> 
 fn angles(metadata: &HashMap<String, String>) -> Result<Option<Vec<f64>>, String> {
     let parse = |text: &String| serde_json::from_str(text).map_err(|error| format!("angles_deg: {error}"));
     metadata.get("angles_deg").map(parse).transpose().map(Option::flatten)
+}
+
+fn origin(metadata: &HashMap<String, String>) -> Result<Option<Value>, String> {
+    let parse = |text: &String| serde_json::from_str(text).map_err(|error| format!("{ORIGIN}: {error}"));
+    metadata.get(ORIGIN).map(parse).transpose()
 }
 
 fn psf_of(values: &[f32], height: usize, width: usize) -> Result<Psf, String> {
@@ -302,6 +311,9 @@ fn metadata_of_bank(bank: &KernelBank, psf_sha256: String) -> BTreeMap<String, S
     ]);
     if let Some(angles) = &bank.angles_deg {
         metadata.insert("angles_deg", serde_json::json!(angles).to_string());
+    }
+    if let Some(origin) = &bank.origin {
+        metadata.insert(ORIGIN, origin.to_string());
     }
     metadata.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
 }

@@ -2,6 +2,7 @@
 
 use super::TrainConfig;
 use crate::core::error::{Error, Result};
+use crate::core::nearest::edits;
 
 /// Puts one `key.path=value` into a table.
 pub(super) fn apply(table: &mut toml::Table, setting: &str) -> Result<()> {
@@ -69,29 +70,4 @@ fn nearest(path: &str, known: &[String]) -> Vec<String> {
         known.iter().map(|key| (edits(path, key).min(1 + edits(&leaf(path), &leaf(key))), key)).collect();
     ranked.sort();
     ranked.into_iter().take(3).map(|(_, key)| key.clone()).collect()
-}
-
-/// The least number of insertions, deletions and replacements that turn `a` into `b`.
-fn edits(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = std::mem::replace(&mut row[0], i + 1);
-        for (j, y) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(x != *y);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn edits_are_counted() {
-        assert_eq!((edits("crop", "corp"), edits("", "abc"), edits("beta1", "beta2")), (2, 3, 1));
-    }
 }

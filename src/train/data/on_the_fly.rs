@@ -4,8 +4,10 @@ use std::path::PathBuf;
 
 use rand::RngExt as _;
 
+use super::super::config::KERNELS_KEY;
 use super::cache::ImageCache;
 use super::{Patch, TrainingData, Window};
+use crate::core::dataset::KernelChoice;
 use crate::core::error::Result;
 use crate::core::image::{Linear, LinearImage};
 use crate::core::io;
@@ -21,6 +23,8 @@ pub type Degrade<'a> = dyn Fn(&LinearImage, usize, &mut Rng) -> Result<LinearIma
 pub struct OnTheFlyData<'a> {
     scenes: Vec<PathBuf>,
     bank: &'a KernelBank,
+    /// Indices in the bank of the kernels that are drawn from.
+    kernels: Vec<usize>,
     curve: ToneCurve,
     degrade: &'a Degrade<'a>,
     cache: ImageCache<Linear>,
@@ -37,13 +41,24 @@ impl<'a> OnTheFlyData<'a> {
         degrade: &'a Degrade<'a>,
         cache_mib: usize,
     ) -> Self {
-        Self { scenes, bank, curve, degrade, cache: ImageCache::new(cache_mib), margin: 0 }
+        let kernels = (0..bank.len()).collect();
+        Self { scenes, bank, kernels, curve, degrade, cache: ImageCache::new(cache_mib), margin: 0 }
     }
 
     /// The same for clean images with a margin around the frame, which `degrade` returns without it.
     #[must_use]
     pub fn with_margin(self, margin: usize) -> Self {
         Self { margin, ..self }
+    }
+
+    /// Draws from the chosen kernels alone.
+    ///
+    /// # Errors
+    /// [`Error::Config`](crate::core::error::Error::Config) for a kernel that the bank does not have.
+    pub fn only(self, kernels: &KernelChoice) -> Result<Self> {
+        let known: Vec<String> = (0..self.bank.len()).map(|index| self.bank.kernel_name(index)).collect();
+        let kernels = kernels.indices(KERNELS_KEY, &known)?;
+        Ok(Self { kernels, ..self })
     }
 }
 
@@ -55,7 +70,7 @@ impl TrainingData for OnTheFlyData<'_> {
     fn patch(&self, item: usize, side: usize, rng: &mut Rng) -> Result<Patch> {
         let path = &self.scenes[item];
         let clean = self.cache.get(&path.to_string_lossy(), || io::read_image(path))?;
-        let kernel = rng.random_range(0..self.bank.len());
+        let kernel = self.kernels[rng.random_range(0..self.kernels.len())];
         let frame = |side: usize| side.saturating_sub(2 * self.margin);
         let window = Window::draw(side, frame(clean.height()), frame(clean.width()), rng)?;
         // The whole image: a PSF's support reaches as far as the image's own sides.

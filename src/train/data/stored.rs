@@ -1,8 +1,9 @@
 //! Samples from a dataset's files: clean and degraded image of a triplet, cut at one place.
 
+use super::super::config::KERNELS_KEY;
 use super::cache::ImageCache;
 use super::{Patch, TrainingData, Window};
-use crate::core::dataset::{Dataset, Split, Triplet};
+use crate::core::dataset::{Dataset, KernelChoice, Split, Triplet};
 use crate::core::error::{Error, Result};
 use crate::core::image::{ToneMapped, ToneMappedImage};
 use crate::core::kernel_code::KernelCode;
@@ -32,6 +33,23 @@ impl<'a> StoredData<'a> {
         let items = dataset.split(split)?.into_iter().map(with_code).collect::<Result<_>>()?;
         let curve = dataset.formation.curve()?;
         Ok(Self { dataset, items, curve, cache: ImageCache::new(cache_mib) })
+    }
+
+    /// Keeps the triplets of the chosen kernels; files of others are never read.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for a kernel that the dataset does not know; [`Error::Format`] when the split has no triplet of
+    /// those chosen.
+    pub fn only(mut self, kernels: &KernelChoice) -> Result<Self> {
+        let chosen = self.dataset.kernel_indices(kernels, KERNELS_KEY)?;
+        let names: Vec<&String> = chosen.iter().map(|&index| &self.dataset.kernel_names()[index]).collect();
+        let split = self.items.first().map_or("", |(triplet, _)| triplet.split.name());
+        self.items.retain(|(triplet, _)| *kernels == KernelChoice::All || names.contains(&&triplet.kernel));
+        if self.items.is_empty() {
+            let reason = format!("the {split} split has no image of the chosen kernels, {KERNELS_KEY} = {names:?}");
+            return Err(Error::format(&self.dataset.root, reason));
+        }
+        Ok(self)
     }
 }
 

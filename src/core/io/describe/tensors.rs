@@ -31,6 +31,8 @@ pub struct BankDescription {
     pub explained_share: Vec<f64>,
     /// The code of each kernel.
     pub codes: Vec<Vec<f32>>,
+    /// How the kernels were made, where the bank says it.
+    pub origin: Option<Value>,
     /// How other files refer to the bank.
     pub sha256: String,
 }
@@ -77,6 +79,7 @@ fn describe_bank(bank: &KernelBank, sha256: String) -> BankDescription {
         code_dim: bank.code_dim(),
         explained_share: bank.basis.explained_variance.iter().map(|&v| f64::from(v) / total).collect(),
         codes: bank.codes.rows().into_iter().map(|code| code.to_vec()).collect(),
+        origin: bank.origin.clone(),
         sha256,
     }
 }
