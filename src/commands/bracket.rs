@@ -14,8 +14,11 @@ use udc::psf::{FuseConfig, Fused, MergeRule, show_time};
 
 #[derive(Args, Debug)]
 pub(crate) struct BracketArgs {
-    /// Exposure times of a bracket, in the order of the files [default: those in the files, else in `udc fuse`
-    /// 1,1/4,1/16, with --psf 1,1/32,1/768]
+    /// Exposure times of a bracket, in the order of the files; only their ratios count [default: those in the files,
+    /// else in `udc fuse` 1,1/4,1/16, with --psf 1,1/32,1/768]
+    ///
+    /// Seconds do as well as shares: 1/60,1/240,1/960 is the same bracket as 1,1/4,1/16. Irradiance 1 is white of the
+    /// longest exposure.
     #[arg(long, value_name = "T,T,…", value_delimiter = ',', value_parser = parse_fraction)]
     pub(crate) exposures: Option<Vec<f64>>,
     /// Take the ratios of the exposure times from the pictures, where cameras round them
@@ -62,7 +65,7 @@ pub(crate) enum Bayer {
 /// The pictures of a bracket as they were read.
 pub(crate) struct Pictures {
     pub(crate) planes: Vec<Array3<f32>>,
-    /// The exposures of the files relative to the longest, where all of them tell their time.
+    /// The exposures of the files, where all of them tell their time.
     pub(crate) times: Option<Vec<f64>>,
     /// How to fuse them, the levels in the units of the planes.
     pub(crate) config: FuseConfig,
@@ -160,7 +163,7 @@ impl BracketArgs {
             let (black, white) = (config.black, config.white);
             bail!("black {black} does not lie below white {white}: give --white as well, in the same units");
         }
-        let times = exposures(times, isos).map(relative_to_longest);
+        let times = exposures(times, isos);
         Ok(Pictures { planes, times, config })
     }
 
@@ -214,12 +217,6 @@ fn exposures(times: Vec<Option<f64>>, isos: Vec<Option<f64>>) -> Option<Vec<f64>
         Some(isos) => times?.iter().zip(isos).map(|(time, iso)| time * iso).collect(),
         None => times?,
     })
-}
-
-/// White of the longest exposure is 1, whatever its time in seconds.
-fn relative_to_longest(times: Vec<f64>) -> Vec<f64> {
-    let longest = times.iter().copied().fold(0.0, f64::max);
-    times.into_iter().map(|time| time / longest).collect()
 }
 
 /// By what integers were divided when they were read; OpenEXR's are kept as they are.

@@ -14,7 +14,7 @@ use super::bracket::{BracketArgs, names_of};
 use super::psf::check_float_output;
 use udc::core::io::{WriteOptions, check_output, expand_inputs, read_pixels, write_image, write_psf};
 use udc::core::provenance::Provenance;
-use udc::psf::{Bracket, FuseConfig, MeasureConfig, Normalization, fuse, measure_psf};
+use udc::psf::{Bracket, FuseConfig, MeasureConfig, Normalization, fuse, measure_psf, relative_times};
 
 use summary::Summary;
 
@@ -85,7 +85,8 @@ impl FuseArgs {
         let measured = measured.transpose().with_context(doing)?;
         session.progress.check()?;
 
-        let resolved = json!({"inputs": files, "exposures": times, "fuse": config, "psf": measure});
+        let resolved =
+            json!({"inputs": files, "exposures": relative_times(&times), "fuse": config, "psf": measure});
         let provenance = Some(Provenance::new("fuse", &resolved));
         let options = WriteOptions { overwrite: session.overwrite, provenance, ..WriteOptions::default() };
         match (&measured, &measure) {

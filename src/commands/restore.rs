@@ -14,6 +14,7 @@ use serde_json::{Value, json};
 use udc::core::io::WriteOptions;
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
+use udc::psf::relative_times;
 
 use super::bracket::BracketArgs;
 use super::destination::OutputFolder;
@@ -152,8 +153,10 @@ impl Stages for Restoration<'_> {
     fn describe(&self, _job: &Job) -> Value {
         let RestoreArgs { raw, domain, output_domain, half, .. } = self.args;
         let is_raw = self.args.is_bracket() || raw.is_raw();
+        // As shares of the longest, since the image is the same whatever their unit.
+        let exposures = raw.exposures.as_deref().map(relative_times);
         json!({
-            "exposures": raw.exposures, "raw": is_raw.then(|| raw.config().ok()),
+            "exposures": exposures, "raw": is_raw.then(|| raw.config().ok()),
             "tone": self.engine.curve, "how": self.engine.describe(), "half": half,
             "domain": domain.map(DomainArg::name), "output-domain": output_domain.map(DomainArg::name),
         })

@@ -2,6 +2,7 @@
 
 use ndarray::{Array2, Array3};
 
+use super::exposure_times::relative_times;
 use crate::core::error::{Error, Result};
 
 /// Pictures of one scene, equal but for the exposure time.
@@ -18,12 +19,15 @@ pub struct Bracket {
 pub(super) struct Exposure {
     /// Which of the pictures it was when given, from 1.
     pub(super) number: usize,
+    /// Relative to the longest.
     pub(super) time: f64,
     pub(super) planes: Array3<f32>,
 }
 
 impl Bracket {
-    /// Puts pictures and exposure times together, in the same order; only the ratios of times matter.
+    /// Puts pictures and exposure times together, in the same order.
+    ///
+    /// Only the ratios of the times matter, whatever their unit: the longest becomes 1, so that irradiance 1 is its white.
     ///
     /// # Shapes
     /// Each `[channels, height, width]` with 3 channels (RGB), 1 (a mosaic) or 4 (a packed mosaic).
@@ -36,9 +40,9 @@ impl Bracket {
         check_pictures(&pictures)?;
         let mut exposures: Vec<Exposure> = pictures
             .into_iter()
-            .zip(times)
+            .zip(relative_times(times))
             .enumerate()
-            .map(|(index, (planes, &time))| Exposure { number: index + 1, time, planes })
+            .map(|(index, (planes, time))| Exposure { number: index + 1, time, planes })
             .collect();
         exposures.sort_by(|a, b| b.time.total_cmp(&a.time));
         Ok(Self { exposures, valid: None })
@@ -72,7 +76,7 @@ impl Bracket {
         Ok(self)
     }
 
-    /// The exposure times, longest first: the order of [`Fused::source`](super::Fused::source).
+    /// The exposure times as shares of the longest, which comes first: the order of [`Fused::source`](super::Fused::source).
     pub fn times(&self) -> Vec<f64> {
         self.exposures.iter().map(|exposure| exposure.time).collect()
     }

@@ -94,7 +94,7 @@ impl FuseConfig {
 /// A fused bracket, and where its values come from.
 #[derive(Clone, Debug)]
 pub struct Fused {
-    /// Scene light in units of the value that saturates an exposure of time 1.
+    /// Scene light in units of the value that saturates the longest exposure.
     ///
     /// Noise around black may be negative.
     pub image: LinearImage,
@@ -115,7 +115,7 @@ pub struct Fused {
     pub ratio_found: Vec<Option<f64>>,
     /// For each exposure but the longest: its displacement against the next longer one.
     pub motion: Vec<Option<Motion>>,
-    /// The exposure times that were used, longest first.
+    /// The exposure times that were used as shares of the longest, which comes first.
     pub times: Vec<f64>,
     /// Whether the declared Bayer pattern seems to have its greens on the wrong diagonal.
     pub greens_look_swapped: bool,
@@ -134,7 +134,7 @@ impl Fused {
 ///
 /// # Equation
 /// With `v = (value − black) / (white − black)`, the irradiance of a pixel and channel is v/t of the longest
-/// exposure with v < 0.99, t being its time. Where all are saturated the shortest is taken as it is, and
+/// exposure with v < 0.99, t being its time as a share of the longest. Where all are saturated the shortest is taken as it is, and
 /// counted. Mosaics are merged before they are demosaiced, so that a saturated neighbour spoils nothing.
 ///
 /// # Errors

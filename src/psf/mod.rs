@@ -25,6 +25,7 @@ pub mod shape;
 pub use alignment::Motion;
 pub use bracket::{Bracket, show_time};
 pub use display::DisplayConfig;
+pub use exposure_times::relative_times;
 pub use fuse::{FuseConfig, Fused, MergeRule, fuse};
 pub use measure::{MeasureConfig, MeasuredPsf, Normalization, measure_psf};
 pub use propagate::{SimulatedPsf, simulate_psf, simulate_turned};

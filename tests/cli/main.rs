@@ -8,6 +8,7 @@
 )]
 
 mod bench;
+mod brackets;
 mod common;
 mod compare;
 mod crop_codes;
