@@ -12,6 +12,7 @@ use udc::core::kernel_code::{KernelBank, KernelCode};
 use udc::core::psf::Psf;
 
 use super::Session;
+use super::psf_file::PsfFileArgs;
 
 /// Rotations of the published kernel set.
 const ANGLES: &str = "-12:12:3";
@@ -44,6 +45,8 @@ pub(crate) struct CodesArgs {
     /// Print the code of a PSF in this bank instead of making one
     #[arg(long, value_name = "BANK", conflicts_with_all = ["angles", "dim", "npy"])]
     project: Option<PathBuf>,
+    #[command(flatten)]
+    psf_file: PsfFileArgs,
 }
 
 #[derive(Clone, Debug)]
@@ -72,7 +75,8 @@ impl CodesArgs {
                 paths.len()
             );
         }
-        let psfs: Vec<Psf> = paths.iter().map(|path| io::read_psf(path)).collect::<Result<_, _>>()?;
+        let psfs: Vec<Psf> =
+            paths.iter().map(|path| self.psf_file.read(path, session)).collect::<Result<_>>()?;
         let started = Instant::now();
         let bank = match &psfs[..] {
             [psf] => {
@@ -104,7 +108,7 @@ impl CodesArgs {
         }
         let kernels = io::read_bank(bank)?;
         for path in paths {
-            let projection = codes::project(&kernels, &io::read_psf(path)?)
+            let projection = codes::project(&kernels, &self.psf_file.read(path, session)?)
                 .with_context(|| format!("projecting {} onto {}", path.display(), bank.display()))?;
             session.say(format_args!(
                 "{}\n  code      {}\n  residual  {:.3} % (L2), {:.3} % (L1); the bank's own spread explains {:.3} % (L2)\n  \

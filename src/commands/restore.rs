@@ -17,10 +17,11 @@ use udc::core::tone::ToneCurve;
 
 use super::bracket::BracketArgs;
 use super::destination::OutputFolder;
-use super::domain::DomainArg;
+use super::domain::{DomainArg, OutputDomainArg};
 use super::highlights::HighlightsArg;
 use super::picture::{AnyImage, check_domain_of_output};
 use super::precision::PrecisionArg;
+use super::psf_file::PsfAmongImagesArgs;
 use super::queue::{Stages, remaining, run_all};
 use super::{Session, text_of};
 use code::CodeArgs;
@@ -57,17 +58,20 @@ pub(crate) struct RestoreArgs {
     method: MethodArgs,
     #[command(flatten)]
     code: CodeArgs,
+    #[command(flatten)]
+    psf_file: PsfAmongImagesArgs,
     /// The files are one bracket, and each folder is one, with the exposure times and ISO that the files tell
     #[arg(long)]
     bracket: bool,
     #[command(flatten)]
     raw: BracketArgs,
-    /// What the inputs hold [default: what the file says, else linear; integer formats must be told]
+    /// What the inputs hold: srgb is decoded to linear light [default: what the file says, else linear; integer formats must
+    /// be told]
     #[arg(long, value_enum, value_name = "DOMAIN")]
     domain: Option<DomainArg>,
     /// What to write [default: the same as the input]
     #[arg(long, value_enum, value_name = "DOMAIN")]
-    output_domain: Option<DomainArg>,
+    output_domain: Option<OutputDomainArg>,
     /// What to do where the capture is saturated
     #[arg(long, value_enum, value_name = "WHAT", default_value_t = HighlightsArg::Network)]
     highlights: HighlightsArg,
@@ -138,7 +142,7 @@ struct Restoration<'a> {
 impl Stages for Restoration<'_> {
     type Job = Job;
     type Input = Capture;
-    type Output = (AnyImage, DomainArg);
+    type Output = (AnyImage, OutputDomainArg);
 
     fn doing(&self, job: &Job) -> String {
         format!("restoring {}", job.name())
@@ -155,7 +159,7 @@ impl Stages for Restoration<'_> {
         json!({
             "inputs": inputs, "exposures": raw.exposures, "raw": is_raw.then(|| raw.config().ok()),
             "tone": self.engine.curve, "how": self.engine.describe(), "half": half,
-            "domain": domain.map(DomainArg::name), "output-domain": output_domain.map(DomainArg::name),
+            "domain": domain.map(DomainArg::name), "output-domain": output_domain.map(OutputDomainArg::name),
         })
     }
 

@@ -14,6 +14,8 @@ use udc::restore::{format_bytes, parse_bytes};
 use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, list_scenes};
 
 use super::Session;
+use super::domain::SceneDomainArgs;
+use super::psf_file::PsfAmongImagesArgs;
 use options::{FormationArgs, KernelArgs, Kernels, SplitName, StorageArgs};
 
 /// The largest number that `dataset.toml` can hold.
@@ -41,7 +43,11 @@ pub(crate) struct SynthArgs {
     #[arg(required = true, value_name = "GT")]
     scenes: Vec<PathBuf>,
     #[command(flatten)]
+    scene: SceneDomainArgs,
+    #[command(flatten)]
     kernels: KernelArgs,
+    #[command(flatten)]
+    psf_file: PsfAmongImagesArgs,
     /// Folder for the dataset
     #[arg(short, long, value_name = "DATASET")]
     output: PathBuf,
@@ -72,7 +78,7 @@ pub(crate) struct SynthArgs {
 
 impl SynthArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let synthesis = self.plan()?;
+        let synthesis = self.plan(session)?;
         let needs = synthesis.needs().context("planning the synthesis")?;
         let ([height, width], count) = (needs.size, synthesis.scenes.len());
         session.tell(format_args!(
@@ -94,6 +100,7 @@ impl SynthArgs {
         synthesis
             .run(&self.output, existing, &session.progress, |scene| {
                 made += scene.made;
+                scene.contradiction.iter().for_each(|contradiction| session.warn(contradiction));
                 session.detail(describe(scene));
             })
             .with_context(|| format!("synthesising {}", self.output.display()))?;
@@ -102,8 +109,8 @@ impl SynthArgs {
         session.say(format_args!("{}: {made} images made{kept}", self.output.display()))
     }
 
-    fn plan(&self) -> Result<Synthesis> {
-        let Kernels { bank, file: bank_file, field } = self.kernels.read()?;
+    fn plan(&self, session: &Session) -> Result<Synthesis> {
+        let Kernels { bank, file: bank_file, field } = self.kernels.read(&self.psf_file, session)?;
         let formation = self.formation.resolve();
         let division = match self.split {
             Some(split) => Division::All(split.into()),
@@ -125,7 +132,8 @@ impl SynthArgs {
         };
         let scenes = self.shard.choose(scenes);
         let (shard, max_bytes) = (self.shard, self.max_memory);
-        Ok(Synthesis { config, bank, bank_file, field, scenes, shard, max_bytes })
+        let told = self.scene.told();
+        Ok(Synthesis { config, bank, bank_file, field, scenes, told, shard, max_bytes })
     }
 
     fn warn_of_one_source(&self, session: &Session, synthesis: &Synthesis) {

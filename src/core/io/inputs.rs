@@ -8,8 +8,8 @@ use crate::core::error::{Error, Result};
 
 /// Expands files, folders and globs to image files.
 ///
-/// A folder stands for the image files directly inside of it that are not hidden, a pattern for the files that match;
-/// both are sorted by name. Files keep the order in which they are named.
+/// A folder stands for the image files directly inside of it that are not hidden, a pattern for the files that match, as in
+/// a shell: hidden ones only if the pattern spells the dot. Both are sorted by name. Files keep the order in which they are named.
 ///
 /// # Errors
 /// [`Error::Io`] when a name does not exist; [`Error::Format`] when a folder or a pattern yields no file.
@@ -69,7 +69,8 @@ pub fn is_hidden(name: impl AsRef<OsStr>) -> bool {
 }
 
 fn files_of_pattern(input: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
-    let paths = glob::glob(pattern).map_err(|error| Error::format(input, error.to_string()))?;
+    let options = glob::MatchOptions { require_literal_leading_dot: true, ..glob::MatchOptions::new() };
+    let paths = glob::glob_with(pattern, options).map_err(|error| Error::format(input, error.to_string()))?;
     let mut files = Vec::new();
     for path in paths {
         let path = path.map_err(|error| {
