@@ -31,14 +31,17 @@ pub(super) struct PsfFileArgs {
     recenter: bool,
 }
 
-/// The flags of commands that read other images too.
+/// The group of the flags that name PSFs, in commands that read other images too.
+pub(super) const PSF_FILES: &str = "psf-files";
+
+/// The flags of commands that read other images too; they belong to those of the group [`PSF_FILES`].
 #[derive(Args, Debug)]
 pub(super) struct PsfAmongImagesArgs {
     /// What a PSF's file holds; pictures of integers must be told [default: what the file says, else linear]
-    #[arg(long, value_enum, value_name = "DOMAIN")]
+    #[arg(long, value_enum, value_name = "DOMAIN", requires = PSF_FILES)]
     psf_domain: Option<PsfDomainArg>,
     /// Move a PSF whose peak is not at the centre, index N // 2, there: by whole pixels, all colours together
-    #[arg(long)]
+    #[arg(long, requires = PSF_FILES)]
     recenter: bool,
 }
 

@@ -21,7 +21,7 @@ use super::domain::{DomainArg, OutputDomainArg};
 use super::highlights::HighlightsArg;
 use super::picture::{AnyImage, check_domain_of_output};
 use super::precision::PrecisionArg;
-use super::psf_file::PsfAmongImagesArgs;
+use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
 use super::queue::{Stages, remaining, run_all};
 use super::{Session, text_of};
 use code::CodeArgs;
@@ -38,6 +38,7 @@ use files::{Capture, Job};
 /// folder is one. A DNG says the mosaic's colours, levels, gains, exposure time and ISO itself.
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("how").required(true).args(["model", "method"]))]
+#[command(group = ArgGroup::new(PSF_FILES).args(["psf", "field"]).multiple(true))]
 #[command(after_help = "Examples:\n  \
     udc restore capture.exr --model model.safetensors --bank bank.safetensors --angle 3 -o restored.exr\n  \
     udc restore captures/ --model model.safetensors --bank bank.safetensors --psf psf.exr -o restored/\n  \

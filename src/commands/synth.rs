@@ -5,7 +5,7 @@ mod options;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
-use clap::{Args, value_parser};
+use clap::{ArgGroup, Args, value_parser};
 
 use udc::core::dataset::{BANK_FILE, DatasetConfig, FORMAT, Split, VERSION};
 use udc::core::field::PsfField;
@@ -15,7 +15,7 @@ use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, list_scenes}
 
 use super::Session;
 use super::domain::SceneDomainArgs;
-use super::psf_file::PsfAmongImagesArgs;
+use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
 use options::{FormationArgs, KernelArgs, Kernels, SplitName, StorageArgs};
 
 /// The largest number that `dataset.toml` can hold.
@@ -31,6 +31,7 @@ const MOST_SEED: u64 = i64::MAX.cast_unsigned();
 /// With --field the PSF changes over the frame. The dataset keeps the field as field.toml, for `udc restore --field`;
 /// training and evaluation take the PSF in the middle of the frame, and its code, for all of it.
 #[derive(Args, Debug)]
+#[command(group = ArgGroup::new(PSF_FILES).args(["psf", "field"]).multiple(true))]
 #[command(after_help = "Examples:\n  udc synth views/ --bank bank.safetensors -o dataset\n  \
     udc synth views/ --bank bank.safetensors --noise sensor:configs/sensor/phone-10bit.toml -o noisy\n  \
     udc synth views/ --psf psf.exr --split test -o one-kernel\n  \

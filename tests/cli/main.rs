@@ -11,14 +11,17 @@ mod bench;
 mod common;
 mod compare;
 mod crop_codes;
+mod domains;
 mod eval;
 mod events;
 mod files;
 mod finish;
+mod foreign;
 mod measure;
 mod negatives;
 #[path = "../common/perceptual_weights.rs"]
 mod perceptual_weights;
+mod psf_files;
 mod raw;
 mod restore;
 mod run_folder;
@@ -26,4 +29,5 @@ mod sweep;
 mod synth;
 #[path = "../common/tiff.rs"]
 mod tiff;
+mod tone;
 mod train;
