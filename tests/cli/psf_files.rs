@@ -44,7 +44,7 @@ fn said(folder: &Path, args: &[&str]) -> String {
 /// Every command that reads a PSF's file, by how it is called.
 const READERS: [&[&str]; 9] = [
     &["codes", "psf.npy", "--angles=-3,0,3", "--dim", "2", "-o", "out.safetensors"],
-    &["codes", "psf.npy", "psf.npy", "--dim", "1", "-o", "out.safetensors"],
+    &["codes", "psf.npy", "wide.npy", "--dim", "1", "-o", "out.safetensors"],
     &["codes", "--project", "bank.safetensors", "psf.npy"],
     &["synth", "views", "--psf", "psf.npy", "-o", "out"],
     &["synth", "views", "--field", "field.toml", "-o", "out"],
@@ -65,6 +65,7 @@ fn a_psf_off_its_centre_is_warned_of_by_every_command_and_mended_by_recenter() {
     fs::write(folder.join("field.toml"), "rows = 1\ncolumns = 2\npsfs = [\"psf.npy\", \"psf.npy\"]\n")
         .unwrap();
 
+    write(&folder.join("wide.npy"), 0.5 * spot(0, 0) + 0.25 * (spot(0, 1) + spot(0, -1)));
     write(&folder.join("psf.npy"), spot(1, -2));
     for reader in READERS {
         let clear = || {

@@ -88,7 +88,10 @@ fn decode_dynamic(bytes: &[u8], format: Format) -> Result<(DynamicImage, Option<
         ));
     }
     // A profile that is damaged says nothing; the picture may still be whole.
-    let profile = decoder.icc_profile().ok().flatten();
+    let profile = match format {
+        Format::Tiff => tiff_directory::icc_profile(bytes),
+        _ => decoder.icc_profile().ok().flatten(),
+    };
     Ok((DynamicImage::from_decoder(decoder).map_err(damaged)?, profile))
 }
 
