@@ -9,8 +9,9 @@ use ndarray::Array3;
 use udc::core::bayer::BayerPattern;
 use udc::core::error::Error;
 use udc::core::io::{DomainTag, Encoding, Pixels, RawMetadata, inspect_image, inspect_mosaic};
-use udc::core::progress::Progress;
 use udc::psf::{FuseConfig, Fused, MergeRule, show_time};
+
+use super::Session;
 
 #[derive(Args, Debug)]
 pub(crate) struct BracketArgs {
@@ -124,15 +125,21 @@ impl BracketArgs {
         Ok(config)
     }
 
-    /// Reads the pictures of a bracket, unless the user asks to stop.
-    pub(crate) fn read(&self, files: &[PathBuf], progress: &Progress) -> Result<Pictures> {
+    /// Reads the pictures of a bracket, unless the user asks to stop; of those of integers that no flag and no file declares
+    /// raw, the user must have `told` the domain.
+    pub(crate) fn read(
+        &self,
+        files: &[PathBuf],
+        told: Option<DomainTag>,
+        session: &Session,
+    ) -> Result<Pictures> {
         let mut config = self.config()?;
         let mut raw: Option<RawMetadata> = None;
         let mut largest = None;
         let (mut planes, mut times, mut isos) = (Vec::with_capacity(files.len()), Vec::new(), Vec::new());
         for (index, file) in files.iter().enumerate() {
-            progress.check()?;
-            let (pixels, encoding) = self.read_picture(file)?;
+            session.progress.check()?;
+            let (pixels, encoding) = self.read_picture(file, told, session)?;
             if index == 0 {
                 raw.clone_from(&pixels.raw);
             }
@@ -167,11 +174,29 @@ impl BracketArgs {
         Ok(Pictures { planes, times, config })
     }
 
-    fn read_picture(&self, file: &Path) -> Result<(Pixels, Encoding)> {
-        let read = match self.bayer {
+    fn read_picture(
+        &self,
+        file: &Path,
+        told: Option<DomainTag>,
+        session: &Session,
+    ) -> Result<(Pixels, Encoding)> {
+        let mut read = match self.bayer {
             Some(pattern) => inspect_mosaic(file, pattern.into())?,
             None => inspect_image(file)?,
         };
+        let is_raw = self.is_raw() || read.0.raw.is_some();
+        if is_raw && told == Some(DomainTag::Srgb) {
+            bail!(
+                "{} is raw, as its levels, mosaic or gains say, and --domain says srgb: leave one of them out",
+                file.display()
+            );
+        }
+        if let Some(contradiction) = read.0.tell(file, told)? {
+            session.warn(contradiction);
+        }
+        if !is_raw {
+            read.0.check_told(file)?;
+        }
         if let Some(tag @ (DomainTag::ToneMapped | DomainTag::Display)) = read.0.domain {
             let reason =
                 format!("holds {} values, which add up to nothing; use the linear pictures", tag.name());
@@ -275,6 +300,7 @@ impl From<Bayer> for BayerPattern {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use udc::core::progress::Progress;
 
     #[derive(clap::Parser)]
     struct Flags {
@@ -285,8 +311,9 @@ mod tests {
     #[test]
     fn reads_no_further_picture_once_the_user_asks_to_stop() {
         let flags = <Flags as clap::Parser>::parse_from(["udc"]);
-        let interrupted = Progress::new(false, std::sync::Arc::new(true.into()));
-        let error = flags.bracket.read(&["missing.exr".into()], &interrupted).err().unwrap();
+        let mut session = Session::silent(false);
+        session.progress = Progress::new(false, std::sync::Arc::new(true.into()));
+        let error = flags.bracket.read(&["missing.exr".into()], None, &session).err().unwrap();
         assert!(crate::commands::was_interrupted(&error), "{error:#}");
     }
 

@@ -14,6 +14,7 @@ use udc::psf::simulate_turned;
 
 use super::Session;
 use super::psf::read_display;
+use super::psf_file::PsfFileArgs;
 
 /// Rotations of the published kernel set.
 const ANGLES: &str = "-12:12:3";
@@ -54,6 +55,8 @@ pub(crate) struct CodesArgs {
     /// Print the code of a PSF in this bank instead of making one
     #[arg(long, value_name = "BANK", conflicts_with_all = ["angles", "dim", "npy"])]
     project: Option<PathBuf>,
+    #[command(flatten)]
+    psf_file: PsfFileArgs,
 }
 
 #[derive(Clone, Debug)]
@@ -81,7 +84,7 @@ impl CodesArgs {
             Some(display) => self
                 .turned_bank(session, display)
                 .with_context(|| format!("turning the panel of {}", display.display()))?,
-            None => self.bank_of(&io::expand_inputs(&self.psfs)?)?,
+            None => self.bank_of(session, &io::expand_inputs(&self.psfs)?)?,
         };
         session.detail(format_args!("{} kernels and codes: {:.2?}", bank.len(), started.elapsed()));
         if let Some(folder) = &self.npy {
@@ -98,6 +101,9 @@ impl CodesArgs {
 
     /// The bank of a panel that is turned and simulated.
     fn turned_bank(&self, session: &Session, display: &Path) -> Result<KernelBank> {
+        if self.psf_file.is_given() {
+            bail!("--domain and --recenter are for PSFs that are read; leave them out with --display");
+        }
         let config = read_display(display, self.size)?;
         if config.display.is_bare() {
             bail!("there is nothing to turn: the PSF of the bare lens is the same at every angle; describe a panel");
@@ -115,14 +121,15 @@ impl CodesArgs {
     }
 
     /// The bank of a PSF that is rotated, or of a set.
-    fn bank_of(&self, paths: &[PathBuf]) -> Result<KernelBank> {
+    fn bank_of(&self, session: &Session, paths: &[PathBuf]) -> Result<KernelBank> {
         if self.angles.is_some() && paths.len() > 1 {
             bail!(
                 "--angles rotates one PSF, and {} were given; leave it out to use them as the set",
                 paths.len()
             );
         }
-        let psfs: Vec<Psf> = paths.iter().map(|path| io::read_psf(path)).collect::<Result<_, _>>()?;
+        let psfs: Vec<Psf> =
+            paths.iter().map(|path| self.psf_file.read(path, session)).collect::<Result<_>>()?;
         match &psfs[..] {
             [psf] => codes::make_rotated_bank(psf, &self.angles()?, self.dim)
                 .with_context(|| format!("making codes of {}", paths[0].display())),
@@ -143,7 +150,7 @@ impl CodesArgs {
         }
         let kernels = io::read_bank(bank)?;
         for path in paths {
-            let projection = codes::project(&kernels, &io::read_psf(path)?)
+            let projection = codes::project(&kernels, &self.psf_file.read(path, session)?)
                 .with_context(|| format!("projecting {} onto {}", path.display(), bank.display()))?;
             session.say(format_args!(
                 "{}\n  code      {}\n  residual  {:.3} % (L2), {:.3} % (L1); the bank's own spread explains {:.3} % (L2)\n  \

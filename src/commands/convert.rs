@@ -8,8 +8,7 @@ use serde_json::json;
 
 use super::Session;
 use super::domain::DomainArg;
-use super::picture::{domain_needed, must_be_told};
-use udc::core::io::{DomainTag, Format, PixelOptions, check_output, inspect_image, write_pixels};
+use udc::core::io::{DomainTag, Format, PixelOptions, check_output, read_pixels, write_pixels};
 use udc::core::provenance::Provenance;
 use udc::network::weights;
 
@@ -29,7 +28,8 @@ pub(crate) struct ConvertArgs {
     /// Write half floats, in formats that have them
     #[arg(long)]
     half: bool,
-    /// Say what the values are, of a file that does not; .exr needs it of integers, and else takes them for linear
+    /// Say what the values are, of a file that does not: srgb is decoded to linear light. Floats (.exr, .npy, .hdr) that are
+    /// made of integers need it; other values are taken for linear
     #[arg(long, value_enum, value_name = "DOMAIN")]
     domain: Option<DomainArg>,
     /// Clip values that the output cannot hold: negative ones, above 1 in integers, above 65504 in half floats
@@ -46,7 +46,7 @@ impl ConvertArgs {
             weights::convert(&self.input, &self.output, session.overwrite).with_context(doing)?;
             return session.say(format_args!("{output}: {}", weights::describe(&self.output)?));
         }
-        let (mut pixels, encoding) = inspect_image(&self.input).with_context(doing)?;
+        let mut pixels = read_pixels(&self.input).with_context(doing)?;
         let wanted = self.domain.map(DomainTag::from);
         if let (Some(declared), Some(wanted)) = (pixels.domain, wanted)
             && declared != wanted
@@ -57,10 +57,12 @@ impl ConvertArgs {
                 wanted.name()
             );
         }
-        if wanted.is_none() && must_be_told(&pixels, &encoding) && self.writes_exr() {
-            bail!(domain_needed(&self.input));
+        if let Some(contradiction) = pixels.tell(&self.input, wanted)? {
+            session.warn(contradiction);
         }
-        pixels.domain = pixels.domain.or(wanted);
+        if self.writes_floats() {
+            pixels.check_told(&self.input)?;
+        }
         let is_assumed = pixels.domain.is_none() && self.writes_exr();
         if is_assumed {
             pixels.domain = Some(DomainTag::Linear);
@@ -86,6 +88,12 @@ impl ConvertArgs {
         }
         let (channels, height, width) = pixels.planes.dim();
         session.say(format_args!("{output}: {width} × {height}, {channels} channels"))
+    }
+
+    /// Whether the output no longer shows that its values were integers, which are asked for their domain.
+    fn writes_floats(&self) -> bool {
+        Format::of_extension(&self.output)
+            .is_ok_and(|format| matches!(format, Format::Exr | Format::Npy | Format::Hdr))
     }
 
     /// Whether the output must say its domain.

@@ -14,6 +14,7 @@ use udc::core::provenance::Provenance;
 use udc::crop::{Panorama, View, crop_with_margin, spread_views};
 
 use super::Session;
+use super::domain::SceneDomainArgs;
 
 /// Cut perspective views out of equirectangular HDR panoramas
 ///
@@ -27,6 +28,8 @@ pub(crate) struct CropArgs {
     /// Panoramas, twice as wide as high: files, folders or patterns
     #[arg(required = true, value_name = "PANORAMA")]
     panoramas: Vec<PathBuf>,
+    #[command(flatten)]
+    scene: SceneDomainArgs,
     /// Folder for the views, <panorama>_<nn>.<format>
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -88,8 +91,11 @@ impl CropArgs {
         let bar = session.progress.bar((panoramas.len() * views.len()) as u64, "views");
         for (stem, path) in &panoramas {
             let started = Instant::now();
-            let panorama = io::read_image::<Linear>(path).and_then(Panorama::new);
-            let panorama = panorama.with_context(|| format!("reading the panorama {}", path.display()))?;
+            let reading = || format!("reading the panorama {}", path.display());
+            let (panorama, contradiction) =
+                io::read_image_told::<Linear>(path, self.scene.told()).with_context(reading)?;
+            contradiction.into_iter().for_each(|contradiction| session.warn(contradiction));
+            let panorama = Panorama::new(panorama).with_context(reading)?;
             session.detail(format_args!("{stem}: read in {:.2?}", started.elapsed()));
             std::fs::create_dir_all(&self.output)
                 .with_context(|| format!("creating the folder {}", self.output.display()))?;

@@ -10,6 +10,7 @@ use udc::core::io::{self, WriteOptions};
 use udc::core::provenance::Provenance;
 use udc::demo;
 
+use super::domain::SceneDomainArgs;
 use super::{Cli, Session, is_broken_pipe};
 
 /// Run the whole pipeline on built-in scenes and write a page of results
@@ -24,6 +25,8 @@ pub(crate) struct DemoArgs {
     /// Folder of HDR panoramas to use instead of the built-in scenes
     #[arg(long, value_name = "DIR")]
     hdri: Option<PathBuf>,
+    #[command(flatten)]
+    scene: SceneDomainArgs,
     /// Seed of the scenes, the noise and the training
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     seed: u64,
@@ -86,7 +89,7 @@ impl DemoArgs {
         demo.prepare_folder()?;
         demo.measure_the_panel()?;
         match &self.hdri {
-            Some(panoramas) => demo.crop(panoramas)?,
+            Some(panoramas) => demo.crop(panoramas, &self.scene)?,
             None => demo.paint()?,
         }
         demo.synthesise_train_and_measure()?;
@@ -169,12 +172,14 @@ impl Demo<'_> {
         Ok(())
     }
 
-    fn crop(&self, panoramas: &Path) -> Result<()> {
+    fn crop(&self, panoramas: &Path, scene: &SceneDomainArgs) -> Result<()> {
         let panoramas = std::path::absolute(panoramas)?;
         let (size, margin) = (self.extent.frame_px.to_string(), MARGIN.to_string());
         let panoramas = panoramas.to_string_lossy();
         let crop = ["crop", &panoramas, "-o", "@scenes", "--size", &size, "--margin", &margin];
-        self.run(&[&crop[..], &["--views", "6", "--fov", "60"]].concat())
+        let domain = scene.domain.map(|domain| ["--domain", domain.name()]);
+        let domain = domain.as_ref().map_or(&[][..], |domain| domain);
+        self.run(&[&crop[..], &["--views", "6", "--fov", "60"], domain].concat())
     }
 
     fn synthesise_train_and_measure(&self) -> Result<()> {

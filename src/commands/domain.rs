@@ -1,17 +1,50 @@
 //! `--domain`: what the values of images are.
 
-use clap::ValueEnum;
+use clap::{Args, ValueEnum};
 
 use udc::core::io::DomainTag;
 
 /// What the values of an image are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum DomainArg {
+    /// Proportional to light
+    Linear,
+    /// After the tone mapping φ, as `udc restore` and `udc tonemap` write it
+    ToneMapped,
+    /// Encoded by the curve of sRGB, as the pictures of most cameras and programs; decoded to linear light
+    Srgb,
+}
+
+/// What is written: the domains of light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum OutputDomainArg {
     Linear,
     ToneMapped,
 }
 
+/// The flag of commands that need linear light.
+#[derive(Args, Debug)]
+pub(super) struct SceneDomainArgs {
+    /// What the images hold: srgb is decoded to linear light; pictures of integers must be told [default: what the file
+    /// says, else linear]
+    #[arg(long, value_enum, value_name = "DOMAIN")]
+    pub(super) domain: Option<DomainArg>,
+}
+
+impl SceneDomainArgs {
+    pub(super) fn told(&self) -> Option<DomainTag> {
+        self.domain.map(DomainTag::from)
+    }
+}
+
 impl DomainArg {
+    /// The name that files and flags have for it.
+    pub(super) fn name(self) -> &'static str {
+        DomainTag::from(self).name()
+    }
+}
+
+impl OutputDomainArg {
     /// The name that files and flags have for it.
     pub(super) fn name(self) -> &'static str {
         DomainTag::from(self).name()
@@ -23,6 +56,16 @@ impl From<DomainArg> for DomainTag {
         match domain {
             DomainArg::Linear => Self::Linear,
             DomainArg::ToneMapped => Self::ToneMapped,
+            DomainArg::Srgb => Self::Srgb,
+        }
+    }
+}
+
+impl From<OutputDomainArg> for DomainTag {
+    fn from(domain: OutputDomainArg) -> Self {
+        match domain {
+            OutputDomainArg::Linear => Self::Linear,
+            OutputDomainArg::ToneMapped => Self::ToneMapped,
         }
     }
 }

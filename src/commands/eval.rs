@@ -18,7 +18,7 @@ use udc::core::dataset::{Dataset, KernelChoice, Split};
 use udc::core::error;
 use udc::core::io::DomainTag;
 use udc::core::metrics::Measure;
-use udc::eval::{EvalConfig, Evaluation, Matrix};
+use udc::eval::{EvalConfig, Evaluation, Matrix, ToneFlags};
 use udc::network::Model;
 use udc::restore::Highlights;
 
@@ -100,9 +100,15 @@ pub(crate) struct EvalArgs {
     #[arg(long, value_name = "WHITE", requires = "dataset", conflicts_with = "restored")]
     #[arg(num_args = 0..=1, default_missing_value = "1")]
     ldr: Option<f32>,
-    /// What the images of folders hold, where they do not say so themselves
+    /// What the images of folders hold, where they do not say so themselves: srgb is decoded to linear light
     #[arg(long, value_enum, requires = "restored", conflicts_with = "dataset")]
     domain: Option<DomainArg>,
+    /// Irradiance that the tone mapping of folders' linear images maps to one half [default: as the files say, else 0.25]
+    #[arg(long, value_name = "A", requires = "restored", conflicts_with = "dataset")]
+    alpha: Option<f32>,
+    /// Irradiance at which folders' linear images saturate [default: as the files say, else 500]
+    #[arg(long, value_name = "X", requires = "restored", conflicts_with = "dataset")]
+    x_max: Option<f32>,
     /// Part of the dataset to measure on
     #[arg(long, value_enum, default_value_t = SplitArg::Test, requires = "dataset", conflicts_with = "restored")]
     split: SplitArg,
@@ -128,7 +134,7 @@ pub(crate) struct EvalArgs {
 /// The files, beside plots, that an evaluation writes when it is asked for them: the regions' numbers; a mismatch's
 /// matrices; what a monitor as the source would miss.
 const REGIONS_CSV: &str = "regions.csv";
-const MISMATCH: [&str; 2] = ["mismatch.json", "mismatch.csv"];
+pub(super) const MISMATCH: [&str; 2] = ["mismatch.json", "mismatch.csv"];
 const LDR: [&str; 3] = ["ldr.json", "ldr.csv", "ldr.png"];
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -144,7 +150,8 @@ impl EvalArgs {
         match (&self.restored, &self.gt) {
             (Some(restored), Some(gt)) => {
                 let domain = self.domain.map(DomainTag::from);
-                let folders = Folders::open(restored, gt, domain, self.allow_missing)?;
+                let flags = ToneFlags { alpha: self.alpha, x_max: self.x_max };
+                let folders = Folders::open(restored, gt, (domain, flags), self.allow_missing)?;
                 let outputs = self.outputs(&config, 0, &[], session)?;
                 let evaluation = folders.measure(&config, session)?;
                 outputs.remove_earlier_pictures()?;

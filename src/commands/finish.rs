@@ -42,7 +42,8 @@ pub(crate) struct FinishArgs {
     /// Image to write; a folder for several inputs, or if the name ends in a slash
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// What the inputs hold [default: what the file says, else linear; integer formats must be told]
+    /// What the inputs hold: srgb is decoded to linear light [default: what the file says, else linear; integer formats must
+    /// be told]
     #[arg(long, value_enum, value_name = "DOMAIN")]
     domain: Option<DomainArg>,
     /// Colour matrix: .txt `key: nine numbers`, .npy, .toml; or a folder of them
@@ -182,7 +183,7 @@ impl Stages for Finishing<'_> {
     }
 
     fn read(&self, job: &Job) -> Result<Self::Input> {
-        let read = || AnyImage::read(&job.input, self.args.domain);
+        let read = || AnyImage::read(&job.input, self.args.domain, self.session);
         let image = self.session.timed(format_args!("reading {}", job.input.display()), read)?;
         let ccm = job.ccm.as_deref().map(read_color_matrix).transpose()?;
         if let (Some(ccm), Some(path)) = (&ccm, &job.ccm)
@@ -195,6 +196,7 @@ impl Stages for Finishing<'_> {
         }
         let mut look = Look { ccm, reference_means: None };
         if let Some(path) = &job.reference {
+            // Not light but a look: its values are compared with those that are shown.
             let planes = read_pixels(path)?.planes;
             if planes.dim().0 != 3 {
                 return Err(Error::format(path, "is grey; a reference picture has three channels").into());

@@ -11,6 +11,7 @@ use serde_json::json;
 
 use super::Session;
 use super::bracket::{BracketArgs, names_of};
+use super::domain::SceneDomainArgs;
 use super::psf::check_float_output;
 use udc::core::io::{WriteOptions, check_output, expand_inputs, read_pixels, write_image, write_psf};
 use udc::core::provenance::Provenance;
@@ -34,6 +35,8 @@ pub(crate) struct FuseArgs {
     output: PathBuf,
     #[command(flatten)]
     bracket: BracketArgs,
+    #[command(flatten)]
+    scene: SceneDomainArgs,
     /// Picture that is black where pixels are to be discarded and filled from their neighbours
     #[arg(long, value_name = "MASK")]
     mask: Option<PathBuf>,
@@ -69,7 +72,7 @@ impl FuseArgs {
         let measure = self.psf.then(|| self.measure_config());
         measure.as_ref().map_or(Ok(()), MeasureConfig::check)?;
 
-        let pictures = self.bracket.read(&files, &session.progress).with_context(doing)?;
+        let pictures = self.bracket.read(&files, self.scene.told(), session).with_context(doing)?;
         let given = self.bracket.exposures.clone().or(pictures.times);
         let times = given.map_or_else(|| self.default_times(files.len()), Ok).with_context(doing)?;
         let mask = self.mask.as_deref().map(read_mask).transpose()?;
@@ -130,6 +133,7 @@ const PSF_BRACKET: [f64; 3] = [1.0, 1.0 / 32.0, 1.0 / 768.0];
 /// The exposures of the paper's scene bracket.
 const SCENE_BRACKET: [f64; 3] = [1.0, 1.0 / 4.0, 1.0 / 16.0];
 
+/// Good pixels of a picture that is no light: it is black where pixels are to be discarded.
 fn read_mask(file: &Path) -> udc::core::error::Result<Array2<bool>> {
     let planes: Array3<f32> = read_pixels(file)?.planes;
     let (_, height, width) = planes.dim();

@@ -12,6 +12,7 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::Session;
+use super::psf_file::PsfFileArgs;
 use udc::core::dataset::CONFIG_FILE;
 use udc::core::io::{Description, describe, describe_psf, expand_inputs};
 use udc::network::weights;
@@ -29,6 +30,8 @@ pub(crate) struct InfoArgs {
     /// Describe images as PSFs: peak, energy radii, identity
     #[arg(long)]
     psf: bool,
+    #[command(flatten)]
+    psf_file: PsfFileArgs,
     /// Print one JSON object a file
     #[arg(long)]
     json: bool,
@@ -83,7 +86,8 @@ impl InfoArgs {
         if file.extension().is_some_and(|extension| extension == "toml") {
             return configuration::examine(file);
         }
-        let description = if self.psf { describe_psf(file)? } else { describe(file)? };
+        let description =
+            if self.psf { describe_psf(file, self.psf_file.options())? } else { describe(file)? };
         if let Description::Model(model) = &description
             && model.metadata.get("format").is_some_and(|format| format == weights::FORMAT)
         {

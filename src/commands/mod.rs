@@ -20,6 +20,7 @@ mod metrics;
 mod picture;
 mod precision;
 mod psf;
+mod psf_file;
 mod queue;
 mod report;
 mod restore;

@@ -7,12 +7,14 @@ use clap::Args;
 
 use udc::core::dataset::Dataset;
 use udc::core::io;
+use udc::eval::Matrix;
 use udc::report::page::{Block, Figure, Page};
 use udc::report::sections;
 
 use super::Session;
 use super::eval::pictures::{self, PictureName};
-use super::eval::plots;
+use super::eval::{MISMATCH, plots};
+use super::psf_file::PsfFileArgs;
 
 /// Gather results in one self-contained page
 ///
@@ -30,6 +32,8 @@ pub(crate) struct ReportArgs {
     /// Title of the page
     #[arg(long, default_value = "Under-display camera: results")]
     title: String,
+    #[command(flatten)]
+    psf_file: PsfFileArgs,
 }
 
 impl ReportArgs {
@@ -39,7 +43,7 @@ impl ReportArgs {
         let mut psfs = Vec::new();
         for input in &self.inputs {
             if !input.is_dir() && !is_bank(input) {
-                psfs.push((name_of(input), io::read_psf(input)?));
+                psfs.push((name_of(input), self.psf_file.read(input, session)?));
                 continue;
             }
             page.blocks.extend(section(input).with_context(|| format!("reading {}", input.display()))?);
@@ -96,13 +100,15 @@ fn further_plots(results: &Path) -> Result<Vec<Block>> {
         let figure = Figure { png: io::read_bytes(&ldr)?, caption: caption.to_owned() };
         blocks.push(Block::Figures(vec![figure]));
     }
-    let files = io::list_folder(results)?;
-    let mut matrices: Vec<_> =
-        files.iter().filter_map(|file| Some((plots::matrix_of_file(file)?, file))).collect();
-    matrices.sort();
-    for (_, file) in matrices {
-        let caption = "Restored under the kernel of every rotation, right (diagonal) and wrong.";
-        blocks.push(Block::Chart(io::read_text(&results.join(file))?, caption.to_owned()));
+    // Drawn anew from the numbers: a drawing in the folder may be anybody's, and would act in the page as its own.
+    let mismatch = results.join(MISMATCH[0]);
+    if mismatch.is_file() {
+        let damaged = || format!("{} is damaged; run `udc eval --mismatch` again", mismatch.display());
+        let numbers = serde_json::from_str(&io::read_text(&mismatch)?).with_context(damaged)?;
+        for matrix in Matrix::list_from_json(&numbers).map_err(anyhow::Error::msg).with_context(damaged)? {
+            let caption = "Restored under the kernel of every rotation, right (diagonal) and wrong.";
+            blocks.push(Block::Chart(plots::heat_map_of(&matrix), caption.to_owned()));
+        }
     }
     Ok(blocks)
 }

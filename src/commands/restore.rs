@@ -18,10 +18,11 @@ use udc::psf::relative_times;
 
 use super::bracket::BracketArgs;
 use super::destination::OutputFolder;
-use super::domain::DomainArg;
+use super::domain::{DomainArg, OutputDomainArg};
 use super::highlights::HighlightsArg;
 use super::picture::{AnyImage, check_domain_of_output};
 use super::precision::PrecisionArg;
+use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
 use super::queue::{Stages, remaining, run_all};
 use super::{Session, text_of};
 use code::CodeArgs;
@@ -38,6 +39,7 @@ use files::{Capture, Job};
 /// folder is one. A DNG says the mosaic's colours, levels, gains, exposure time and ISO itself.
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("how").required(true).args(["model", "method"]))]
+#[command(group = ArgGroup::new(PSF_FILES).args(["psf", "field"]).multiple(true))]
 #[command(after_help = "Examples:\n  \
     udc restore capture.exr --model model.safetensors --bank bank.safetensors --angle 3 -o restored.exr\n  \
     udc restore captures/ --model model.safetensors --bank bank.safetensors --psf psf.exr -o restored/\n  \
@@ -58,17 +60,20 @@ pub(crate) struct RestoreArgs {
     method: MethodArgs,
     #[command(flatten)]
     code: CodeArgs,
+    #[command(flatten)]
+    psf_file: PsfAmongImagesArgs,
     /// The files are one bracket, and each folder is one, with the exposure times and ISO that the files tell
     #[arg(long)]
     bracket: bool,
     #[command(flatten)]
     raw: BracketArgs,
-    /// What the inputs hold [default: what the file says, else linear; integer formats must be told]
+    /// What the inputs hold: srgb is decoded to linear light [default: what the file says, else linear; integer formats must
+    /// be told]
     #[arg(long, value_enum, value_name = "DOMAIN")]
     domain: Option<DomainArg>,
     /// What to write [default: the same as the input]
     #[arg(long, value_enum, value_name = "DOMAIN")]
-    output_domain: Option<DomainArg>,
+    output_domain: Option<OutputDomainArg>,
     /// What to do where the capture is saturated
     #[arg(long, value_enum, value_name = "WHAT", default_value_t = HighlightsArg::Network)]
     highlights: HighlightsArg,
@@ -140,7 +145,7 @@ struct Restoration<'a> {
 impl Stages for Restoration<'_> {
     type Job = Job;
     type Input = Capture;
-    type Output = (AnyImage, DomainArg);
+    type Output = (AnyImage, OutputDomainArg);
 
     fn doing(&self, job: &Job) -> String {
         format!("restoring {}", job.name())
@@ -158,7 +163,7 @@ impl Stages for Restoration<'_> {
         json!({
             "exposures": exposures, "raw": is_raw.then(|| raw.config().ok()),
             "tone": self.engine.curve, "how": self.engine.describe(), "half": half,
-            "domain": domain.map(DomainArg::name), "output-domain": output_domain.map(DomainArg::name),
+            "domain": domain.map(DomainArg::name), "output-domain": output_domain.map(OutputDomainArg::name),
         })
     }
 

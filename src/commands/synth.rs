@@ -5,7 +5,7 @@ mod options;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
-use clap::{Args, value_parser};
+use clap::{ArgGroup, Args, value_parser};
 
 use udc::core::dataset::{BANK_FILE, DatasetConfig, FORMAT, FormationConfig, Split, VERSION};
 use udc::core::field::PsfField;
@@ -14,6 +14,8 @@ use udc::restore::{format_bytes, parse_bytes};
 use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, common_margin, list_scenes};
 
 use super::Session;
+use super::domain::SceneDomainArgs;
+use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
 use options::{FormationArgs, KernelArgs, Kernels, SplitName, StorageArgs};
 
 /// The largest number that `dataset.toml` can hold.
@@ -32,6 +34,7 @@ const MOST_SEED: u64 = i64::MAX.cast_unsigned();
 /// With --field the PSF changes over the frame. The dataset keeps the field as field.toml, for `udc restore --field`;
 /// training and evaluation take the PSF in the middle of the frame, and its code, for all of it.
 #[derive(Args, Debug)]
+#[command(group = ArgGroup::new(PSF_FILES).args(["psf", "field"]).multiple(true))]
 #[command(after_help = "Examples:\n  udc synth views/ --bank bank.safetensors -o dataset\n  \
     udc synth views/ --bank bank.safetensors --noise sensor:configs/sensor/phone-10bit.toml -o noisy\n  \
     udc synth views/ --psf psf.exr --split test -o one-kernel\n  \
@@ -45,7 +48,11 @@ pub(crate) struct SynthArgs {
     #[arg(required = true, value_name = "GT")]
     scenes: Vec<PathBuf>,
     #[command(flatten)]
+    scene: SceneDomainArgs,
+    #[command(flatten)]
     kernels: KernelArgs,
+    #[command(flatten)]
+    psf_file: PsfAmongImagesArgs,
     /// Folder for the dataset
     #[arg(short, long, value_name = "DATASET")]
     output: PathBuf,
@@ -76,7 +83,7 @@ pub(crate) struct SynthArgs {
 
 impl SynthArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let synthesis = self.plan()?;
+        let synthesis = self.plan(session)?;
         let needs = synthesis.needs().context("planning the synthesis")?;
         let ([height, width], count) = (needs.size, synthesis.scenes.len());
         let formation = &synthesis.config.formation;
@@ -106,6 +113,7 @@ impl SynthArgs {
         synthesis
             .run(&self.output, existing, &session.progress, |scene| {
                 made += scene.made;
+                scene.contradiction.iter().for_each(|contradiction| session.warn(contradiction));
                 session.detail(describe(scene));
             })
             .with_context(|| format!("synthesising {}", self.output.display()))?;
@@ -114,8 +122,8 @@ impl SynthArgs {
         session.say(format_args!("{}: {made} images made{kept}", self.output.display()))
     }
 
-    fn plan(&self) -> Result<Synthesis> {
-        let Kernels { bank, file: bank_file, field } = self.kernels.read()?;
+    fn plan(&self, session: &Session) -> Result<Synthesis> {
+        let Kernels { bank, file: bank_file, field } = self.kernels.read(&self.psf_file, session)?;
         let division = match self.split {
             Some(split) => Division::All(split.into()),
             None => Division::TestFraction(self.test_fraction),
@@ -139,7 +147,8 @@ impl SynthArgs {
         };
         let scenes = self.shard.choose(scenes);
         let (shard, max_bytes) = (self.shard, self.max_memory);
-        Ok(Synthesis { config, bank, bank_file, field, scenes, shard, max_bytes })
+        let told = self.scene.told();
+        Ok(Synthesis { config, bank, bank_file, field, scenes, told, shard, max_bytes })
     }
 
     fn warn_of_one_source(&self, session: &Session, synthesis: &Synthesis) {

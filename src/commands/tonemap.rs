@@ -8,10 +8,10 @@ use serde_json::{Value, json};
 
 use super::Session;
 use super::destination::{Destination, OutputFolder, Unplaced, without_repeats};
+use super::domain::DomainArg;
 use super::picture::AnyImage;
 use super::queue::{Stages, run_all};
-use udc::core::image::{Linear, ToneMapped};
-use udc::core::io::{WriteOptions, expand_inputs, read_image};
+use udc::core::io::{DomainTag, WriteOptions, expand_inputs, read_image_told};
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
 
@@ -31,8 +31,12 @@ pub(crate) struct TonemapArgs {
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Map tone-mapped values back to linear light
-    #[arg(long)]
+    #[arg(long, conflicts_with = "domain")]
     inverse: bool,
+    /// What the inputs hold: srgb is decoded to linear light first; pictures of integers must be told [default: what the file
+    /// says, else linear; with --inverse tone-mapped]
+    #[arg(long, value_enum, value_name = "DOMAIN")]
+    domain: Option<DomainArg>,
     /// Irradiance that is mapped to one half
     #[arg(long, value_name = "A", default_value_t = ToneCurve::default().alpha)]
     alpha: f32,
@@ -104,14 +108,23 @@ impl Stages for Mapping<'_> {
     }
 
     fn describe(&self, job: &Job) -> Value {
-        json!({"input": job.input.to_string_lossy(), "inverse": self.args.inverse, "tone": self.curve})
+        json!({
+            "input": job.input.to_string_lossy(), "inverse": self.args.inverse, "tone": self.curve,
+            "domain": self.args.domain.map(DomainArg::name),
+        })
     }
 
     fn read(&self, job: &Job) -> Result<AnyImage> {
-        Ok(match self.args.inverse {
-            true => AnyImage::ToneMapped(read_image::<ToneMapped>(&job.input)?),
-            false => AnyImage::Linear(read_image::<Linear>(&job.input)?),
-        })
+        let (told, path) = (self.args.domain.map(DomainTag::from), &job.input);
+        let (image, contradiction) = if self.args.inverse {
+            let (image, contradiction) = read_image_told(path, Some(DomainTag::ToneMapped))?;
+            (AnyImage::ToneMapped(image), contradiction)
+        } else {
+            let (image, contradiction) = read_image_told(path, told)?;
+            (AnyImage::Linear(image), contradiction)
+        };
+        contradiction.into_iter().for_each(|contradiction| self.session.warn(contradiction));
+        Ok(image)
     }
 
     fn compute(&self, _: &Job, image: AnyImage) -> Result<AnyImage> {

@@ -34,4 +34,23 @@ mod tests {
         }
         assert!((srgb_encode(0.214_041) - 0.5).abs() < 1e-5, "middle grey of the standard");
     }
+    /// 8-bit values and their linear light, computed by hand from the standard: 10/255/12.92 below the threshold, and
+    /// ((v + 0.055)/1.055)^2.4 above.
+    #[test]
+    fn decodes_the_known_values_of_the_standard() {
+        for (value, light) in [
+            (0, 0.0),
+            (10, 0.003_035_27),
+            (64, 0.051_269_46),
+            (128, 0.215_860_5),
+            (200, 0.577_580_44),
+            (255, 1.0),
+        ] {
+            let found = srgb_decode(f64::from(value) / 255.0);
+            assert!((found - light).abs() < 1e-7, "{value}: {found}");
+        }
+        // Either side of the threshold.
+        assert!((srgb_decode(0.040_45) - 0.040_45 / 12.92).abs() < 1e-15);
+        assert!((srgb_decode(0.040_451) - 0.003_130_9).abs() < 1e-7);
+    }
 }

@@ -7,6 +7,7 @@ use serde_json::{Map, Value, json};
 use super::EvalConfig;
 use super::regions::Region;
 use super::score::{Cost, Exclusion, Label, Method, Score, pixelwise};
+use super::tone::ToneSource;
 use crate::core::metrics::{Measure, Metric, MetricDefinition, Pool};
 
 /// All scores of an evaluation.
@@ -18,6 +19,8 @@ pub struct Evaluation {
     pub regional: Vec<Metric>,
     /// What they were computed of.
     pub definition: MetricDefinition,
+    /// The curve of images that were tone-mapped to be measured, where it was to be found out.
+    pub tone: Option<ToneSource>,
     /// What was compared.
     pub methods: Vec<Method>,
     /// The scores, image after image.
@@ -46,6 +49,7 @@ impl Evaluation {
             metrics: config.metrics.iter().map(Measure::metric).collect(),
             regional: pixelwise(&config.metrics),
             definition: config.definition,
+            tone: None,
             methods,
             scores: Vec::new(),
             sizes: Vec::new(),
@@ -184,6 +188,9 @@ impl Evaluation {
         definition["peak"] = json!(1.0);
         definition["ssim-channels"] = json!("mean of red, green and blue");
         definition["metrics"] = json!(self.metrics);
+        if let Some(tone) = &self.tone {
+            definition["tone"] = tone.to_json();
+        }
         if self.methods.iter().any(|method| method.cost.is_some()) {
             definition["gmac"] =
                 json!("10⁹ multiply-accumulates of all convolutions; gmac-evaluated: mean over the images");

@@ -58,6 +58,43 @@ impl Matrix {
         })
     }
 
+    /// The matrices of a file that `udc eval --mismatch` wrote; a mean that is null is infinite.
+    ///
+    /// # Errors
+    /// What is not as [`to_json`](Self::to_json) writes it.
+    pub fn list_from_json(file: &Value) -> Result<Vec<Self>, String> {
+        let matrices = file["matrices"].as_array().ok_or("lists no matrices")?;
+        matrices.iter().map(Self::from_json).collect()
+    }
+
+    fn from_json(json: &Value) -> Result<Self, String> {
+        let names = |key: &str| {
+            let list = json[key].as_array().ok_or_else(|| format!("has no list `{key}`"))?;
+            list.iter()
+                .map(|name| {
+                    name.as_str().map(str::to_owned).ok_or_else(|| format!("has a `{key}` that is no name"))
+                })
+                .collect::<Result<Vec<_>, _>>()
+        };
+        let (simulated, assumed) = (names("simulated")?, names("assumed")?);
+        let metric = serde_json::from_value(json["metric"].clone()).map_err(|_| "has an unknown metric")?;
+        let rows = json["mean"].as_array().ok_or("has no list `mean`")?;
+        let value = |value: &Value| match value {
+            Value::Null => Ok(f64::INFINITY),
+            value => value.as_f64().ok_or("has a mean that is no number"),
+        };
+        let row =
+            |row: &Value| row.as_array().ok_or("has a row that is no list")?.iter().map(value).collect();
+        let rows: Vec<Vec<f64>> = rows.iter().map(row).collect::<Result<_, &str>>()?;
+        if rows.len() != simulated.len() || rows.iter().any(|row| row.len() != assumed.len()) {
+            return Err(format!("has not {} rows of {} means", simulated.len(), assumed.len()));
+        }
+        let images = json["images"].as_array().map_or(&[][..], Vec::as_slice).iter();
+        let images = images.filter_map(|count| usize::try_from(count.as_u64()?).ok()).collect();
+        let method = json["method"].as_str().ok_or("has no method")?.to_owned();
+        Ok(Self { method, metric, simulated, assumed, rows, images, excluded: Vec::new() })
+    }
+
     /// All matrices as lines `method,metric,simulated,assumed,images,mean`.
     ///
     /// # Panics
@@ -104,5 +141,11 @@ mod tests {
         let csv = Matrix::to_csv(&matrices);
         assert!(csv.contains("net,psnr,r-03,r+00,2,21\n"), "{csv}");
         assert_eq!(matrices[1].to_json()["mean"][1][0], 0.5);
+
+        let file = json!({"matrices": matrices.iter().map(Matrix::to_json).collect::<Vec<_>>()});
+        assert_eq!(Matrix::list_from_json(&file).unwrap(), matrices);
+        let mut cut = file.clone();
+        cut["matrices"][0]["mean"].as_array_mut().unwrap().pop();
+        assert!(Matrix::list_from_json(&cut).unwrap_err().contains("2 rows of 2 means"));
     }
 }

@@ -7,6 +7,7 @@ mod pairs;
 mod regions;
 mod score;
 mod tables;
+mod tone;
 
 pub use evaluation::Evaluation;
 pub use flare::Flare;
@@ -15,6 +16,7 @@ pub use pairs::{FilePair, FolderPairs, pair_folders, read_tone_mapped};
 pub use regions::{Region, Regions};
 pub use score::{Cost, Exclusion, Label, Method, RegionScore, Score};
 pub use tables::{cell, markdown, quoted};
+pub use tone::{ToneFlags, ToneSource};
 
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;

@@ -66,8 +66,8 @@ fn images_by_stem(folder: &Path) -> Result<BTreeMap<String, PathBuf>> {
 
 /// Reads an image of either domain and returns it tone-mapped.
 ///
-/// The file's own declaration decides; where it has none, or is made for viewing, `domain` does. Without either, 8- and 16-bit
-/// pictures are taken as tone-mapped and Radiance files as linear.
+/// The file's own declaration decides; where it has none, or is made for viewing, `domain` does, sRGB being decoded to linear
+/// light first. Without either, Radiance files are linear. Says too what the file's colour tags say against it.
 ///
 /// # Errors
 /// Those of [`io::read_image`]; [`Error::Format`] when nothing says what the values are.
@@ -75,24 +75,26 @@ pub fn read_tone_mapped(
     path: &Path,
     domain: Option<DomainTag>,
     curve: &ToneCurve,
-) -> Result<ToneMappedImage> {
+) -> Result<(ToneMappedImage, Option<String>)> {
     let (mut pixels, encoding) = io::inspect_image(path)?;
-    if domain.is_some() && pixels.domain == Some(DomainTag::Display) {
-        pixels.domain = domain;
-    }
-    let usual = match encoding.format {
-        Format::Png | Format::Jpeg | Format::Tiff => Some(DomainTag::ToneMapped),
-        Format::Hdr => Some(DomainTag::Linear),
-        Format::Exr | Format::Npy => None,
+    let is_for_viewing = pixels.domain == Some(DomainTag::Display);
+    let told = domain.filter(|_| pixels.domain.is_none() || is_for_viewing);
+    let contradiction = pixels.tell(path, told)?;
+    pixels.check_told(path)?;
+    let image = match pixels.domain.or((encoding.format == Format::Hdr).then_some(DomainTag::Linear)) {
+        Some(DomainTag::Linear | DomainTag::Srgb) => curve.tone_map(&io::image_of::<Linear>(path, pixels)?),
+        Some(DomainTag::ToneMapped) => io::image_of::<ToneMapped>(path, pixels)?,
+        Some(DomainTag::Display) => {
+            pixels.domain = Some(DomainTag::ToneMapped);
+            io::image_of::<ToneMapped>(path, pixels)?
+        }
+        None => {
+            let reason = "does not say whether its values are linear, tone-mapped or sRGB: add --domain linear, --domain \
+                          tone-mapped or --domain srgb";
+            return Err(Error::format(path, reason));
+        }
     };
-    match pixels.domain.or(domain).or(usual) {
-        Some(DomainTag::Linear) => Ok(curve.tone_map(&io::image_of::<Linear>(path, pixels)?)),
-        Some(DomainTag::ToneMapped | DomainTag::Display) => io::image_of::<ToneMapped>(path, pixels),
-        None => Err(Error::format(
-            path,
-            "does not say whether its values are linear or tone-mapped; pass --domain linear or --domain tone-mapped",
-        )),
-    }
+    Ok((image, contradiction))
 }
 
 #[cfg(test)]
@@ -132,9 +134,9 @@ mod tests {
         let (declared, bare) = (scratch.path().join("declared.exr"), scratch.path().join("bare.npy"));
         write(&declared, 0.25);
         write(&bare, 0.25);
-        assert_eq!(read_tone_mapped(&declared, None, &curve).unwrap().max(), 0.25);
-        assert_eq!(read_tone_mapped(&declared, Some(DomainTag::Linear), &curve).unwrap().max(), 0.25);
-        assert_eq!(read_tone_mapped(&bare, Some(DomainTag::Linear), &curve).unwrap().max(), 0.5);
+        assert_eq!(read_tone_mapped(&declared, None, &curve).unwrap().0.max(), 0.25);
+        assert_eq!(read_tone_mapped(&declared, Some(DomainTag::Linear), &curve).unwrap().0.max(), 0.25);
+        assert_eq!(read_tone_mapped(&bare, Some(DomainTag::Linear), &curve).unwrap().0.max(), 0.5);
         let message = read_tone_mapped(&bare, None, &curve).unwrap_err().to_string();
         assert!(message.contains("--domain"), "{message}");
     }

@@ -3,6 +3,7 @@
 use super::evaluation::Evaluation;
 use super::score::Score;
 use crate::core::metrics::Metric;
+use crate::core::tone::ToneCurve;
 
 impl Evaluation {
     /// One line an image and method: `method,id,kernel,psnr,…`, with the dataset first where there are several.
@@ -155,11 +156,18 @@ impl Evaluation {
         let sizes =
             self.sizes.iter().map(|([height, width], images)| format!("{images} of {height} × {width}"));
         let sizes = sizes.collect::<Vec<_>>().join(", ");
+        let tone = self.tone.map_or(String::new(), |tone| {
+            let ToneCurve { alpha, x_max } = tone.curve;
+            format!(
+                " Linear ones are mapped by x / (x + {alpha}) of x up to {x_max}, as {} said.",
+                tone.said_by
+            )
+        });
         format!(
             "Of tone-mapped images ({sizes}) clamped to [0, 1], {rounding}{border}; peak 1. SSIM: {0} × {0} Gaussian \
              window, σ = {1}, whole windows only, mean of the channels.",
             definition.ssim_window, definition.ssim_sigma
-        )
+        ) + &tone
     }
 }
 

@@ -205,6 +205,7 @@ fn wrapped(distance: f64, period: f64) -> f64 {
 
 fn read_layout(layout: &LayoutConfig) -> Result<UnitCell> {
     let file = layout.file.as_deref().unwrap_or(Path::new(""));
+    // Shares of light that pass, not light: 8-bit values are taken as they are, whatever curve the file speaks of.
     let planes = read_pixels(file)?.planes;
     let (channels, rows, columns) = planes.dim();
     if planes.iter().any(|t| !(0.0..=1.0).contains(t)) {

@@ -24,7 +24,7 @@ pub enum Block {
     Figures(Vec<Figure>),
     /// A table: the head, then the rows.
     Table(Vec<String>, Vec<Vec<String>>),
-    /// A drawing as SVG, with its caption.
+    /// A drawing as SVG, with its caption; it is shown as it is, so that it must be of this program.
     Chart(String, String),
     /// Text in a fixed-width font, line breaks kept.
     Listing(String),

@@ -156,7 +156,8 @@ fn describe(root: &Path, synthesis: &Synthesis, place: &Place, overwrite: bool) 
 /// The triplets of a list; lines that a killed run left unfinished are skipped.
 pub(super) fn listed(list: &Path) -> Result<Vec<Triplet>> {
     let text = io::read_text(list)?;
-    Ok(text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect())
+    let triplets = text.lines().filter_map(|line| serde_json::from_str(line).ok());
+    Ok(triplets.filter(|triplet: &Triplet| triplet.check_paths().is_ok()).collect())
 }
 
 /// The triplets of a list whose files are there: the degraded image with the recorded hash, and a ground truth, whose

@@ -9,7 +9,7 @@ use crate::core::dataset::DatasetConfig;
 use crate::core::error::{Error, Result};
 use crate::core::field::PsfField;
 use crate::core::image::{CHANNELS, Linear};
-use crate::core::io;
+use crate::core::io::{self, DomainTag};
 use crate::core::kernel_code::KernelBank;
 use crate::core::progress::Progress;
 
@@ -56,6 +56,8 @@ pub struct Synthesis {
     pub field: Option<PsfField>,
     /// The scenes of this run.
     pub scenes: Vec<Scene>,
+    /// What the user says that the scenes' files hold.
+    pub told: Option<DomainTag>,
     /// Which run of how many this is.
     pub shard: Shard,
     /// Memory that may be used.
@@ -86,6 +88,8 @@ pub struct SceneReport {
     pub size: [usize; 2],
     /// Images that were made; the others were there.
     pub made: usize,
+    /// What its file says of its colours against what the user says.
+    pub contradiction: Option<String>,
     /// Time to read it and to write its ground truth.
     pub reading: Duration,
     /// Time for transforms, noise and clipping, on all threads together.
@@ -103,7 +107,7 @@ impl Synthesis {
     pub fn needs(&self) -> Result<Needs> {
         let mut counts = BTreeMap::new();
         for scene in &self.scenes {
-            *counts.entry(io::read_image_size::<Linear>(&scene.path)?).or_insert(0) += 1;
+            *counts.entry(io::read_image_size::<Linear>(&scene.path, self.told)?).or_insert(0) += 1;
         }
         // The largest first: it is the one to be refused.
         let mut sizes: Vec<[usize; 2]> = counts.keys().copied().collect();

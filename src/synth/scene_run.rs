@@ -90,7 +90,7 @@ impl<'a> Run<'a> {
         mut on_images: impl FnMut(usize) -> Result<()>,
     ) -> Result<SceneReport> {
         let started = Instant::now();
-        let image = io::read_image::<Linear>(&scene.path)?;
+        let (image, contradiction) = io::read_image_told::<Linear>(&scene.path, self.synthesis.told)?;
         let size = [image.height(), image.width()];
         let kernels = self.take_kernels(size)?;
         self.write_ground_truth(scene, &image, todo.len() < self.names.len())?;
@@ -115,7 +115,8 @@ impl<'a> Run<'a> {
         }
         self.kernels = Some(kernels);
         let size = self.synthesis.config.formation.frame_size(size)?;
-        Ok(SceneReport { id: scene.id.clone(), size, made: todo.len(), reading, computing, writing })
+        let (id, made) = (scene.id.clone(), todo.len());
+        Ok(SceneReport { id, size, made, contradiction, reading, computing, writing })
     }
 
     /// The kernels' transforms for scenes of `size`: those of the last scene where they fit.

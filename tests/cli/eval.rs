@@ -63,7 +63,8 @@ fn never_averages_over_fewer_images_without_saying_so() {
         write(&scratch.path().join(name), 16, 0.5);
     }
     write(&scratch.path().join("gt/c.png"), 20, 0.5);
-    let arguments = ["eval", "--restored", "restored", "--gt", "gt", "-o", "results"];
+    let arguments =
+        ["eval", "--restored", "restored", "--gt", "gt", "--domain", "tone-mapped", "-o", "results"];
     let said = fail(scratch.path(), &arguments, 1);
     assert!(said.contains("b has no restored image") && said.contains("--allow-missing"), "{said}");
     assert!(!scratch.path().join("results/metrics.json").exists());
@@ -286,7 +287,8 @@ fn folders_take_no_flag_of_a_dataset() {
     for name in ["restored/a.png", "gt/a.png"] {
         write(&scratch.path().join(name), 16, 0.5);
     }
-    let folders = ["eval", "--restored", "restored", "--gt", "gt", "-o", "results"];
+    let folders =
+        ["eval", "--restored", "restored", "--gt", "gt", "--domain", "tone-mapped", "-o", "results"];
     for flag in [
         &["--model", "1.pth"][..],
         &["--method", "wiener"],

@@ -13,6 +13,7 @@ mod common;
 mod compare;
 mod crop_codes;
 mod demo;
+mod domains;
 mod eval;
 mod events;
 mod files;
@@ -20,10 +21,12 @@ mod finish;
 mod instruction_sets;
 mod margin;
 mod kernel_choice;
+mod foreign;
 mod measure;
 mod negatives;
 #[path = "../common/perceptual_weights.rs"]
 mod perceptual_weights;
+mod psf_files;
 mod raw;
 mod restore;
 mod resume;
@@ -33,4 +36,5 @@ mod sweep;
 mod synth;
 #[path = "../common/tiff.rs"]
 mod tiff;
+mod tone;
 mod train;

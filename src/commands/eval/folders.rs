@@ -5,8 +5,7 @@ use std::path::Path;
 use anyhow::{Context as _, Result, bail};
 
 use udc::core::io::DomainTag;
-use udc::core::tone::ToneCurve;
-use udc::eval::{self, EvalConfig, Evaluation, FolderPairs, Label, Method, Sample};
+use udc::eval::{self, EvalConfig, Evaluation, FolderPairs, Label, Method, Sample, ToneFlags, ToneSource};
 
 use crate::commands::Session;
 
@@ -15,13 +14,14 @@ pub(super) struct Folders {
     name: String,
     found: FolderPairs,
     domain: Option<DomainTag>,
+    tone: ToneSource,
 }
 
 impl Folders {
     pub(super) fn open(
         restored: &Path,
         ground_truth: &Path,
-        domain: Option<DomainTag>,
+        (domain, flags): (Option<DomainTag>, ToneFlags),
         allow_missing: bool,
     ) -> Result<Self> {
         let found = eval::pair_folders(restored, ground_truth)?;
@@ -31,12 +31,17 @@ impl Folders {
                 "{count} images have no partner; {id} {fault}; add them, or leave them out with --allow-missing"
             );
         }
-        Ok(Self { name: super::name_of(restored), found, domain })
+        let tone = ToneSource::of_pairs(&found.pairs, flags)?;
+        Ok(Self { name: super::name_of(restored), found, domain, tone })
     }
 
     pub(super) fn measure(&self, config: &EvalConfig, session: &Session) -> Result<Evaluation> {
         let bar = session.progress.bar(self.found.pairs.len() as u64, "images");
-        let read = |path: &Path| eval::read_tone_mapped(path, self.domain, &ToneCurve::default());
+        let read = |path: &Path| {
+            let (image, contradiction) = eval::read_tone_mapped(path, self.domain, &self.tone.curve)?;
+            contradiction.into_iter().for_each(|contradiction| session.warn(contradiction));
+            Ok(image)
+        };
         let samples = self.found.pairs.iter().map(|pair| {
             let sample = || {
                 session.progress.check()?;
@@ -48,6 +53,7 @@ impl Folders {
         });
         let mut evaluation = eval::measure(config, vec![Method::restored(&self.name)], samples)
             .with_context(|| format!("measuring the images of {}", self.name))?;
+        evaluation.tone = Some(self.tone);
         for (id, fault) in &self.found.unmatched {
             evaluation.exclude(&Label::scene(id), *fault);
         }

@@ -34,7 +34,7 @@ pub(super) fn draw(evaluation: &Evaluation) -> Vec<(String, String)> {
 }
 
 /// The number and the metric of the matrix that a file holds; none for other files.
-pub(in crate::commands) fn matrix_of_file(file: &str) -> Option<(usize, &str)> {
+fn matrix_of_file(file: &str) -> Option<(usize, &str)> {
     let (number, metric) = file.strip_prefix("mismatch-")?.strip_suffix(".svg")?.split_once('-')?;
     Some((number.parse().ok()?, metric))
 }
@@ -47,7 +47,12 @@ pub(super) fn is_plot(file: &str) -> bool {
 
 /// The file and the drawing of a matrix; `number` tells methods apart.
 pub(super) fn draw_matrix(matrix: &Matrix, number: usize) -> (String, String) {
-    let map = HeatMap {
+    (name_of_matrix(matrix.metric, number), standalone(&heat_map_of(matrix)))
+}
+
+/// The drawing of a matrix within a page.
+pub(in crate::commands) fn heat_map_of(matrix: &Matrix) -> String {
+    heat_map(&HeatMap {
         row_label: "kernel of the image".to_owned(),
         column_label: format!(
             "{} of {} by the kernel that it is told",
@@ -58,8 +63,7 @@ pub(super) fn draw_matrix(matrix: &Matrix, number: usize) -> (String, String) {
         columns: matrix.assumed.clone(),
         values: matrix.rows.clone(),
         decimals: matrix.metric.decimals(),
-    };
-    (name_of_matrix(matrix.metric, number), standalone(&heat_map(&map)))
+    })
 }
 
 fn draw_by_rotation(evaluation: &Evaluation, index: usize) -> Option<String> {

@@ -30,6 +30,9 @@ fn render_image(text: &mut String, image: &ImageDescription) -> std::fmt::Result
         image.format, image.width, image.height, image.sample_type
     )?;
     writeln!(text, "  domain    {}", image.domain.unwrap_or("not declared"))?;
+    for tag in &image.color_tags {
+        writeln!(text, "  colours   {tag}")?;
+    }
     if let Some(seconds) = image.exposure_s {
         writeln!(text, "  exposure  {} s", number(seconds))?;
     }
@@ -95,6 +98,9 @@ fn render_psf(text: &mut String, psf: &PsfDescription) -> std::fmt::Result {
             channel.radius_50_px,
             channel.radius_90_px
         )?;
+    }
+    for warning in &psf.warnings {
+        writeln!(text, "  warning   {warning}")?;
     }
     writeln!(text, "  sha256    {}", psf.sha256)
 }

@@ -6,13 +6,15 @@ use anyhow::{Context as _, Result, bail};
 use clap::Args;
 
 use udc::codes::{interpolate_code, project};
-use udc::core::io::{is_bank_of_sha256, read_bank, read_bank_codes, read_code, read_psf};
+use udc::core::io::{is_bank_of_sha256, read_bank, read_bank_codes, read_code};
 use udc::core::kernel_code::{KernelBank, KernelCode};
+use udc::core::psf::Psf;
 use udc::network::Model;
 use udc::restore::Conditioning;
 
 use super::field::Field;
 use crate::commands::Session;
+use crate::commands::psf_file::PsfAmongImagesArgs;
 
 #[derive(Args, Debug)]
 pub(super) struct CodeArgs {
@@ -73,7 +75,12 @@ impl KnownCode {
 
 impl CodeArgs {
     /// The code for `model`, with warnings about banks that do not belong to it.
-    pub(super) fn resolve(&self, model: &Model, session: &Session) -> Result<KnownCode> {
+    pub(super) fn resolve(
+        &self,
+        model: &Model,
+        psf_file: &PsfAmongImagesArgs,
+        session: &Session,
+    ) -> Result<KnownCode> {
         if !model.architecture().condition.uses_code() {
             if self.bank.is_some() || self.code.is_some() || self.psf.is_some() {
                 session.warn("the model was trained without kernel codes; --bank, --angle, --code and --psf change nothing");
@@ -82,7 +89,9 @@ impl CodeArgs {
         }
         if let (Some(field), Some(bank)) = (&self.field, &self.bank) {
             check_bank(bank, model, session)?;
-            return Ok(KnownCode::Field(Field::read(field, |psf| projected(bank, psf, session))?));
+            return Ok(KnownCode::Field(Field::read(field, |psf| {
+                projected(bank, psf, &psf_file.read(psf, session)?, session)
+            })?));
         }
         let code = match (&self.code, &self.bank, self.angle, &self.psf) {
             (Some(code), ..) => read_code(code)?,
@@ -97,7 +106,7 @@ impl CodeArgs {
             }
             (None, Some(bank), None, Some(psf)) => {
                 check_bank(bank, model, session)?;
-                projected(bank, psf, session)?
+                projected(bank, psf, &psf_file.read(psf, session)?, session)?
             }
             (None, Some(_), None, None) => {
                 bail!(
@@ -117,13 +126,14 @@ impl CodeArgs {
     }
 }
 
-fn projected(bank: &Path, psf: &Path, session: &Session) -> Result<KernelCode> {
+/// The code of the PSF that was read from `path`.
+fn projected(bank: &Path, path: &Path, psf: &Psf, session: &Session) -> Result<KernelCode> {
     let kernels = read_bank(bank)?;
-    let projection = project(&kernels, &read_psf(psf)?)
-        .with_context(|| format!("projecting {} onto {}", psf.display(), bank.display()))?;
+    let projection = project(&kernels, psf)
+        .with_context(|| format!("projecting {} onto {}", path.display(), bank.display()))?;
     session.detail(format_args!(
         "{} is nearest to {}, {:.3} % outside of the bank",
-        psf.display(),
+        path.display(),
         kernels.kernel_name(projection.nearest),
         100.0 * projection.residual_l2
     ));
@@ -132,7 +142,7 @@ fn projected(bank: &Path, psf: &Path, session: &Session) -> Result<KernelCode> {
             "{:.2} % of {} lies outside of what {} can describe ({:.2} % is its own spread): the model may \
              restore badly; train one with a bank of this PSF",
             100.0 * projection.residual_l2,
-            psf.display(),
+            path.display(),
             bank.display(),
             100.0 * projection.limit_l2
         ));

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use udc::codes::interpolate_code;
 use udc::core::error::Error;
 use udc::core::image::{CHANNELS, ToneMappedImage};
-use udc::core::io::{read_psf, sha256_of_file};
+use udc::core::io::sha256_of_file;
 use udc::core::kernel_code::{KernelBank, KernelCode};
 use udc::core::progress::Progress;
 use udc::core::psf::Psf;
@@ -127,13 +127,13 @@ impl Engine {
                         "the model was trained on images tone-mapped with --alpha {alpha} --x-max {x_max}"
                     ));
                 }
-                let code = args.code.resolve(&model, session)?;
+                let code = args.code.resolve(&model, &args.psf_file, session)?;
                 NetworkRestorer::new(&model, code.example())?;
                 Kind::Network { path: text_of(path), sha256, model, code, tile: args.tile }
             }
             (None, Some(method), Some(psf)) => {
                 let config = args.method.config(method, curve);
-                Kind::Deconvolution { path: text_of(psf), psf: read_psf(psf)?, config }
+                Kind::Deconvolution { path: text_of(psf), psf: args.psf_file.read(psf, session)?, config }
             }
             _ => bail!("name a --model, or a --method with its --psf"),
         };

@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use anyhow::{Context as _, Result, bail};
 
 use udc::core::error::Error;
-use udc::core::io::{expand_inputs, inspect_image, is_hidden, list_folder, sha256_of_file};
+use udc::core::io::{DomainTag, expand_inputs, is_hidden, list_folder, read_pixels, sha256_of_file};
 use udc::psf::{Bracket, fuse};
 
 use super::RestoreArgs;
@@ -106,10 +106,10 @@ impl RestoreArgs {
     pub(super) fn read_capture(&self, job: &Job, session: &Session) -> Result<Capture> {
         if !self.is_bracket() && !self.raw.is_raw() {
             let file = &job.inputs[0];
-            let read = || inspect_image(file);
-            let (pixels, encoding) = session.timed(format_args!("reading {}", job.name()), read)?;
+            let read = || read_pixels(file);
+            let pixels = session.timed(format_args!("reading {}", job.name()), read)?;
             if pixels.raw.is_none() {
-                let pixels = AnyImage::of(file, pixels, &encoding, self.domain)?;
+                let pixels = AnyImage::of(file, pixels, self.domain, session)?;
                 return Ok(Capture { pixels, saturation: None });
             }
         }
@@ -121,7 +121,7 @@ impl RestoreArgs {
             );
         }
         let mut pictures = session.timed(format_args!("reading {}", job.name()), || {
-            self.raw.read(&job.inputs, &session.progress)
+            self.raw.read(&job.inputs, self.domain.map(DomainTag::from), session)
         })?;
         let bracket = if self.is_bracket() {
             let Some(times) = self.raw.exposures.clone().or(pictures.times) else {

@@ -16,6 +16,9 @@ use udc::core::io;
 use udc::core::kernel_code::KernelBank;
 use udc::synth::BankFile;
 
+use crate::commands::Session;
+use crate::commands::psf_file::PsfAmongImagesArgs;
+
 #[derive(Args, Debug)]
 #[group(required = true, multiple = true)]
 pub(super) struct KernelArgs {
@@ -105,12 +108,12 @@ pub(super) enum SplitName {
 }
 
 impl KernelArgs {
-    pub(super) fn read(&self) -> Result<Kernels> {
+    pub(super) fn read(&self, psf_file: &PsfAmongImagesArgs, session: &Session) -> Result<Kernels> {
         let reading = |path: &Path| format!("reading {}", path.display());
         let bank = self.bank.as_deref();
         let read_bank = |path: &Path| io::read_bank(path).with_context(|| reading(path));
         if let Some(path) = &self.field {
-            let field = io::read_psf_field(path).with_context(|| reading(path))?;
+            let field = psf_file.read_field(path, session).with_context(|| reading(path))?;
             let bank =
                 central_bank(&field, bank.map(read_bank).transpose()?).with_context(|| reading(path))?;
             return Ok(Kernels { file: BankFile::Encoded(io::encode_bank(&bank)), bank, field: Some(field) });
@@ -123,7 +126,7 @@ impl KernelArgs {
             });
         }
         let path = self.psf.as_ref().context("name a --bank, a --psf or a --field")?;
-        let bank = KernelBank::single(io::read_psf(path).with_context(|| reading(path))?);
+        let bank = KernelBank::single(psf_file.read(path, session).with_context(|| reading(path))?);
         Ok(Kernels { file: BankFile::Encoded(io::encode_bank(&bank)), bank, field: None })
     }
 }

@@ -171,11 +171,13 @@ fn read_list(path: &Path) -> Result<Vec<Triplet>> {
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     lines
         .map(|(index, line)| {
-            serde_json::from_str(line).map_err(|error| {
-                let number = index + 1;
+            let number = index + 1;
+            let triplet: Triplet = serde_json::from_str(line).map_err(|error| {
                 let reason = "after an interrupted synthesis, finish it with `udc synth --resume`";
                 Error::format(path, format!("line {number} is no triplet ({error}); {reason}"))
-            })
+            })?;
+            triplet.check_paths().map_err(|reason| Error::format(path, format!("line {number} {reason}")))?;
+            Ok(triplet)
         })
         .collect()
 }

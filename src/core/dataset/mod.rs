@@ -68,6 +68,37 @@ pub struct Triplet {
     pub sha256: Option<String>,
 }
 
+impl Triplet {
+    /// Refuses paths that may lead out of the dataset's folder, on any system: a list that somebody else wrote must not
+    /// name files of this computer. What a folder of the dataset links to is for its owner to say.
+    ///
+    /// # Errors
+    /// What is wrong with which path.
+    pub(crate) fn check_paths(&self) -> Result<(), String> {
+        [("gt", &self.gt), ("degraded", &self.degraded)].into_iter().try_for_each(|(key, path)| {
+            let fault = fault_of_path(path);
+            fault.map_or(Ok(()), |fault| {
+                Err(format!("names the path `{path}` as {key}, which {fault}; paths are relative and stay in the dataset"))
+            })
+        })
+    }
+}
+
+/// Why a path may lead out of the folder that it is relative to.
+fn fault_of_path(path: &str) -> Option<&'static str> {
+    let mut letters = path.chars();
+    let has_drive = letters.next().is_some_and(|c| c.is_ascii_alphabetic()) && letters.next() == Some(':');
+    if path.is_empty() {
+        Some("is empty")
+    } else if path.starts_with(['/', '\\']) || has_drive {
+        Some("is absolute")
+    } else if path.split(['/', '\\']).any(|part| part == "..") {
+        Some("leads out by `..`")
+    } else {
+        path.contains('\0').then_some("holds a zero byte")
+    }
+}
+
 /// A dataset folder that has been opened: its description, not its images.
 #[derive(Clone, Debug)]
 pub struct Dataset {

@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::{WriteOptions, create_folder, read_psf, read_text, write_atomically, write_psf};
+use super::{
+    PsfOptions, PsfReading, WriteOptions, create_folder, inspect_psf, read_text, write_atomically, write_psf,
+};
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
 use crate::core::field::{FieldGrid, PsfField};
@@ -40,10 +42,21 @@ pub fn read_field(file: &Path) -> Result<(FieldGrid, Vec<PathBuf>)> {
 /// Reads a field file with its PSFs.
 ///
 /// # Errors
-/// As [`read_field`] and [`read_psf`]; [`Error::Shape`] when the PSFs have several sizes.
+/// As [`inspect_psf_field`].
 pub fn read_psf_field(file: &Path) -> Result<PsfField> {
+    inspect_psf_field(file, PsfOptions::default()).map(|(field, _)| field)
+}
+
+/// Reads a field file with its PSFs, and finds what is wrong with each of them.
+///
+/// # Errors
+/// As [`read_field`] and [`inspect_psf`]; [`Error::Shape`] when the PSFs have several sizes.
+pub fn inspect_psf_field(file: &Path, options: PsfOptions) -> Result<(PsfField, Vec<PsfReading>)> {
     let (grid, paths) = read_field(file)?;
-    PsfField::new(grid, paths.iter().map(|path| read_psf(path)).collect::<Result<_>>()?)
+    let readings: Vec<PsfReading> =
+        paths.iter().map(|path| inspect_psf(path, options)).collect::<Result<_>>()?;
+    let field = PsfField::new(grid, readings.iter().map(|reading| reading.psf.clone()).collect())?;
+    Ok((field, readings))
 }
 
 /// Writes a field file, and its PSFs into the folder of the same name without extension; replaces what is there.

@@ -1,15 +1,15 @@
 //! Expands what a user names — files, folders, patterns — to a list of image files.
 
 use std::ffi::OsStr;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use super::format::Format;
 use crate::core::error::{Error, Result};
 
 /// Expands files, folders and globs to image files.
 ///
-/// A folder stands for the image files directly inside of it that are not hidden, a pattern for the files that match;
-/// both are sorted by name. Files keep the order in which they are named.
+/// A folder stands for the image files directly inside of it that are not hidden, a pattern for the files that match, as in
+/// a shell: hidden ones only if the pattern spells the dot. Both are sorted by name. Files keep the order in which they are named.
 ///
 /// # Errors
 /// [`Error::Io`] when a name does not exist; [`Error::Format`] when a folder or a pattern yields no file.
@@ -76,7 +76,7 @@ fn files_of_pattern(input: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
             let folder = error.path().to_owned();
             Error::io("read", folder, error.into())
         })?;
-        if path.is_file() {
+        if path.is_file() && is_shown(input, &path) {
             files.push(path);
         }
     }
@@ -85,4 +85,48 @@ fn files_of_pattern(input: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
     }
     files.sort();
     Ok(files)
+}
+
+/// Whether a shell would show what matches a pattern: what is hidden only where the pattern spells its dot.
+fn is_shown(pattern: &Path, path: &Path) -> bool {
+    let names = |path: &Path| -> Vec<Vec<u8>> {
+        let normal = path.components().filter_map(|part| match part {
+            Component::Normal(name) => Some(name.as_encoded_bytes().to_vec()),
+            _ => None,
+        });
+        normal.collect()
+    };
+    let (pattern, path) = (names(pattern), names(path));
+    let is_any = |part: &Vec<u8>| part == b"**";
+    let spells = |pattern: &[Vec<u8>], path: &[Vec<u8>]| {
+        pattern.iter().zip(path).all(|(pattern, name)| !name.starts_with(b".") || pattern.starts_with(b"."))
+    };
+    let (Some(first), Some(last)) = (pattern.iter().position(is_any), pattern.iter().rposition(is_any))
+    else {
+        return spells(&pattern, &path);
+    };
+    // Folders that `**` stands for have no pattern of their own.
+    let tail = pattern.len() - last - 1;
+    let Some(between) = path.get(first..path.len().saturating_sub(tail)) else { return false };
+    spells(&pattern[..first], &path)
+        && between.iter().all(|name| !name.starts_with(b"."))
+        && spells(&pattern[last + 1..], &path[path.len() - tail..])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pattern_shows_hidden_names_where_it_spells_the_dot() {
+        let shown = |pattern: &str, path: &str| is_shown(Path::new(pattern), Path::new(path));
+        assert!(
+            shown("a/*.exr", "a/b.exr") && shown("./a/*.exr", "a/b.exr") && shown("../*.exr", "../b.exr")
+        );
+        assert!(!shown("a/*.exr", "a/.b.exr") && shown("a/.*.exr", "a/.b.exr"));
+        assert!(!shown("*/*.exr", ".a/b.exr") && shown(".a/*.exr", ".a/b.exr"));
+        assert!(!shown("**/*.exr", "a/.b/c.exr") && !shown("**/*.exr", "a/b/.c.exr"));
+        assert!(shown("**/*.exr", "a/b/c.exr") && shown("**/*.exr", "c.exr"));
+        assert!(shown("x/**/.b*", "x/a/.bc") && !shown("x/**/.b*", "x/.a/.bc"));
+    }
 }

@@ -7,6 +7,7 @@
 mod array;
 mod atomic;
 mod bank;
+mod color_tags;
 mod container;
 mod describe;
 mod dng;
@@ -16,14 +17,17 @@ mod folder;
 mod format;
 mod grey_tiff;
 mod guard;
+mod icc;
 mod inputs;
 mod jpeg;
 mod npy;
 mod plain;
 mod planes;
+mod psf;
 mod raster;
 mod shared_input;
 mod size;
+mod tell;
 mod tiff_directory;
 
 use std::path::Path;
@@ -36,7 +40,6 @@ use super::bayer::BayerPattern;
 use super::error::{Error, Result};
 use super::image::{Domain, Image, Linear, ToneMapped};
 use super::provenance::Provenance;
-use super::psf::Psf;
 
 pub use array::{read_array, write_array};
 pub use atomic::{WriteSeek, check_output, remove_unfinished, write_atomically};
@@ -44,16 +47,18 @@ pub use bank::{
     bank_sha256, bank_sha256_of, encode_bank, is_bank_of_sha256, read_bank, read_bank_codes, write_bank,
     write_published_bank,
 };
+pub use color_tags::ColorTag;
 pub use container::{TensorData, write_safetensors};
 pub use describe::{
     ArrayDescription, BankDescription, Description, ImageDescription, ModelDescription, PsfChannel,
     PsfDescription, Statistics, describe, describe_psf,
 };
-pub use field::{read_field, read_psf_field, write_psf_field};
+pub use field::{inspect_psf_field, read_field, read_psf_field, write_psf_field};
 pub use folder::{AppendFile, LineLog, create_folder, lock_folder, publish_folder, remove, try_lock_folder};
 pub use format::{Encoding, Format};
 pub use inputs::{expand_inputs, is_hidden};
 pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_file};
+pub use psf::{PsfOptions, PsfReading, inspect_psf, read_psf, write_psf};
 pub use shared_input::SharedInput;
 pub use size::read_image_size;
 
@@ -72,6 +77,9 @@ pub enum DomainTag {
     ToneMapped,
     /// For viewing, as `udc finish` makes them: no light can be computed from these.
     Display,
+    /// Linear light in `[0, 1]`, encoded by the curve of sRGB, as pictures of most cameras and programs are. Only the user
+    /// says it: such values are decoded when they are read, and no file of this domain is written.
+    Srgb,
 }
 
 impl DomainTag {
@@ -81,10 +89,11 @@ impl DomainTag {
             Self::Linear => Linear::NAME,
             Self::ToneMapped => ToneMapped::NAME,
             Self::Display => "display",
+            Self::Srgb => "srgb",
         }
     }
 
-    /// The tag of a name; `None` for a name that is not a domain's.
+    /// The tag of a name in a file; `None` for a name that is not a domain's.
     pub fn from_name(name: &str) -> Option<Self> {
         [Self::Linear, Self::ToneMapped, Self::Display].into_iter().find(|tag| tag.name() == name)
     }
@@ -109,6 +118,10 @@ pub struct Pixels {
     pub provenance: Option<Provenance>,
     /// What a camera's raw file says of its values.
     pub raw: Option<RawMetadata>,
+    /// Whether the samples are integers of 8 or 16 bits: unless the file says more, only the user knows what they mean.
+    pub is_integer: bool,
+    /// What the file says of its colours, which changes no value.
+    pub color_tags: Vec<ColorTag>,
 }
 
 /// What a camera's raw file says of its values; levels are in the units of the planes.
@@ -127,7 +140,16 @@ pub struct RawMetadata {
 impl Pixels {
     /// Takes planes over that a file says nothing about.
     pub fn of_planes(planes: Array3<f32>) -> Self {
-        Self { planes, domain: None, exposure_s: None, iso: None, provenance: None, raw: None }
+        Self {
+            planes,
+            domain: None,
+            exposure_s: None,
+            iso: None,
+            provenance: None,
+            raw: None,
+            is_integer: false,
+            color_tags: Vec::new(),
+        }
     }
 }
 
@@ -213,36 +235,29 @@ pub fn read_image<D: Domain>(path: &Path) -> Result<Image<D>> {
     image_of(path, read_pixels(path)?)
 }
 
+/// As [`read_image`], of a file that may not say its domain: the user told it. Says what in the file contradicts that.
+///
+/// # Errors
+/// As [`read_image`] and [`Pixels::tell`].
+pub fn read_image_told<D: Domain>(
+    path: &Path,
+    told: Option<DomainTag>,
+) -> Result<(Image<D>, Option<String>)> {
+    let mut pixels = read_pixels(path)?;
+    let contradiction = pixels.tell(path, told)?;
+    Ok((image_of(path, pixels)?, contradiction))
+}
+
 /// Takes the pixels that were read from `path` for an image of domain `D`.
 ///
 /// # Errors
 /// As [`read_image`], but for those of reading.
 pub fn image_of<D: Domain>(path: &Path, pixels: Pixels) -> Result<Image<D>> {
-    check_domain::<D>(path, pixels.domain)?;
+    check_domain(path, pixels.domain, D::NAME)?;
     check_cooked(path, &pixels)?;
+    pixels.check_told(path)?;
     let planes = to_rgb(path, pixels.planes)?;
     Image::from_planes(planes).map_err(|error| Error::format(path, error.to_string()))
-}
-
-/// Reads a PSF from an image file, non-negative and of unit sum.
-///
-/// # Errors
-/// As [`read_image`] of linear values; [`Error::Format`] when a channel holds no light.
-pub fn read_psf(path: &Path) -> Result<Psf> {
-    let pixels = read_pixels(path)?;
-    check_domain::<Linear>(path, pixels.domain)?;
-    check_cooked(path, &pixels)?;
-    let planes = to_rgb(path, pixels.planes)?;
-    Psf::from_energy(planes).map_err(|error| Error::format(path, error.to_string()))
-}
-
-/// Writes a PSF as an image file of linear values.
-///
-/// # Errors
-/// As [`write_image`].
-pub fn write_psf(path: &Path, psf: &Psf, options: &WriteOptions) -> Result<()> {
-    let image = Image::<Linear>::from_planes(psf.planes().to_owned())?;
-    write_image(path, &image, options)
 }
 
 /// Writes an image in the format of the path's extension.
@@ -329,16 +344,16 @@ fn write_contents(path: &Path, contents: &Contents<'_>, options: PixelOptions) -
     write_atomically(path, options.overwrite, |file| file.write_all(&bytes))
 }
 
-fn check_domain<D: Domain>(path: &Path, declared: Option<DomainTag>) -> Result<()> {
-    let Some(tag) = declared.filter(|tag| tag.name() != D::NAME) else { return Ok(()) };
-    let (found, needed) = (tag.name(), D::NAME);
+fn check_domain(path: &Path, declared: Option<DomainTag>, needed: &str) -> Result<()> {
+    let Some(tag) = declared.filter(|tag| tag.name() != needed) else { return Ok(()) };
+    let found = tag.name();
     let convert_by = |command: &str| {
         format!("pass `--domain {found}` to a command that has it, or convert the file with `{command}`")
     };
     let advice = match tag {
         DomainTag::Linear => convert_by("udc tonemap"),
         DomainTag::ToneMapped => convert_by("udc tonemap --inverse"),
-        DomainTag::Display => format!(
+        DomainTag::Display | DomainTag::Srgb => format!(
             "use the image as it was before `udc finish`, or pass `--domain {needed}` to a command that has it to take \
              the values for that"
         ),

@@ -69,6 +69,11 @@ impl Element {
         }
     }
 
+    /// Whether an image of this type is scaled to `[0, 1]`.
+    fn is_image_integer(self) -> bool {
+        matches!(self, Self::U8 | Self::U16)
+    }
+
     fn name(self) -> &'static str {
         match self {
             Self::F16 => "half",
@@ -192,17 +197,20 @@ pub(super) fn decode_image(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encodin
     let decode = || {
         let npy = Npy::parse(bytes)?;
         let encoding = Encoding { format: Format::Npy, sample_type: npy.element.name().to_owned() };
-        Ok((Pixels::of_planes(npy.into_planes()?), encoding))
+        let is_integer = npy.element.is_image_integer();
+        Ok((Pixels { is_integer, ..Pixels::of_planes(npy.into_planes()?) }, encoding))
     };
     decode().map_err(|reason: String| Error::format(path, reason))
 }
 
-/// The height and width of the image in a file that starts with `bytes`; `None` where it is none.
-pub(super) fn size_of_head(bytes: &[u8]) -> Option<[usize; 2]> {
+/// The height and width of the image in a file that starts with `bytes`, and whether its samples are integers; `None` where
+/// it is none.
+pub(super) fn size_of_head(bytes: &[u8]) -> Option<([usize; 2], bool)> {
     let (text, _) = split_header(bytes).ok()?;
+    let (element, _) = Element::parse(quoted(entry(text, "descr").ok()?)?)?;
     let shape = parse_shape(entry(text, "shape").ok()?).ok()?;
     let (channels, height, width) = Layout::of_shape(&shape, false).ok()?.shape;
-    [1, 3].contains(&channels).then_some([height, width])
+    [1, 3].contains(&channels).then_some(([height, width], element.is_image_integer()))
 }
 
 /// Where an image array keeps its channels, rows and columns.

@@ -15,7 +15,7 @@ use super::format::{Encoding, Format};
 use super::grey_tiff;
 use super::guard::guarded;
 use super::planes::{from_interleaved, to_interleaved};
-use super::{MAX_PIXELS, PixelOptions, Pixels, jpeg, tiff_directory};
+use super::{MAX_PIXELS, PixelOptions, Pixels, color_tags, jpeg, tiff_directory};
 use crate::core::error::{Error, Result};
 
 /// The most memory a decoder may take beside the image: a frame of [`MAX_PIXELS`] at 16 bits.
@@ -50,23 +50,31 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: Format, packed: bool) ->
     if format == Format::Jpeg && !jpeg::is_whole(bytes) {
         return Err(Error::format(path, "is truncated or damaged: the end of the image is missing"));
     }
-    let image = guarded(|| decode_dynamic(bytes, format)).map_err(|reason| Error::format(path, reason))?;
+    let (image, profile) =
+        guarded(|| decode_dynamic(bytes, format)).map_err(|reason| Error::format(path, reason))?;
     let sample_type = match image.color() {
         ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => "uint8",
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => "uint16",
         _ => "float",
     };
     let planes = to_planes(&image, packed).map_err(|reason| Error::format(path, reason))?;
-    Ok((Pixels::of_planes(planes), Encoding { format, sample_type: sample_type.to_owned() }))
+    let is_png = format == Format::Png;
+    let mut color_tags = if is_png { color_tags::of_png(bytes) } else { Vec::new() };
+    let place = if is_png { "iCCP chunk" } else { "ICC profile" };
+    color_tags.extend(profile.map(|profile| color_tags::of_profile(place, &profile)));
+    let is_integer = sample_type.starts_with("uint");
+    let pixels = Pixels { is_integer, color_tags, ..Pixels::of_planes(planes) };
+    Ok((pixels, Encoding { format, sample_type: sample_type.to_owned() }))
 }
 
-fn decode_dynamic(bytes: &[u8], format: Format) -> Result<DynamicImage, String> {
+/// The image with the ICC profile that is embedded.
+fn decode_dynamic(bytes: &[u8], format: Format) -> Result<(DynamicImage, Option<Vec<u8>>), String> {
     let mut limits = Limits::default();
     limits.max_alloc = Some(MAX_DECODER_BYTES);
     let mut reader = ImageReader::with_format(Cursor::new(bytes), image_format(format));
     reader.limits(limits);
     let damaged = |error: image::ImageError| format!("cannot be decoded: {error}");
-    let decoder = reader.into_decoder().map_err(damaged)?;
+    let mut decoder = reader.into_decoder().map_err(damaged)?;
     let (width, height) = decoder.dimensions();
     let pixels = u64::from(width) * u64::from(height);
     if pixels == 0 || pixels > MAX_PIXELS as u64 {
@@ -79,7 +87,12 @@ fn decode_dynamic(bytes: &[u8], format: Format) -> Result<DynamicImage, String> 
             "is truncated or damaged: {width} × {height} pixels do not fit in its {length} bytes"
         ));
     }
-    DynamicImage::from_decoder(decoder).map_err(damaged)
+    // A profile that is damaged says nothing; the picture may still be whole.
+    let profile = match format {
+        Format::Tiff => tiff_directory::icc_profile(bytes),
+        _ => decoder.icc_profile().ok().flatten(),
+    };
+    Ok((DynamicImage::from_decoder(decoder).map_err(damaged)?, profile))
 }
 
 /// The height and width of the image in a PNG, JPEG or Radiance HDR file that starts with `bytes`; `None` where its

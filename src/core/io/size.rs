@@ -4,31 +4,36 @@ use std::path::Path;
 
 use super::format::Format;
 use super::plain::read_head;
-use super::{DomainTag, HEAD_BYTES, exr, image_of, npy, raster, read_pixels};
+use super::{DomainTag, HEAD_BYTES, exr, npy, raster, read_image_told};
 use crate::core::error::{Error, Result};
 use crate::core::image::Domain;
 
-/// Finds the height and width of the image that [`read_image`](super::read_image) would read.
+/// Finds the height and width of the image that [`read_image_told`] would read.
 ///
-/// The file's header says it, but for TIFF, whose header may be anywhere: such a file, and one whose header is not
-/// understood, is read as a whole.
+/// The file's header says it, but for TIFF, whose header may be anywhere: such a file, one whose header is not understood,
+/// and one of integers of which nobody has `told` what they are, is read as a whole.
 ///
 /// # Errors
-/// As [`read_image`](super::read_image), as far as the header shows it.
-pub fn read_image_size<D: Domain>(path: &Path) -> Result<[usize; 2]> {
+/// As [`read_image_told`], as far as the header shows it.
+pub fn read_image_size<D: Domain>(path: &Path, told: Option<DomainTag>) -> Result<[usize; 2]> {
     let head = read_head(path, HEAD_BYTES)?;
     let found = match Format::of_contents(&head) {
         Some(Format::Exr) => {
             let file = path.metadata().map_err(|source| Error::io("read", path, source))?;
-            let fits = |domain: Option<DomainTag>| domain.is_none_or(|tag| tag.name() == D::NAME);
+            let fits = |domain: Option<DomainTag>| match told {
+                Some(told) => domain.is_none() && told.name() == D::NAME || domain == Some(told),
+                None => domain.is_none_or(|tag| tag.name() == D::NAME),
+            };
             exr::size_of_head(path, &head, file.len()).and_then(|(size, domain)| fits(domain).then_some(size))
         }
-        Some(Format::Npy) => npy::size_of_head(&head),
-        Some(format @ (Format::Png | Format::Jpeg | Format::Hdr)) => raster::size_of_head(&head, format),
-        Some(Format::Tiff) | None => None,
+        Some(Format::Npy) => npy::size_of_head(&head)
+            .and_then(|(size, is_integer)| (told.is_some() || !is_integer).then_some(size)),
+        Some(format @ Format::Hdr) => raster::size_of_head(&head, format),
+        Some(format @ (Format::Png | Format::Jpeg)) if told.is_some() => raster::size_of_head(&head, format),
+        Some(Format::Png | Format::Jpeg | Format::Tiff) | None => None,
     };
     match found {
         Some(size) => Ok(size),
-        None => image_of::<D>(path, read_pixels(path)?).map(|image| [image.height(), image.width()]),
+        None => read_image_told::<D>(path, told).map(|(image, _)| [image.height(), image.width()]),
     }
 }

@@ -14,6 +14,8 @@ pub(super) const SAMPLES: u16 = 277;
 const EXTRA_SAMPLES: u16 = 338;
 pub(super) const SAMPLE_FORMAT: u16 = 339;
 
+const ICC_PROFILE: u16 = 34675;
+
 /// Values of [`PHOTOMETRIC`]: black is zero; red, green and blue.
 pub(super) const GREY: u16 = 1;
 pub(super) const RGB: u16 = 2;
@@ -161,6 +163,15 @@ impl<'a> Directory<'a> {
         let value = if self.big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
         bytes[place..place + 4].copy_from_slice(&value);
     }
+}
+
+/// The ICC profile of the first image: bytes, or as the profile's standard has it, of no type.
+pub(super) fn icc_profile(bytes: &[u8]) -> Option<Vec<u8>> {
+    const UNDEFINED: u16 = 7;
+    let directory = Directory::first(bytes)?;
+    let is_bytes = |kind| [BYTE, UNDEFINED].contains(&kind).then_some(1);
+    let (_, length, start) = directory.values(ICC_PROFILE, is_bytes)?;
+    directory.slice(start, length).map(<[u8]>::to_vec)
 }
 
 /// Whether the samples are integers of 32 bits: some decoders take their bits for floats.

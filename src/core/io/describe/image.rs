@@ -3,7 +3,7 @@
 use ndarray::{Array3, Axis};
 use serde::Serialize;
 
-use crate::core::io::{DomainTag, Encoding, Pixels, RawMetadata};
+use crate::core::io::{ColorTag, DomainTag, Encoding, Pixels, RawMetadata};
 use crate::core::provenance::Provenance;
 
 /// An image file.
@@ -19,6 +19,9 @@ pub struct ImageDescription {
     pub height: usize,
     /// The domain that the file declares.
     pub domain: Option<&'static str>,
+    /// What the file says of its colours, which changes no value.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub color_tags: Vec<ColorTag>,
     /// The exposure time that the file declares.
     pub exposure_s: Option<f64>,
     /// The sensitivity (ISO) that the file declares.
@@ -63,6 +66,7 @@ pub(super) fn describe_image(pixels: Pixels, encoding: Encoding) -> ImageDescrip
         width,
         height,
         domain: pixels.domain.map(DomainTag::name),
+        color_tags: pixels.color_tags,
         exposure_s: pixels.exposure_s,
         iso: pixels.iso,
         raw: pixels.raw,

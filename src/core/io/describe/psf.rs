@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::Description;
 use crate::core::error::Result;
-use crate::core::io::read_psf;
+use crate::core::io::{PsfOptions, inspect_psf};
 
 /// A PSF file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -20,6 +20,9 @@ pub struct PsfDescription {
     pub centre: (usize, usize),
     /// One entry a channel.
     pub channels: Vec<PsfChannel>,
+    /// What is wrong with the file as a PSF, and what mends it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
     /// The PSF's identity across files.
     pub sha256: String,
 }
@@ -40,15 +43,17 @@ pub struct PsfChannel {
 /// Describes an image file as the PSF that it holds.
 ///
 /// # Errors
-/// As [`read_psf`].
-pub fn describe_psf(path: &Path) -> Result<Description> {
-    let psf = read_psf(path)?;
+/// As [`inspect_psf`].
+pub fn describe_psf(path: &Path, options: PsfOptions) -> Result<Description> {
+    let reading = inspect_psf(path, options)?;
+    let (warnings, psf) = (reading.warnings(), reading.psf);
     let channels = (0..3).map(|channel| describe_psf_channel(&psf.channel(channel), psf.centre())).collect();
     Ok(Description::Psf(PsfDescription {
         width: psf.width(),
         height: psf.height(),
         centre: psf.centre(),
         channels,
+        warnings,
         sha256: psf.sha256(),
     }))
 }

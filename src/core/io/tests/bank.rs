@@ -7,6 +7,7 @@ use ndarray::{Array1, Array2};
 
 use super::*;
 use crate::core::kernel_code::{CodeBasis, KernelBank};
+use crate::core::psf::Psf;
 
 fn bank() -> KernelBank {
     let psfs: Vec<Psf> = (1..4)

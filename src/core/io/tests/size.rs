@@ -9,10 +9,13 @@ fn a_header_says_the_size_of_the_image_that_is_read() {
     let mut sizes = 0;
     for name in list_folder(&folder).unwrap() {
         let path = folder.join(name);
-        if let Ok(image) = read_image::<Linear>(&path) {
-            let size = read_image_size::<Linear>(&path).unwrap();
-            assert_eq!(size, [image.height(), image.width()], "{}", path.display());
-            sizes += 1;
+        for told in [None, Some(DomainTag::Linear), Some(DomainTag::Srgb)] {
+            let image = read_image_told::<Linear>(&path, told);
+            if let Ok((image, _)) = image {
+                let size = read_image_size::<Linear>(&path, told).unwrap();
+                assert_eq!(size, [image.height(), image.width()], "{}", path.display());
+                sizes += 1;
+            }
         }
     }
     assert!(sizes > 10, "only {sizes} files were images");
@@ -24,9 +27,9 @@ fn a_file_of_another_domain_or_kind_has_no_size() {
     let path = folder.path().join("a.exr");
     let image = Image::<ToneMapped>::from_planes(Array3::zeros((3, 2, 5))).unwrap();
     write_image(&path, &image, &WriteOptions::default()).unwrap();
-    assert_eq!(read_image_size::<ToneMapped>(&path).unwrap(), [2, 5]);
-    assert!(read_image_size::<Linear>(&path).unwrap_err().to_string().contains("tone-mapped"));
+    assert_eq!(read_image_size::<ToneMapped>(&path, None).unwrap(), [2, 5]);
+    assert!(read_image_size::<Linear>(&path, None).unwrap_err().to_string().contains("tone-mapped"));
     std::fs::write(&path, b"\x93NUMPY").unwrap();
-    assert!(read_image_size::<Linear>(&path).unwrap_err().to_string().contains("truncated"));
-    assert!(read_image_size::<Linear>(&folder.path().join("absent")).is_err());
+    assert!(read_image_size::<Linear>(&path, None).unwrap_err().to_string().contains("truncated"));
+    assert!(read_image_size::<Linear>(&folder.path().join("absent"), None).is_err());
 }

@@ -1,0 +1,109 @@
+//! PSFs that the user names: read as the flags say, with a warning of what is wrong with the file.
+
+use std::path::Path;
+
+use anyhow::Result;
+use clap::{Args, ValueEnum};
+
+use udc::core::field::PsfField;
+use udc::core::io::{DomainTag, PsfOptions, PsfReading, inspect_psf, inspect_psf_field};
+use udc::core::psf::{Psf, show_shift};
+
+use super::Session;
+
+/// What the values of a PSF's file may be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum PsfDomainArg {
+    /// Proportional to light
+    Linear,
+    /// Encoded by the curve of sRGB
+    Srgb,
+}
+
+/// The flags of commands whose only images are PSFs.
+#[derive(Args, Debug)]
+pub(super) struct PsfFileArgs {
+    /// What a PSF's file holds; pictures of integers must be told [default: what the file says, else linear]
+    #[arg(long, value_enum, value_name = "DOMAIN", alias = "psf-domain")]
+    domain: Option<PsfDomainArg>,
+    /// Move a PSF whose peak is not at the centre, index N // 2, there: by whole pixels, all colours together
+    #[arg(long)]
+    recenter: bool,
+}
+
+/// The group of the flags that name PSFs, in commands that read other images too.
+pub(super) const PSF_FILES: &str = "psf-files";
+
+/// The flags of commands that read other images too; they belong to those of the group [`PSF_FILES`].
+#[derive(Args, Debug)]
+pub(super) struct PsfAmongImagesArgs {
+    /// What a PSF's file holds; pictures of integers must be told [default: what the file says, else linear]
+    #[arg(long, value_enum, value_name = "DOMAIN", requires = PSF_FILES)]
+    psf_domain: Option<PsfDomainArg>,
+    /// Move a PSF whose peak is not at the centre, index N // 2, there: by whole pixels, all colours together
+    #[arg(long, requires = PSF_FILES)]
+    recenter: bool,
+}
+
+impl PsfFileArgs {
+    /// Whether a flag says how PSFs are read.
+    pub(super) fn is_given(&self) -> bool {
+        self.domain.is_some() || self.recenter
+    }
+
+    pub(super) fn options(&self) -> PsfOptions {
+        PsfOptions { domain: self.domain.map(DomainTag::from), recenter: self.recenter }
+    }
+
+    /// Reads a PSF; warns of what is wrong with it.
+    pub(super) fn read(&self, path: &Path, session: &Session) -> Result<Psf> {
+        read(path, self.options(), session)
+    }
+}
+
+impl PsfAmongImagesArgs {
+    fn options(&self) -> PsfOptions {
+        PsfOptions { domain: self.psf_domain.map(DomainTag::from), recenter: self.recenter }
+    }
+
+    /// Reads a PSF; warns of what is wrong with it.
+    pub(super) fn read(&self, path: &Path, session: &Session) -> Result<Psf> {
+        // The question for the domain names the flag of other commands.
+        read(path, self.options(), session).map_err(|error| match self.psf_domain {
+            None if error.to_string().contains("does not say whether") => {
+                error.context("a PSF's domain is told by --psf-domain linear or --psf-domain srgb")
+            }
+            _ => error,
+        })
+    }
+
+    /// Reads the PSFs of a field file; warns of what is wrong with each.
+    pub(super) fn read_field(&self, path: &Path, session: &Session) -> Result<PsfField> {
+        let (field, readings) = inspect_psf_field(path, self.options())?;
+        readings.iter().for_each(|reading| tell(reading, session));
+        Ok(field)
+    }
+}
+
+fn read(path: &Path, options: PsfOptions, session: &Session) -> Result<Psf> {
+    let reading = inspect_psf(path, options)?;
+    tell(&reading, session);
+    Ok(reading.psf)
+}
+
+fn tell(reading: &PsfReading, session: &Session) {
+    if let Some(moved) = reading.moved {
+        let by = show_shift(moved);
+        session.note(format_args!("{}: its peak was moved to the centre, {by}", reading.path.display()));
+    }
+    reading.warnings().into_iter().for_each(|warning| session.warn(warning));
+}
+
+impl From<PsfDomainArg> for DomainTag {
+    fn from(domain: PsfDomainArg) -> Self {
+        match domain {
+            PsfDomainArg::Linear => Self::Linear,
+            PsfDomainArg::Srgb => Self::Srgb,
+        }
+    }
+}

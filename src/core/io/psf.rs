@@ -1,0 +1,80 @@
+//! Reads and writes PSFs as image files, and says what is wrong with those that are read.
+
+use std::path::{Path, PathBuf};
+
+use super::{DomainTag, WriteOptions, check_cooked, check_domain, read_pixels, to_rgb, write_image};
+use crate::core::error::{Error, Result};
+use crate::core::image::{Domain as _, Image, Linear};
+use crate::core::psf::{Psf, PsfFaults, recenter};
+
+/// How a PSF is read.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PsfOptions {
+    /// What the user says that the values are.
+    pub domain: Option<DomainTag>,
+    /// Whether a peak that is off the centre is moved there.
+    pub recenter: bool,
+}
+
+/// A PSF with what was found in its file.
+#[derive(Clone, Debug)]
+pub struct PsfReading {
+    /// The file.
+    pub path: PathBuf,
+    /// The PSF, non-negative and of unit sum.
+    pub psf: Psf,
+    /// What is wrong with the file as a PSF.
+    pub faults: PsfFaults,
+    /// Rows down and columns to the right by which it was moved to bring its peak to the centre.
+    pub moved: Option<(isize, isize)>,
+    /// What the file says of its colours against what the user says.
+    pub contradiction: Option<String>,
+}
+
+impl PsfReading {
+    /// What the user should know, a sentence each; nothing of a PSF without fault.
+    pub fn warnings(&self) -> Vec<String> {
+        let faults = self.faults.describe().map(|faults| format!("{}: {faults}", self.path.display()));
+        faults.into_iter().chain(self.contradiction.clone()).collect()
+    }
+}
+
+/// Reads a PSF from an image file, non-negative and of unit sum, without a word on what was wrong with it.
+///
+/// # Errors
+/// As [`inspect_psf`].
+pub fn read_psf(path: &Path) -> Result<Psf> {
+    inspect_psf(path, PsfOptions::default()).map(|reading| reading.psf)
+}
+
+/// Reads a PSF from an image file, and finds what is wrong with it.
+///
+/// # Errors
+/// As [`read_image`](super::read_image) of linear values; [`Error::Format`] when a value is not finite, a channel holds no
+/// light, or moving the peak to the centre leaves none.
+pub fn inspect_psf(path: &Path, options: PsfOptions) -> Result<PsfReading> {
+    let mut pixels = read_pixels(path)?;
+    let contradiction = pixels.tell(path, options.domain)?;
+    check_domain(path, pixels.domain, Linear::NAME)?;
+    check_cooked(path, &pixels)?;
+    pixels.check_told(path)?;
+    let planes = to_rgb(path, pixels.planes)?;
+    let in_file = |error: Error| Error::format(path, error.to_string());
+    let mut faults = PsfFaults::of(&planes).map_err(in_file)?;
+    let (planes, moved) = if options.recenter { recenter(planes) } else { (planes, None) };
+    if moved.is_some() {
+        faults.shifts = PsfFaults::of(&planes).map_err(in_file)?.shifts;
+    }
+    faults.recentered = options.recenter;
+    let psf = Psf::from_energy(planes).map_err(in_file)?;
+    Ok(PsfReading { path: path.to_owned(), psf, faults, moved, contradiction })
+}
+
+/// Writes a PSF as an image file of linear values.
+///
+/// # Errors
+/// As [`write_image`].
+pub fn write_psf(path: &Path, psf: &Psf, options: &WriteOptions) -> Result<()> {
+    let image = Image::<Linear>::from_planes(psf.planes().to_owned())?;
+    write_image(path, &image, options)
+}

@@ -1,0 +1,77 @@
+//! Takes the user's word for what the values of a file are, where the file does not say it itself.
+
+use std::path::Path;
+
+use super::{DomainTag, Pixels, check_domain};
+use crate::core::color::srgb_decode;
+use crate::core::error::{Error, Result};
+
+impl Pixels {
+    /// Whether only the user knows what the values are: integers that are no camera's raw ones, of a file that does not
+    /// say its domain. A picture of 8 or 16 bits may be linear, tone-mapped or, as most are, encoded as sRGB; what its
+    /// colour tags say is no answer, since programs write them into whatever they save.
+    pub fn must_be_told(&self) -> bool {
+        self.is_integer && self.domain.is_none() && self.raw.is_none()
+    }
+
+    /// Refuses values of which nobody has said what they are.
+    ///
+    /// # Errors
+    /// [`Error::Format`] that asks for it.
+    pub fn check_told(&self, path: &Path) -> Result<()> {
+        if !self.must_be_told() {
+            return Ok(());
+        }
+        let tags: Vec<String> = self.color_tags.iter().map(ToString::to_string).collect();
+        let found = if tags.is_empty() {
+            String::new()
+        } else {
+            format!(" (it has {}, which is no answer)", tags.join("; "))
+        };
+        Err(Error::format(
+            path,
+            format!(
+                "does not say whether its values are linear, tone-mapped or sRGB{found}: add --domain linear, --domain \
+                 tone-mapped or --domain srgb, or give an .exr that `udc convert --domain …` made of it"
+            ),
+        ))
+    }
+
+    /// Takes the user's word for the domain; values of sRGB are decoded to linear light in `[0, 1]`.
+    ///
+    /// Returns what the file's colour tags say against it, to be warned of; they change nothing. A file made for viewing
+    /// may be told anew.
+    ///
+    /// # Errors
+    /// [`Error::Format`] when the file declares another domain, or is told to be sRGB and holds values outside of `[0, 1]`.
+    pub fn tell(&mut self, path: &Path, told: Option<DomainTag>) -> Result<Option<String>> {
+        let Some(told) = told else { return Ok(None) };
+        if self.raw.is_none() && self.domain != Some(DomainTag::Display) {
+            check_domain(path, self.domain, told.name())?;
+        }
+        self.domain = Some(told);
+        if told == DomainTag::Srgb {
+            self.decode_srgb(path)?;
+        }
+        let found: Vec<String> = self.color_tags.iter().filter_map(|tag| tag.contradiction(told)).collect();
+        Ok((!found.is_empty()).then(|| {
+            let done =
+                if told == DomainTag::Srgb { "decoded by the curve of sRGB" } else { "taken as they are" };
+            let (path, found, told) = (path.display(), found.join(", and "), told.name());
+            format!("{path}: {found}; as --domain {told} has it, the values are {done}")
+        }))
+    }
+
+    fn decode_srgb(&mut self, path: &Path) -> Result<()> {
+        if let Some(outside) = self.planes.iter().find(|value| !(0.0..=1.0).contains(*value)) {
+            let reason = format!(
+                "holds {outside}, and sRGB goes from 0 to 1: it is linear (--domain linear) or something else"
+            );
+            return Err(Error::format(path, reason));
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "images are f32")]
+        self.planes.par_mapv_inplace(|value| srgb_decode(f64::from(value)) as f32);
+        self.domain = Some(DomainTag::Linear);
+        Ok(())
+    }
+}

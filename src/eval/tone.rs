@@ -1,0 +1,122 @@
+//! Finds the tone curve that two folders of images are to be compared under: as their files say.
+//!
+//! An EXR of `udc restore`, `udc tonemap` or `udc synth` says it in its provenance, and files of a dataset's folder that say
+//! nothing themselves by the dataset's `dataset.toml`.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use super::FilePair;
+use crate::core::dataset::{CONFIG_FILE, DatasetConfig, FormationConfig};
+use crate::core::error::{Error, Result};
+use crate::core::io;
+use crate::core::provenance::Provenance;
+use crate::core::tone::ToneCurve;
+
+/// How many folders above an image may describe the dataset that it is of: `degraded/<kernel>/` lies two below.
+const DATASET_DEPTH: usize = 3;
+
+/// The commands whose provenance holds the curve under `tone`.
+const WITH_TONE: [&str; 2] = ["restore", "tonemap"];
+
+/// What the user says of the curve, which stands above what files say.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ToneFlags {
+    /// `--alpha`.
+    pub alpha: Option<f32>,
+    /// `--x-max`.
+    pub x_max: Option<f32>,
+}
+
+/// A tone curve with whoever said it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ToneSource {
+    /// The curve.
+    pub curve: ToneCurve,
+    /// Who said it: `the files`, `the flags`, `nobody (it is the published one)`.
+    pub said_by: &'static str,
+}
+
+impl ToneSource {
+    /// The curve of pairs of files: that of the flags, of the files, or where neither says anything, the published one.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when files say different curves and the flags do not decide; [`Error::Format`] when a dataset of
+    /// the files is damaged.
+    pub fn of_pairs(pairs: &[FilePair], flags: ToneFlags) -> Result<Self> {
+        let given = |curve: ToneCurve| {
+            ToneCurve::new(flags.alpha.unwrap_or(curve.alpha), flags.x_max.unwrap_or(curve.x_max))
+        };
+        let default = given(ToneCurve::default())?;
+        if flags.alpha.is_some() && flags.x_max.is_some() {
+            return Ok(Self { curve: default, said_by: "the flags" });
+        }
+        let mut first: Option<(&Path, ToneCurve)> = None;
+        for path in pairs.iter().flat_map(|pair| [&pair.restored, &pair.ground_truth]) {
+            let Some(curve) = curve_of_file(path)? else { continue };
+            let curve = given(curve)?;
+            match first {
+                Some((other, known)) if known != curve => {
+                    return Err(disagreement((other, known), (path, curve)));
+                }
+                Some(_) => {}
+                None => first = Some((path, curve)),
+            }
+        }
+        Ok(match first {
+            Some((_, curve)) => {
+                let is_given = flags != ToneFlags::default();
+                Self { curve, said_by: if is_given { "the flags and the files" } else { "the files" } }
+            }
+            None if flags != ToneFlags::default() => Self { curve: default, said_by: "the flags" },
+            None => Self { curve: default, said_by: "nobody (it is the published one)" },
+        })
+    }
+
+    /// The curve and who said it, as results hold it.
+    pub fn to_json(&self) -> Value {
+        json!({"alpha": self.curve.alpha, "x-max": self.curve.x_max, "said-by": self.said_by})
+    }
+}
+
+fn disagreement(first: (&Path, ToneCurve), second: (&Path, ToneCurve)) -> Error {
+    let show = |(path, curve): (&Path, ToneCurve)| {
+        format!("{} says alpha {} and x-max {}", path.display(), curve.alpha, curve.x_max)
+    };
+    let reason = format!(
+        "{}, {}: images of two curves cannot be compared; name the one to measure with by --alpha and --x-max",
+        show(first),
+        show(second)
+    );
+    Error::config("tone curve", reason)
+}
+
+/// What a file says of its curve, or else the dataset that it is of.
+fn curve_of_file(path: &Path) -> Result<Option<ToneCurve>> {
+    let provenance = io::read_provenance(path)?;
+    match provenance.as_ref().and_then(curve_of_provenance) {
+        Some(curve) => Ok(Some(curve)),
+        None => curve_of_dataset(path),
+    }
+}
+
+fn curve_of_provenance(provenance: &Provenance) -> Option<ToneCurve> {
+    let Provenance { command, config, .. } = provenance;
+    match command.as_str() {
+        "synth" => {
+            let formation: FormationConfig = serde_json::from_value(config.get("formation")?.clone()).ok()?;
+            formation.curve().ok()
+        }
+        // A copy keeps what was said of the original.
+        "convert" => curve_of_provenance(&serde_json::from_value(config.get("source")?.clone()).ok()?),
+        command if WITH_TONE.contains(&command) => serde_json::from_value(config.get("tone")?.clone()).ok(),
+        _ => None,
+    }
+}
+
+fn curve_of_dataset(path: &Path) -> Result<Option<ToneCurve>> {
+    let absolute: PathBuf = std::path::absolute(path).map_err(|error| Error::io("find", path, error))?;
+    let root = absolute.ancestors().skip(1).take(DATASET_DEPTH).find(|root| root.join(CONFIG_FILE).is_file());
+    root.map(|root| DatasetConfig::read(root)?.formation.curve()).transpose()
+}

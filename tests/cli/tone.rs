@@ -1,0 +1,124 @@
+//! The tone curve of `udc eval` on folders is that of their files.
+
+use std::fs;
+use std::path::Path;
+
+use ndarray::Array3;
+use serde_json::Value;
+use udc::core::image::{LinearImage, ToneMappedImage};
+use udc::core::io::{self, WriteOptions};
+use udc::core::provenance::Provenance;
+use udc::core::tone::ToneCurve;
+
+use super::common::{fail, succeed, udc};
+
+/// Light of about a third of what the sensor records, and a restoration that is a tenth too bright.
+fn light(factor: f32) -> LinearImage {
+    let value = |(c, y, x): (usize, usize, usize)| factor * (0.2 + (c + 2 * y + 3 * x) as f32 % 7.0);
+    LinearImage::from_planes(Array3::from_shape_fn((3, 24, 24), value)).unwrap()
+}
+
+fn write(path: &Path, image: &LinearImage, command: &str, config: &Value) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let provenance = Some(Provenance::new(command, config));
+    io::write_image(path, image, &WriteOptions { provenance, overwrite: true, ..WriteOptions::default() })
+        .unwrap();
+}
+
+/// As `udc restore` and `udc synth` write their images.
+fn write_folders(folder: &Path, restored: (f32, f32), truth: Option<(f32, f32)>) {
+    let tone = |(alpha, x_max): (f32, f32)| serde_json::json!({"alpha": alpha, "x-max": x_max});
+    write(
+        &folder.join("restored/a.exr"),
+        &light(1.1),
+        "restore",
+        &serde_json::json!({"tone": tone(restored)}),
+    );
+    let formation = truth.map_or(Value::Null, tone);
+    write(&folder.join("gt/a.exr"), &light(1.0), "synth", &serde_json::json!({"formation": formation}));
+}
+
+/// The mean squared error of the two as their definition has it, before rounding to 8 bits.
+fn psnr_under(curve: ToneCurve) -> f64 {
+    let map = |factor: f32| -> ToneMappedImage { curve.tone_map(&light(factor)) };
+    let (a, b) = (map(1.1), map(1.0));
+    let round = |v: f32| f64::from((v.clamp(0.0, 1.0) * 255.0).round_ties_even()) / 255.0;
+    let squares = a.as_slice().iter().zip(b.as_slice()).map(|(&a, &b)| (round(a) - round(b)).powi(2));
+    let count = a.as_slice().len() as f64;
+    -10.0 * (squares.sum::<f64>() / count).log10()
+}
+
+const EVAL: [&str; 5] = ["eval", "--restored", "restored", "--gt", "gt"];
+
+fn results(folder: &Path, name: &str) -> Value {
+    serde_json::from_str(&fs::read_to_string(folder.join(name).join("metrics.json")).unwrap()).unwrap()
+}
+
+/// α = 1 and x_max = 4 cut and bend otherwise than the default: the numbers differ by decibels.
+#[test]
+fn images_of_folders_are_compared_under_the_curve_that_their_files_say() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    write_folders(folder, (1.0, 4.0), Some((1.0, 4.0)));
+    let said = succeed(folder, &[&EVAL[..], &["-o", "results"]].concat());
+    let found = results(folder, "results");
+    let expected = psnr_under(ToneCurve { alpha: 1.0, x_max: 4.0 });
+    assert!((psnr_under(ToneCurve::default()) - expected).abs() > 1.0, "the curves are told apart");
+    assert!((found["mean"]["psnr"].as_f64().unwrap() - expected).abs() < 1e-6, "{found}");
+    let tone = &found["definition"]["tone"];
+    assert_eq!(tone["alpha"], 1.0);
+    assert_eq!(tone["x-max"], 4.0);
+    assert_eq!(tone["said-by"], "the files");
+    assert!(said.contains("x / (x + 1) of x up to 4, as the files said"), "{said}");
+}
+
+#[test]
+fn folders_of_two_curves_are_refused_until_flags_decide() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    write_folders(folder, (0.25, 16.0), Some((0.25, 500.0)));
+    let refused = fail(folder, &[&EVAL[..], &["-o", "results"]].concat(), 1);
+    assert!(refused.contains("x-max 16") && refused.contains("x-max 500"), "{refused}");
+    assert!(refused.contains("--alpha") && refused.contains("--x-max"), "{refused}");
+    assert!(!folder.join("results").exists());
+    // What is given is no longer in dispute, and α is still the files'.
+    succeed(folder, &[&EVAL[..], &["-o", "results", "--x-max", "16"]].concat());
+    assert_eq!(results(folder, "results")["definition"]["tone"]["said-by"], "the flags and the files");
+    succeed(folder, &[&EVAL[..], &["-o", "other", "--x-max", "2", "--alpha", "0.5"]].concat());
+    let found = results(folder, "other");
+    let expected = psnr_under(ToneCurve { alpha: 0.5, x_max: 2.0 });
+    assert!((found["mean"]["psnr"].as_f64().unwrap() - expected).abs() < 1e-6, "{found}");
+    assert_eq!(found["definition"]["tone"]["said-by"], "the flags");
+    let output = udc(folder, &[&EVAL[..], &["-o", "none", "--alpha", "0"]].concat());
+    assert!(!output.status.success() && String::from_utf8_lossy(&output.stderr).contains("alpha"));
+}
+
+/// Files that carry nothing, as .npy: the dataset that the ground truth lies in says the curve, and without one nobody does.
+#[test]
+fn a_dataset_says_the_curve_of_its_ground_truth() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    fs::create_dir_all(folder.join("views")).unwrap();
+    fs::create_dir_all(folder.join("restored")).unwrap();
+    let options = WriteOptions::default();
+    io::write_image(&folder.join("views/a.npy"), &light(1.0), &options).unwrap();
+    io::write_image(&folder.join("restored/a.npy"), &light(1.1), &options).unwrap();
+    let mut point = Array3::zeros((3, 5, 5));
+    point.slice_mut(ndarray::s![.., 2, 2]).fill(1.0);
+    io::write_image(&folder.join("psf.exr"), &LinearImage::from_planes(point).unwrap(), &options).unwrap();
+    let synth =
+        ["synth", "views", "--psf", "psf.exr", "-o", "dataset", "--format", "npy", "--alpha", "1", "--x-max"];
+    succeed(folder, &[&synth[..], &["4"]].concat());
+    let eval = |gt: &str, output: &str| {
+        let eval = ["eval", "--restored", "restored", "--gt", gt, "--domain", "linear", "-o", output];
+        succeed(folder, &eval);
+        results(folder, output)
+    };
+    let found = eval("dataset/gt", "results");
+    assert_eq!(found["definition"]["tone"]["x-max"], 4.0);
+    let expected = psnr_under(ToneCurve { alpha: 1.0, x_max: 4.0 });
+    assert!((found["mean"]["psnr"].as_f64().unwrap() - expected).abs() < 1e-6, "{found}");
+    let found = eval("views", "default");
+    assert_eq!(found["definition"]["tone"]["x-max"], 500.0);
+    assert!(found["definition"]["tone"]["said-by"].as_str().unwrap().contains("nobody"), "{found}");
+}
