@@ -93,7 +93,8 @@ impl CropArgs {
                 session.detail(format_args!("{stem} view {}: rendered in {:.2?}", i + 1, started.elapsed()));
                 let provenance = Provenance::new("crop", &Origin { panorama: stem, view: *view });
                 let (half, overwrite) = (self.half, session.overwrite);
-                let options = WriteOptions { half, overwrite, provenance: Some(provenance) };
+                let provenance = Some(provenance);
+                let options = WriteOptions { half, overwrite, provenance, ..WriteOptions::default() };
                 io::write_image(&self.path(stem, i + 1), &image, &options)?;
                 bar.inc(1);
             }

@@ -11,7 +11,7 @@ use super::destination::{Destination, OutputFolder, Unplaced, without_repeats};
 use super::picture::AnyImage;
 use super::queue::{Stages, run_all};
 use udc::core::image::{Linear, ToneMapped};
-use udc::core::io::{WriteOptions, expand_inputs, read_image};
+use udc::core::io::{WriteOptions, expand_inputs, read_capture_info, read_image};
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
 
@@ -126,6 +126,7 @@ impl Stages for Mapping<'_> {
             half: self.args.half,
             overwrite: self.session.overwrite,
             provenance: Some(Provenance::new("tonemap", &self.describe(job))),
+            capture: read_capture_info(&job.input)?,
         };
         let domain = image.domain();
         image.write(&job.output, domain, self.curve, &options)?;

@@ -184,6 +184,7 @@ impl<'a> Run<'a> {
             half: config.half,
             overwrite: true,
             provenance: Some(Provenance::new("synth", &origin)),
+            ..WriteOptions::default()
         }
     }
 }

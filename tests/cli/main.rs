@@ -17,6 +17,7 @@ mod files;
 mod finish;
 mod measure;
 mod negatives;
+mod photograph;
 #[path = "../common/perceptual_weights.rs"]
 mod perceptual_weights;
 mod raw;
