@@ -53,7 +53,7 @@ pub(super) fn note_what_is_lost(path: &Path, info: &CaptureInfo, session: &Sessi
     }
     let mut flags = Vec::new();
     if let Some([red, green, blue]) = info.saturation {
-        flags.push(format!("--saturation {red},{green},{blue}"));
+        flags.push(format!("--saturation {red:.4},{green:.4},{blue:.4}"));
     }
     if let Some(orientation) = info.orientation.filter(|orientation| !orientation.is_upright()) {
         flags.push(format!("--orientation {}", orientation.exif()));
