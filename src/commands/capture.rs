@@ -35,7 +35,9 @@ pub(super) fn uncorrected(raw: &RawMetadata) -> Option<String> {
     let is_known = raw.ignored.iter().any(|opcode| opcode.optional && !opcode.name.starts_with("opcode"));
     match (needed.is_empty(), is_known) {
         (true, false) => None,
-        (true, true) => Some(format!("restored without the correction of {optional}, which the file makes optional")),
+        (true, true) => {
+            Some(format!("restored without the correction of {optional}, which the file makes optional"))
+        }
         (false, _) => {
             let also = if is_known { format!(", and of {optional}") } else { String::new() };
             Some(format!(

@@ -12,9 +12,7 @@ use serde_json::{Value, json};
 
 use udc::core::error::Error;
 use udc::core::image::CHANNELS;
-use udc::core::io::{
-    DomainTag, Format, PixelOptions, Pixels, read_capture_info, read_pixels, write_pixels,
-};
+use udc::core::io::{DomainTag, Format, PixelOptions, Pixels, read_capture_info, read_pixels, write_pixels};
 use udc::core::orientation::Orientation;
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
@@ -126,7 +124,10 @@ fn parse_level(text: &str) -> Result<f32, String> {
 impl FinishArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         if let Some(count) = self.saturation.as_ref().map(Vec::len).filter(|count| *count != CHANNELS) {
-            return Err(misuse("finish", &format!("--saturation takes three levels, red, green and blue; found {count}")));
+            return Err(misuse(
+                "finish",
+                &format!("--saturation takes three levels, red, green and blue; found {count}"),
+            ));
         }
         let curve = ToneCurve::new(self.alpha, self.x_max)?;
         self.style.check_curve()?;
@@ -276,7 +277,8 @@ impl Stages for Finishing<'_> {
             config.curve = automatic_curve(&image, &look, self.args.x_max);
             if let Curve::Photographic { grey, white } = config.curve {
                 let input = job.input.display();
-                self.session.detail(format_args!("{input}: middle grey at light {grey:.4}, white at {white:.4}"));
+                self.session
+                    .detail(format_args!("{input}: middle grey at light {grey:.4}, white at {white:.4}"));
             }
         }
         let planes = self.session.timed(self.doing(job), || finish(image, &look, &config))?;

@@ -37,8 +37,7 @@ const D65: [f64; 2] = [0.3127, 0.3290];
 const SRGB_PRIMARIES: [[f64; 2]; 3] = [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06]];
 
 /// XYZ to the responses of the Bradford transform (Lam 1985), in which lights are adapted to each other.
-const BRADFORD: Matrix3 =
-    [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]];
+const BRADFORD: Matrix3 = [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]];
 
 /// Rounds of looking for the white's chromaticity, which the matrices depend on; a handful suffices.
 const WHITE_ROUNDS: usize = 30;
@@ -70,7 +69,8 @@ impl CameraColor {
             None => (inverse(&product(&to_camera, &mixed.color_matrix))?, white),
         };
         let to_srgb = inverse(&srgb_to_xyz()?)?;
-        let matrix = product(&product(&to_srgb, &adaptation(light, D65)?), &product(&to_xyz, &diagonal(neutral)));
+        let matrix =
+            product(&product(&to_srgb, &adaptation(light, D65)?), &product(&to_xyz, &diagonal(neutral)));
         let sums = matrix.map(|row| row.iter().sum::<f64>());
         let is_sound = sums.iter().all(|sum| sum.is_finite() && *sum > 0.0);
         let rows = [0, 1, 2].map(|i| matrix[i].map(|value| value / sums[i]));

@@ -68,7 +68,8 @@ fn row_of<'a>(
 ) -> impl Iterator<Item = (f32, bool)> + 'a {
     (0..planes.dim().2).map(move |x| {
         let pixel = [planes[[0, y, x]], planes[[1, y, x]], planes[[2, y, x]]];
-        let luminance = look.light_of(pixel).iter().zip(LUMINANCE).map(|(light, weight)| light * weight).sum();
+        let luminance =
+            look.light_of(pixel).iter().zip(LUMINANCE).map(|(light, weight)| light * weight).sum();
         (luminance, look.is_clipped(pixel))
     })
 }

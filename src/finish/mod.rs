@@ -203,7 +203,8 @@ mod tests {
         let curve = automatic_curve(&lamp, &look, 500.0);
         let shown = finish(lamp.clone(), &look, &FinishConfig { curve, ..bare() }).unwrap();
         assert!(shown.iter().all(|v| *v == 1.0), "{shown}");
-        let before = finish(lamp, &Look { ccm, ..Look::default() }, &FinishConfig { curve, ..bare() }).unwrap();
+        let before =
+            finish(lamp, &Look { ccm, ..Look::default() }, &FinishConfig { curve, ..bare() }).unwrap();
         assert!(before[[1, 0, 0]] < 0.9, "without levels it is not: {before}");
     }
 

@@ -17,9 +17,9 @@ mod files;
 mod finish;
 mod measure;
 mod negatives;
-mod photograph;
 #[path = "../common/perceptual_weights.rs"]
 mod perceptual_weights;
+mod photograph;
 mod raw;
 mod restore;
 mod run_folder;

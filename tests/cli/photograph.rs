@@ -73,7 +73,7 @@ fn scene(card: f64) -> Array3<f64> {
             return 100.0 * card;
         }
         if is_at(RED_LAMP, y, x) {
-            return [60.0, 0.3, 0.2][c] * card;
+            return [30.0, 1.0, 1.0][c] * card;
         }
         card
     })
@@ -100,11 +100,13 @@ struct Negative {
     vignette: f64,
     /// Lists of opcodes beside: the tag, and the list.
     lists: Vec<(u16, Vec<u8>)>,
+    /// The chromaticity of the scene's white, in place of the colours of grey.
+    white: Option<[f64; 2]>,
 }
 
 impl Default for Negative {
     fn default() -> Self {
-        Self { card: 0.1, stops: None, vignette: 1.0, lists: Vec::new() }
+        Self { card: 0.1, stops: None, vignette: 1.0, lists: Vec::new(), white: None }
     }
 }
 
@@ -161,6 +163,10 @@ impl Negative {
         if let Some(stops) = self.stops {
             fields.push((50730, Field::SignedRationals(vec![stops])));
         }
+        if let Some(white) = self.white {
+            fields.retain(|(tag, _)| *tag != 50728);
+            fields.push((50729, Field::Rationals(white.map(|v| ((v * 1e6) as u32, 1_000_000)).to_vec())));
+        }
         for (tag, list) in self.lists {
             fields.retain(|(other, _)| *other != tag);
             fields.push((tag, Field::Data(list)));
@@ -212,7 +218,10 @@ fn a_dng_of_a_grey_card_under_a_lamp_finishes_grey_with_white_lamps() {
     let finished = picture(scratch.path(), "finished.png");
     assert_eq!(finished.dim(), (3, SIDES[0], SIDES[1]), "it is put upright");
     if let Some(folder) = std::env::var_os("UDC_KEEP_PICTURES") {
-        fs::copy(scratch.path().join("finished.png"), Path::new(&folder).join("grey_card.png")).unwrap();
+        // To look at.
+        for name in ["a.dng", "psf.exr", "finished.png"] {
+            fs::copy(scratch.path().join(name), Path::new(&folder).join(name)).unwrap();
+        }
     }
     // In the middle, in a corner far from the lamps, and at the border.
     for place in [[48, 64], [90, 120], [8, 120], [48, 100]] {
@@ -226,7 +235,10 @@ fn a_dng_of_a_grey_card_under_a_lamp_finishes_grey_with_white_lamps() {
     let lamp = range(&finished, LAMP, 5);
     assert!(lamp.iter().all(|[least, _]| *least >= 254.0), "the lamp is white: {lamp:?}");
     let [red, green, blue] = range(&finished, RED_LAMP, 4);
-    assert!(red[0] > 250.0 && green[1] < 150.0 && blue[1] < 150.0, "a red one red: {red:?} {green:?} {blue:?}");
+    assert!(
+        red[0] > 250.0 && green[1] < 150.0 && blue[1] < 150.0,
+        "a red one red: {red:?} {green:?} {blue:?}"
+    );
 }
 
 /// Two stops under what the camera would have to expose: the median is still shown as middle grey.
@@ -276,7 +288,8 @@ fn lens_shading_is_corrected_before_restoring() {
     let uncorrected = flat("b.exr", Negative { lists: vec![(51022, list(&[]))], ..Negative::default() });
     assert!(even(&uncorrected) < 0.65, "{}", even(&uncorrected));
     // The same by a map of gains before the colours are interpolated.
-    let map = Negative { lists: vec![(51022, list(&[])), (51009, list(&[gain_map()]))], ..Negative::default() };
+    let map =
+        Negative { lists: vec![(51022, list(&[])), (51009, list(&[gain_map()]))], ..Negative::default() };
     let map = flat("c.exr", map);
     assert!((even(&map) - 1.0).abs() < 0.04, "{}", even(&map));
 }
@@ -312,7 +325,10 @@ fn corrections_that_are_not_made_are_named() {
     assert!(said.contains("FixBadPixelsConstant") && said.contains("requires WarpRectilinear"), "{said}");
     let said = succeed(scratch.path(), &["info", "a.dng"]);
     assert!(said.contains("corrected FixVignetteRadial"), "{said}");
-    assert!(said.contains("ignored   FixBadPixelsConstant (optional), opcode 99 (optional), WarpRectilinear"), "{said}");
+    assert!(
+        said.contains("ignored   FixBadPixelsConstant (optional), opcode 99 (optional), WarpRectilinear"),
+        "{said}"
+    );
 }
 
 /// Counts and lengths that promise more than the file has, and numbers that are no gains.
@@ -378,6 +394,16 @@ fn info_shows_the_colours_of_a_negative_and_of_what_is_made_of_it() {
             assert!(said.contains(part), "{name}: {part} is not in {said}");
         }
         assert!(name == "a.dng" || said.contains("clips at  1.900 1.000 1.600"), "{said}");
+    }
+}
+
+/// Grey under the light of D65 is what the camera's matrix makes of that light.
+#[test]
+fn a_negative_may_say_the_chromaticity_of_its_white_instead() {
+    let scratch = scratch(Negative { white: Some([0.3127, 0.3290]), ..Negative::default() });
+    let raw = read_pixels(&scratch.path().join("a.dng")).unwrap().raw.unwrap();
+    for (found, expected) in raw.white_balance.unwrap().into_iter().zip(GAINS) {
+        assert!((found / expected - 1.0).abs() < 1e-3, "{found} instead of {expected}");
     }
 }
 

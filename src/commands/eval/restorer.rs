@@ -12,8 +12,7 @@ use udc::eval::{Cost, Method};
 use udc::network::Model;
 use udc::restore::deconvolution::{DeconvolutionConfig, deconvolution_bytes, deconvolve};
 use udc::restore::{
-    Conditioning, Highlights, NetworkRestorer, Tiling, blend_highlights, format_bytes,
-    restore_tiled,
+    Conditioning, Highlights, NetworkRestorer, Tiling, blend_highlights, format_bytes, restore_tiled,
 };
 
 use crate::commands::method::MethodArg;

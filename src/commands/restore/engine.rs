@@ -20,8 +20,8 @@ use udc::core::tone::ToneCurve;
 use udc::network::Model;
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, deconvolution_bytes, deconvolve};
 use udc::restore::{
-    Conditioning, Highlights, NetworkRestorer, Restorer, Tiling, WEAK_LEAD, blend_highlights,
-    code_map, format_bytes, restore_tiled, search_angle,
+    Conditioning, Highlights, NetworkRestorer, Restorer, Tiling, WEAK_LEAD, blend_highlights, code_map,
+    format_bytes, restore_tiled, search_angle,
 };
 
 use super::RestoreArgs;

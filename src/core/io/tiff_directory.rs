@@ -112,7 +112,8 @@ impl<'a> Directory<'a> {
 
     /// The bytes of a field of bytes, text or unnamed data.
     pub(super) fn bytes_of(&self, tag: u16) -> Option<&'a [u8]> {
-        let (_, count, start) = self.values(tag, |kind| [BYTE, ASCII, UNDEFINED].contains(&kind).then_some(1))?;
+        let (_, count, start) =
+            self.values(tag, |kind| [BYTE, ASCII, UNDEFINED].contains(&kind).then_some(1))?;
         self.slice(start, count)
     }
 

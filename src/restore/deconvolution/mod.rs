@@ -241,7 +241,8 @@ mod tests {
             deconvolve(&image, &psf, &config, &Progress::default()).unwrap()
         };
         for method in METHODS {
-            let [unbounded, own, greens] = [[500.0; 3], [1.9, 1.0, 1.6], [1.0; 3]].map(|s| restored(method, s));
+            let [unbounded, own, greens] =
+                [[500.0; 3], [1.9, 1.0, 1.6], [1.0; 3]].map(|s| restored(method, s));
             assert_eq!(own.channel(0), unbounded.channel(0), "{method:?}");
             assert_eq!(own.channel(1), greens.channel(1), "{method:?}");
             assert_ne!(greens.channel(0), unbounded.channel(0), "{method:?}");

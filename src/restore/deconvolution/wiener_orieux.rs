@@ -237,7 +237,8 @@ mod tests {
             let ours = rmse(&restored(&capture, 1), &scene());
             let of_balance = |exponent: i32| {
                 let config = DeconvolutionConfig { balance: 10f32.powf(exponent as f32 / 4.0), ..config(1) };
-                let restored = wiener::restore(capture.view(), psf().view(), &config, 0, &Progress::default());
+                let restored =
+                    wiener::restore(capture.view(), psf().view(), &config, 0, &Progress::default());
                 rmse(&restored.unwrap(), &scene())
             };
             let best = (-24..=8).map(of_balance).fold(f32::INFINITY, f32::min);

@@ -51,7 +51,8 @@ impl Fields<'_> {
 
     /// Gains that make neutral colours grey, 1 for green.
     pub(super) fn gains(&self, color: Option<&CameraColor>) -> Option<[f64; 3]> {
-        let of_neutral = self.positive(AS_SHOT_NEUTRAL).map(|neutral| neutral.map(|value| neutral[1] / value));
+        let of_neutral =
+            self.positive(AS_SHOT_NEUTRAL).map(|neutral| neutral.map(|value| neutral[1] / value));
         of_neutral.or_else(|| color?.gains_of(self.positive(AS_SHOT_WHITE)?))
     }
 

@@ -69,7 +69,12 @@ impl Corrections {
     }
 
     /// None where the list ends within an opcode.
-    fn read(&mut self, list: &mut Reader<'_>, is_of_photosites: bool, is_of_colors: bool) -> Option<Result<(), String>> {
+    fn read(
+        &mut self,
+        list: &mut Reader<'_>,
+        is_of_photosites: bool,
+        is_of_colors: bool,
+    ) -> Option<Result<(), String>> {
         for _ in 0..list.u32()? {
             let (id, _version, flags) = (list.u32()?, list.u32()?, list.u32()?);
             let length = usize::try_from(list.u32()?).ok()?;
@@ -96,7 +101,12 @@ impl Corrections {
     }
 
     /// Multiplies the light above black; what was saturated stays at least as bright as it was.
-    pub(super) fn apply(&self, planes: &mut Array3<f32>, [black, white]: [f64; 2], bayer: Option<BayerPattern>) {
+    pub(super) fn apply(
+        &self,
+        planes: &mut Array3<f32>,
+        [black, white]: [f64; 2],
+        bayer: Option<BayerPattern>,
+    ) {
         if self.gains.is_empty() {
             return;
         }
@@ -123,7 +133,9 @@ impl Corrections {
 impl Gain {
     fn at(&self, place: [usize; 2], size: [usize; 2], channel: usize, color: usize) -> f64 {
         match self {
-            Self::Map { map, is_of_colors } => map.at(place, size, if *is_of_colors { color } else { channel }),
+            Self::Map { map, is_of_colors } => {
+                map.at(place, size, if *is_of_colors { color } else { channel })
+            }
             Self::Vignette(vignette) => vignette.at(place, size),
         }
     }
@@ -255,7 +267,8 @@ impl Vignette {
     }
 }
 
-const DAMAGED: &str = "is damaged: its corrections of the lens (opcode lists) are cut off or hold impossible numbers";
+const DAMAGED: &str =
+    "is damaged: its corrections of the lens (opcode lists) are cut off or hold impossible numbers";
 
 /// Big-endian numbers, whatever the byte order of the file.
 struct Reader<'a>(&'a [u8]);

@@ -88,8 +88,14 @@ fn encode(contents: &Contents<'_>) -> Vec<u8> {
 #[test]
 fn sub_sampled_channels_are_refused_with_a_reason() {
     let grey = Array3::zeros((1, 8, 8));
-    let contents =
-        Contents { planes: grey.view(), domain: None, exposure_s: None, iso: None, provenance: None, capture: None };
+    let contents = Contents {
+        planes: grey.view(),
+        domain: None,
+        exposure_s: None,
+        iso: None,
+        provenance: None,
+        capture: None,
+    };
     let mut bytes = encode(&contents);
     let list = bytes.windows(7).position(|window| window == b"chlist\0").unwrap();
     // The kind is followed by the size (4), the name `Y` and its zero (2), type (4), flags (4), then the steps.
@@ -158,7 +164,10 @@ fn domain_exposure_provenance_and_capture_travel_with_the_image() {
         (read.domain, read.exposure_s, read.iso, &read.provenance, &read.capture),
         (pixels.domain, pixels.exposure_s, pixels.iso, &pixels.provenance, &pixels.capture)
     );
-    assert_eq!((read_provenance(&path).unwrap(), read_capture_info(&path).unwrap()), (read.provenance, read.capture));
+    assert_eq!(
+        (read_provenance(&path).unwrap(), read_capture_info(&path).unwrap()),
+        (read.provenance, read.capture)
+    );
     // Its attributes are in one order, whatever order hash maps have.
     let bytes = std::fs::read(&path).unwrap();
     let overwrite = PixelOptions { overwrite: true, ..PixelOptions::default() };
@@ -172,8 +181,14 @@ fn domain_exposure_provenance_and_capture_travel_with_the_image() {
 #[test]
 fn compresses_only_what_shrinks() {
     let bytes = |planes: &Array3<f32>| {
-        let contents =
-            Contents { planes: planes.view(), domain: None, exposure_s: None, iso: None, provenance: None, capture: None };
+        let contents = Contents {
+            planes: planes.view(),
+            domain: None,
+            exposure_s: None,
+            iso: None,
+            provenance: None,
+            capture: None,
+        };
         encode(&contents)
     };
     let flat = Array3::from_elem((3, 64, 64), 0.25);
