@@ -70,6 +70,8 @@ pub(crate) struct Pictures {
     pub(crate) times: Option<Vec<f64>>,
     /// How to fuse them, the levels in the units of the planes.
     pub(crate) config: FuseConfig,
+    /// What the first file says, where it is a camera's raw one.
+    pub(crate) raw: Option<RawMetadata>,
 }
 
 /// Reads `0.5`, `1/32`, `16383/65535`.
@@ -158,7 +160,7 @@ impl BracketArgs {
         if let (true, Some(Some(largest))) = (self.in_integers(raw.as_ref()), largest) {
             (config.white, config.black) = (config.white / largest, config.black / largest);
         }
-        if let Some(raw) = raw {
+        if let Some(raw) = &raw {
             config.white = self.white.map_or(raw.white, |_| config.white);
             config.black = self.black.map_or(raw.black, |_| config.black);
             config.bayer = config.bayer.or(raw.bayer);
@@ -171,7 +173,7 @@ impl BracketArgs {
             bail!("black {black} does not lie below white {white}: give --white as well, in the same units");
         }
         let times = exposures(times, isos);
-        Ok(Pictures { planes, times, config })
+        Ok(Pictures { planes, times, config, raw })
     }
 
     fn read_picture(

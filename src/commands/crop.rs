@@ -107,7 +107,8 @@ impl CropArgs {
                 let provenance =
                     Provenance::new("crop", &Origin { panorama: stem, view: *view, margin: self.margin });
                 let (half, overwrite) = (self.half, session.overwrite);
-                let options = WriteOptions { half, overwrite, provenance: Some(provenance) };
+                let provenance = Some(provenance);
+                let options = WriteOptions { half, overwrite, provenance, ..WriteOptions::default() };
                 io::write_image(&self.path(stem, i + 1), &image, &options)?;
                 bar.inc(1);
             }

@@ -11,23 +11,33 @@ use ndarray::Array3;
 use serde_json::{Value, json};
 
 use udc::core::error::Error;
-use udc::core::io::{DomainTag, Format, PixelOptions, Pixels, read_pixels, write_pixels};
+use udc::core::image::CHANNELS;
+use udc::core::io::{DomainTag, Format, PixelOptions, Pixels, read_capture_info, read_pixels, write_pixels};
+use udc::core::orientation::Orientation;
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
-use udc::finish::{FinishConfig, Look, channel_means, finish, read_color_matrix};
+use udc::finish::{
+    ColorMatrix, Curve, FinishConfig, Look, automatic_curve, channel_means, finish, read_color_matrix,
+};
 
 use super::destination::OutputFolder;
 use super::domain::DomainArg;
 use super::picture::AnyImage;
 use super::queue::{Stages, remaining, run_all};
-use super::{Session, text_of};
+use super::{Session, misuse, text_of};
 use pairs::Job;
 use style::StyleArgs;
 
 /// Finish restored images for viewing: colour matrix, curve, reference scaling, local contrast
 ///
-/// The steps, in this order: inverse tone mapping of tone-mapped images, clip, colour matrix, curve, scaling of the
-/// channels to the means of a reference picture, CLAHE of lightness. --ccm and --reference may be folders, whose files
+/// The steps, in this order: inverse tone mapping of tone-mapped images, putting it upright, clipped highlights, clip, colour
+/// matrix, curve, scaling of the channels to the means of a reference picture, CLAHE of lightness. An EXR of `udc restore`
+/// or `udc fuse` says itself how its capture lies, where it clips, and the colour matrix of its camera.
+///
+/// The exposure is chosen from the picture, unless there is a --reference or a flag of the curve: the median is shown as
+/// middle grey, but no more than three stops brighter than the camera exposed it (its baseline exposure respected), and
+/// white is the light that 99 % of the unclipped pixels stay below, but no more than where the capture clips; --verbose
+/// says what was chosen. --ccm and --reference may be folders, whose files
 /// belong to the images of the same name. The folder of the published dataset stands for its real captures with
 /// their matrices and pictures. A file that cannot be finished is named at the end, the others are done.
 #[derive(Args, Debug)]
@@ -49,7 +59,7 @@ pub(crate) struct FinishArgs {
     /// Colour matrix: .txt `key: nine numbers`, .npy, .toml; or a folder of them
     #[arg(long, value_name = "FILE")]
     ccm: Option<PathBuf>,
-    /// Leave out the colour matrices of the published dataset
+    /// Leave out the colour matrices of the published dataset and of cameras
     #[arg(long, conflicts_with = "ccm")]
     no_ccm: bool,
     /// Picture, of any size, whose channel means to take over; or a folder of them
@@ -58,6 +68,13 @@ pub(crate) struct FinishArgs {
     /// Leave out the reference pictures of the published dataset
     #[arg(long, conflicts_with = "reference")]
     no_reference: bool,
+    /// How the picture lies, as EXIF numbers it: 1 upright, 3 upside down, 6 to be turned right, 8 left [default: what the
+    /// file says, else 1]
+    #[arg(long, value_name = "1…8", value_parser = parse_orientation)]
+    orientation: Option<Orientation>,
+    /// Light at which red, green and blue of the capture clip; what is clipped is made neutral [default: what the file says]
+    #[arg(long, value_name = "R,G,B", value_delimiter = ',', num_args = 1, value_parser = parse_level)]
+    saturation: Option<Vec<f32>>,
     #[command(flatten)]
     style: StyleArgs,
     /// Format of the files in an output folder
@@ -95,8 +112,24 @@ fn parse_bits(text: &str) -> Result<u8, String> {
     }
 }
 
+fn parse_orientation(text: &str) -> Result<Orientation, String> {
+    let number = text.parse().ok();
+    number.and_then(Orientation::from_exif).ok_or_else(|| "write a number from 1 to 8".to_owned())
+}
+
+fn parse_level(text: &str) -> Result<f32, String> {
+    let level = text.trim().parse().ok().filter(|level: &f32| level.is_finite() && *level > 0.0);
+    level.ok_or_else(|| "write three positive numbers, red, green and blue: 1.9,1,1.6".to_owned())
+}
+
 impl FinishArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        if let Some(count) = self.saturation.as_ref().map(Vec::len).filter(|count| *count != CHANNELS) {
+            return Err(misuse(
+                "finish",
+                &format!("--saturation takes three levels, red, green and blue; found {count}"),
+            ));
+        }
         let curve = ToneCurve::new(self.alpha, self.x_max)?;
         self.style.check_curve()?;
         let config = self.style.config();
@@ -143,6 +176,31 @@ struct Finishing<'a> {
 }
 
 impl Finishing<'_> {
+    /// Whether the exposure of a picture is chosen from it.
+    fn is_automatic(&self, job: &Job) -> bool {
+        job.reference.is_none() && !self.args.style.says_curve()
+    }
+
+    /// The look that the file of an image says, and the flags that override it.
+    fn look(&self, job: &Job) -> Result<Look> {
+        let said = read_capture_info(&job.input)?.unwrap_or_default();
+        let mut look = Look {
+            ccm: said.color_matrix().filter(|_| !self.args.no_ccm).map(ColorMatrix::of),
+            saturation: said.saturation,
+            #[expect(clippy::cast_possible_truncation, reason = "a few stops")]
+            baseline_exposure_ev: said.baseline_exposure_ev.map(|stops| stops as f32),
+            orientation: self.args.orientation.or(said.orientation).unwrap_or_default(),
+            reference_means: None,
+        };
+        if let Some(&[red, green, blue]) = self.args.saturation.as_deref() {
+            look.saturation = Some([red, green, blue]);
+        }
+        if let Some(path) = &job.ccm {
+            look.ccm = Some(read_color_matrix(path)?);
+        }
+        Ok(look)
+    }
+
     /// The settings for a job's format.
     fn config_of(&self, job: &Job) -> FinishConfig {
         let eight_bit = match (Format::of_extension(&job.output).ok(), self.args.bits) {
@@ -151,7 +209,9 @@ impl Finishing<'_> {
             (Some(Format::Tiff), bits) => bits == Some(8),
             _ => false,
         };
-        FinishConfig { eight_bit, ..self.config }
+        // An exposure that is chosen needs no limit beside.
+        let clip = if self.is_automatic(job) { self.args.style.clip_given() } else { self.config.clip };
+        FinishConfig { eight_bit, clip, ..self.config }
     }
 }
 
@@ -159,6 +219,8 @@ impl Finishing<'_> {
 struct Finished {
     planes: Array3<f32>,
     look: Look,
+    /// The curve, as it was chosen or given.
+    curve: Curve,
 }
 
 impl Stages for Finishing<'_> {
@@ -176,17 +238,22 @@ impl Stages for Finishing<'_> {
 
     fn describe(&self, job: &Job) -> Value {
         let text = |path: &Option<PathBuf>| path.as_deref().map(text_of);
+        let mut finish = json!(self.config_of(job));
+        if self.is_automatic(job) {
+            finish["curve"] = json!("automatic");
+        }
         json!({
             "input": text_of(&job.input), "ccm": text(&job.ccm), "reference": text(&job.reference),
-            "domain": self.args.domain.map(DomainArg::name), "tone": self.curve, "finish": self.config_of(job),
+            "domain": self.args.domain.map(DomainArg::name), "tone": self.curve, "finish": finish,
+            "orientation": self.args.orientation, "saturation": self.args.saturation,
         })
     }
 
     fn read(&self, job: &Job) -> Result<Self::Input> {
         let read = || AnyImage::read(&job.input, self.args.domain, self.session);
         let image = self.session.timed(format_args!("reading {}", job.input.display()), read)?;
-        let ccm = job.ccm.as_deref().map(read_color_matrix).transpose()?;
-        if let (Some(ccm), Some(path)) = (&ccm, &job.ccm)
+        let mut look = self.look(job)?;
+        if let (Some(ccm), Some(path)) = (&look.ccm, &job.ccm)
             && ccm.looks_transposed()
         {
             self.session.warn(format_args!(
@@ -194,7 +261,6 @@ impl Stages for Finishing<'_> {
                 path.display()
             ));
         }
-        let mut look = Look { ccm, reference_means: None };
         if let Some(path) = &job.reference {
             // Not light but a look: its values are compared with those that are shown.
             let planes = read_pixels(path)?.planes;
@@ -207,14 +273,24 @@ impl Stages for Finishing<'_> {
     }
 
     fn compute(&self, job: &Job, (image, look): Self::Input) -> Result<Finished> {
-        let finish = || finish(image.into_linear(self.curve), &look, &self.config_of(job));
-        let planes = self.session.timed(self.doing(job), finish)?;
-        Ok(Finished { planes, look })
+        let image = image.into_linear(self.curve);
+        let mut config = self.config_of(job);
+        if self.is_automatic(job) {
+            config.curve = automatic_curve(&image, &look, self.args.x_max);
+            if let Curve::Photographic { grey, white } = config.curve {
+                let input = job.input.display();
+                self.session
+                    .detail(format_args!("{input}: middle grey at light {grey:.4}, white at {white:.4}"));
+            }
+        }
+        let planes = self.session.timed(self.doing(job), || finish(image, &look, &config))?;
+        Ok(Finished { planes, look, curve: config.curve })
     }
 
-    fn write(&self, job: &Job, Finished { planes, look }: Finished) -> Result<()> {
+    fn write(&self, job: &Job, Finished { planes, look, curve }: Finished) -> Result<()> {
         let mut described = self.describe(job);
         described["look"] = json!(look);
+        described["curve"] = json!(curve);
         let pixels = Pixels {
             domain: Some(DomainTag::Display),
             provenance: Some(Provenance::new("finish", &described)),

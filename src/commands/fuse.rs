@@ -11,6 +11,7 @@ use serde_json::json;
 
 use super::Session;
 use super::bracket::{BracketArgs, names_of};
+use super::capture::{info_of, note_what_is_lost, uncorrected};
 use super::domain::SceneDomainArgs;
 use super::psf::check_float_output;
 use udc::core::io::{WriteOptions, check_output, expand_inputs, read_pixels, write_image, write_psf};
@@ -91,7 +92,20 @@ impl FuseArgs {
         let resolved =
             json!({"inputs": files, "exposures": relative_times(&times), "fuse": config, "psf": measure});
         let provenance = Some(Provenance::new("fuse", &resolved));
-        let options = WriteOptions { overwrite: session.overwrite, provenance, ..WriteOptions::default() };
+        let raw = pictures.raw.as_ref();
+        let info = measured.is_none().then(|| info_of(&fused, raw, config.white_balance));
+        if let Some(info) = &info {
+            note_what_is_lost(&self.output, info, session);
+        }
+        if let Some(warning) = raw.and_then(uncorrected) {
+            session.warn(warning);
+        }
+        let options = WriteOptions {
+            overwrite: session.overwrite,
+            provenance,
+            capture: info,
+            ..WriteOptions::default()
+        };
         match (&measured, &measure) {
             (Some(measured), Some(MeasureConfig { normalize: Normalization::Channel, .. })) => {
                 write_psf(&self.output, &measured.psf, &options)?;

@@ -2,6 +2,7 @@
 
 mod bench;
 mod bracket;
+mod capture;
 mod codes;
 mod completions;
 mod convert;

@@ -11,12 +11,14 @@ use anyhow::Result;
 use clap::{ArgGroup, Args, ValueEnum};
 use serde_json::{Value, json};
 
+use udc::core::capture::CaptureInfo;
 use udc::core::io::WriteOptions;
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
 use udc::psf::relative_times;
 
 use super::bracket::BracketArgs;
+use super::capture::note_what_is_lost;
 use super::destination::OutputFolder;
 use super::domain::{DomainArg, OutputDomainArg};
 use super::highlights::HighlightsArg;
@@ -36,7 +38,9 @@ use files::{Capture, Job};
 ///
 /// Several inputs, or a folder, are restored one after another into the folder OUT; a file that cannot be
 /// restored is named at the end, the others are done. With --exposures or --bracket the files are one bracket, and each
-/// folder is one. A DNG says the mosaic's colours, levels, gains, exposure time and ISO itself.
+/// folder is one. A DNG says the mosaic's colours, levels, gains, exposure time and ISO itself; the shading of its lens is
+/// corrected, and it is restored as it lies on the sensor. An EXR carries to `udc finish` at what light each channel of the
+/// capture saturates, and of a DNG how it is put upright, its colour matrix and its baseline exposure.
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("how").required(true).args(["model", "method"]))]
 #[command(group = ArgGroup::new(PSF_FILES).args(["psf", "field"]).multiple(true))]
@@ -135,6 +139,13 @@ impl RestoreArgs {
     }
 }
 
+/// An image that is ready, and what is known of its capture.
+struct Restored {
+    image: AnyImage,
+    domain: OutputDomainArg,
+    info: Option<CaptureInfo>,
+}
+
 /// A run over several captures.
 struct Restoration<'a> {
     args: &'a RestoreArgs,
@@ -145,7 +156,7 @@ struct Restoration<'a> {
 impl Stages for Restoration<'_> {
     type Job = Job;
     type Input = Capture;
-    type Output = (AnyImage, OutputDomainArg);
+    type Output = Restored;
 
     fn doing(&self, job: &Job) -> String {
         format!("restoring {}", job.name())
@@ -187,11 +198,12 @@ impl Stages for Restoration<'_> {
     fn compute(&self, job: &Job, capture: Capture) -> Result<Self::Output> {
         self.session.progress.check()?;
         let domain = self.args.output_domain.unwrap_or(capture.pixels.domain());
+        let info = capture.info.clone();
         let restore = || self.engine.restore(&job.name(), capture, self.session);
-        Ok((self.session.timed(self.doing(job), restore)?, domain))
+        Ok(Restored { image: self.session.timed(self.doing(job), restore)?, domain, info })
     }
 
-    fn write(&self, job: &Job, (restored, domain): Self::Output) -> Result<()> {
+    fn write(&self, job: &Job, Restored { image, domain, info }: Restored) -> Result<()> {
         let mut described = self.describe(job);
         // It decides the tiles, which change nothing but roundings.
         described["max-memory"] = json!(self.args.max_memory);
@@ -202,8 +214,12 @@ impl Stages for Restoration<'_> {
             half: self.args.half,
             overwrite: self.session.overwrite,
             provenance: Some(Provenance::new("restore", &described)),
+            capture: info,
         };
-        let write = || restored.write(&job.output, domain, self.engine.curve, &options);
+        if let Some(info) = &options.capture {
+            note_what_is_lost(&job.output, info, self.session);
+        }
+        let write = || image.write(&job.output, domain, self.engine.curve, &options);
         self.session.timed(format_args!("writing {}", job.output.display()), write)?;
         self.session.tell(job.output.display());
         Ok(())

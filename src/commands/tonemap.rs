@@ -11,7 +11,7 @@ use super::destination::{Destination, OutputFolder, Unplaced, without_repeats};
 use super::domain::DomainArg;
 use super::picture::AnyImage;
 use super::queue::{Stages, run_all};
-use udc::core::io::{DomainTag, WriteOptions, expand_inputs, read_image_told};
+use udc::core::io::{DomainTag, WriteOptions, expand_inputs, read_capture_info, read_image_told};
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
 
@@ -139,6 +139,7 @@ impl Stages for Mapping<'_> {
             half: self.args.half,
             overwrite: self.session.overwrite,
             provenance: Some(Provenance::new("tonemap", &self.describe(job))),
+            capture: read_capture_info(&job.input)?,
         };
         let domain = image.domain();
         image.write(&job.output, domain, self.curve, &options)?;

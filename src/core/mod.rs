@@ -3,6 +3,8 @@
 //! Core knows no stage and no command line, and prints nothing.
 
 pub mod bayer;
+pub mod camera_color;
+pub mod capture;
 pub mod color;
 pub mod config;
 pub mod dataset;
@@ -12,13 +14,16 @@ pub mod field;
 pub mod image;
 pub mod io;
 pub mod kernel_code;
+pub mod matrix3;
 pub mod metrics;
 pub mod nearest;
+pub mod orientation;
 pub mod progress;
 pub mod provenance;
 pub mod psf;
 pub mod recent;
 pub mod resample;
 pub mod rng;
+pub mod saturation;
 pub mod spread;
 pub mod tone;

@@ -5,10 +5,8 @@ use serde_json::{Value, json};
 
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::metrics::Mask;
+use crate::core::saturation::{SATURATED_SHARE, saturated_from};
 use crate::core::tone::ToneCurve;
-
-/// Share of x_max from which a value counts as saturated: noise and half floats leave it below x_max itself.
-const SATURATED_SHARE: f32 = 0.99;
 
 /// Light that counts as much, relative to what was there and α.
 const FLARE_SHARE: f32 = 0.25;
@@ -78,7 +76,7 @@ impl Regions {
     /// When the images differ in size.
     pub fn divide(clean: &LinearImage, degraded: &LinearImage, curve: ToneCurve) -> Self {
         assert_eq!(clean.planes().dim(), degraded.planes().dim(), "regions need images of one size");
-        let saturated = SATURATED_SHARE * curve.x_max;
+        let saturated = saturated_from(curve.x_max);
         let is_highlight = |(y, x): (usize, usize)| {
             let pixels = [clean, degraded].map(|image| image.planes().slice_move(s![.., y, x]));
             pixels.iter().flatten().any(|value| *value >= saturated)

@@ -8,6 +8,7 @@ use serde::Serialize;
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
 use crate::core::io::{read_array, read_text};
+use crate::core::matrix3::Matrix3;
 
 /// A colour correction matrix: row i holds what output channel i takes of red, green and blue.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -28,6 +29,17 @@ impl ColorMatrix {
             let dot = |row: [f32; 3]| row[0] * pixel[0] + row[1] * pixel[1] + row[2] * pixel[2];
             (*r, *g, *b) = (dot(red), dot(green), dot(blue));
         });
+    }
+
+    /// Multiplies one pixel.
+    pub(super) fn apply_to(&self, pixel: [f32; 3]) -> [f32; 3] {
+        self.0.map(|row| row[0] * pixel[0] + row[1] * pixel[1] + row[2] * pixel[2])
+    }
+
+    /// The matrix in single precision.
+    #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
+    pub fn of(matrix: Matrix3) -> Self {
+        Self(matrix.map(|row| row.map(|value| value as f32)))
     }
 
     /// Whether it keeps grey only when it is transposed: rows of a matrix that keeps white sum to one.

@@ -1,22 +1,26 @@
 //! Turns restored linear light into a photograph for viewing.
 //!
-//! The steps, each of which can be left out: clip, colour matrix, transfer curve, scaling of the channels to a
-//! reference picture, local contrast (CLAHE).
+//! The steps, each of which can be left out: putting it upright, clipped highlights, clip, colour matrix, transfer curve,
+//! scaling of the channels to a reference picture, local contrast (CLAHE).
 
 mod clahe;
 mod color_matrix;
 mod curve;
+mod exposure;
+mod highlights;
 mod lab;
 
-use ndarray::{Array3, Axis};
+use ndarray::{Array3, Axis, Zip};
 use serde::Serialize;
 
 use crate::core::error::{Error, Result};
 use crate::core::image::LinearImage;
+use crate::core::orientation::Orientation;
 
 pub use clahe::ClaheConfig;
 pub use color_matrix::{ColorMatrix, read_color_matrix};
 pub use curve::Curve;
+pub use exposure::automatic_curve;
 
 /// What is done to every picture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -52,6 +56,24 @@ pub struct Look {
     pub ccm: Option<ColorMatrix>,
     /// The mean of each channel of a reference picture, in display values.
     pub reference_means: Option<[f64; 3]>,
+    /// The light of a full photosite in each channel, where it is known: what is clipped gets its likely colour.
+    pub saturation: Option<[f32; 3]>,
+    /// By how many stops the camera wants its captures brightened, which [`automatic_curve`] respects.
+    pub baseline_exposure_ev: Option<f32>,
+    /// How the picture lies in the image.
+    pub orientation: Orientation,
+}
+
+impl Look {
+    /// The light of a pixel: clipped channels estimated, then the colour matrix.
+    fn light_of(&self, pixel: [f32; 3]) -> [f32; 3] {
+        let pixel = self.saturation.map_or(pixel, |white| highlights::unclipped(pixel, white));
+        self.ccm.map_or(pixel, |ccm| ccm.apply_to(pixel))
+    }
+
+    fn is_clipped(&self, pixel: [f32; 3]) -> bool {
+        self.saturation.is_some_and(|white| highlights::is_clipped(pixel, white))
+    }
 }
 
 /// Finishes a picture.
@@ -63,7 +85,10 @@ pub struct Look {
 /// [`Error::Config`] naming a setting that is out of range.
 pub fn finish(image: LinearImage, look: &Look, config: &FinishConfig) -> Result<Array3<f32>> {
     config.check()?;
-    let mut planes = image.into_planes();
+    let mut planes = look.orientation.upright(image.into_planes());
+    if let Some(white) = look.saturation {
+        each_pixel(&mut planes, |pixel| highlights::unclipped(pixel, white));
+    }
     if let Some(clip) = config.clip {
         planes.par_mapv_inplace(|x| x.clamp(0.0, clip));
     }
@@ -97,10 +122,25 @@ impl FinishConfig {
         match self.curve {
             Curve::Gamma { gamma, max } => positive("gamma", gamma).and(positive("max", max))?,
             Curve::Srgb { max } | Curve::Aces { max } => positive("max", max)?,
+            Curve::Photographic { grey, white } => {
+                positive("grey", grey).and(positive("white", white))?;
+                // One rounding of f32 and to spare.
+                if grey > 0.180_001 * white {
+                    let reason = format!("must be at most 0.18 of white {white}, found {grey}");
+                    return Err(Error::config("grey", reason));
+                }
+            }
             Curve::None => {}
         }
         self.clahe.as_ref().map_or(Ok(()), ClaheConfig::check)
     }
+}
+
+/// Replaces each pixel by what becomes of it.
+fn each_pixel(planes: &mut Array3<f32>, change: impl Fn([f32; 3]) -> [f32; 3] + Sync + Send) {
+    let (mut r, rest) = planes.view_mut().split_at(Axis(0), 1);
+    let (mut g, mut b) = rest.split_at(Axis(0), 1);
+    Zip::from(&mut r).and(&mut g).and(&mut b).par_for_each(|r, g, b| [*r, *g, *b] = change([*r, *g, *b]));
 }
 
 /// The mean of each channel, which a reference picture of any size can be compared by.
@@ -151,6 +191,30 @@ mod tests {
         for (found, expected) in channel_means(&shown).into_iter().zip(means) {
             assert!((found / expected - 1.0).abs() < 1e-5, "{found} instead of {expected}");
         }
+    }
+
+    /// White balance leaves clipped light pink, and a colour matrix makes it magenta.
+    #[test]
+    fn clipped_lamps_are_white_through_a_colour_matrix() {
+        let white = [1.9, 1.0, 1.6];
+        let lamp = LinearImage::from_planes(Array3::from_shape_fn((3, 4, 4), |(c, ..)| white[c])).unwrap();
+        let ccm = Some(ColorMatrix([[1.8, -0.6, -0.2], [-0.2, 1.5, -0.3], [0.0, -0.6, 1.6]]));
+        let look = Look { ccm, saturation: Some(white), ..Look::default() };
+        let curve = automatic_curve(&lamp, &look, 500.0);
+        let shown = finish(lamp.clone(), &look, &FinishConfig { curve, ..bare() }).unwrap();
+        assert!(shown.iter().all(|v| *v == 1.0), "{shown}");
+        let before =
+            finish(lamp, &Look { ccm, ..Look::default() }, &FinishConfig { curve, ..bare() }).unwrap();
+        assert!(before[[1, 0, 0]] < 0.9, "without levels it is not: {before}");
+    }
+
+    #[test]
+    fn the_picture_is_put_upright() {
+        let look = Look { orientation: Orientation::from_exif(6).unwrap(), ..Look::default() };
+        let shown = finish(ramp(), &look, &bare()).unwrap();
+        assert_eq!(shown.dim(), (3, 24, 16));
+        // Row 0 of the samples is the right side, their column 0 the top.
+        assert_eq!(shown[[0, 0, 15]], ramp().planes()[[0, 0, 0]]);
     }
 
     #[test]

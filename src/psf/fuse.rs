@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::core::error::{Error, Result};
 use crate::core::image::LinearImage;
+use crate::core::saturation::SATURATED_SHARE;
 
 use super::alignment::{Motion, check_motion, motions};
 use super::bayer::{BayerPattern, demosaic, demosaic_scene, greens_look_swapped, unpack};
@@ -58,7 +59,7 @@ impl Default for FuseConfig {
         Self {
             white: 1.0,
             black: 0.0,
-            saturation: 0.99,
+            saturation: SATURATED_SHARE,
             merge: MergeRule::Longest,
             bayer: None,
             demosaic_linear: false,
@@ -106,7 +107,8 @@ pub struct Fused {
     /// For each plane of `source`, how many values were saturated in every exposure; they are at least as
     /// bright as stated.
     pub saturated: Vec<usize>,
-    /// The irradiance of red, green and blue from which on the shortest exposure is saturated, after white balance.
+    /// The irradiance of red, green and blue of a full photosite in the shortest exposure, after white balance: the
+    /// white level, of which [`saturated_from`](crate::core::saturation::saturated_from) takes the saturated share.
     pub saturation: [f64; 3],
     /// How many pixels the mask discarded.
     pub discarded: usize,
@@ -184,7 +186,7 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
         Some((mosaic, pattern)) => demosaic_scene(mosaic, pattern)?,
         None => merged,
     };
-    let full = config.saturation / times.last().expect("a bracket has at least one exposure");
+    let full = 1.0 / times.last().expect("a bracket has at least one exposure");
     Ok(Fused {
         image: LinearImage::from_planes(planes)?,
         source,

@@ -4,7 +4,7 @@ use ndarray::{Array2, ArrayView2, Zip};
 use serde::Serialize;
 
 use crate::core::error::Result;
-use crate::core::image::{Domain, Image};
+use crate::core::image::{CHANNELS, Domain, Image};
 
 /// What is done where the capture is saturated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -18,10 +18,6 @@ pub enum Highlights {
     /// The capture's own values inside of saturated areas, fading to the restored ones at their edges.
     Blend,
 }
-
-/// The part of the saturation from which on a value counts as saturated, as in the fusion of brackets: read noise and
-/// half floats leave some of a lamp's values below the saturation itself.
-pub const SATURATED_PART: f32 = 0.99;
 
 /// Pixels from the edge of a saturated area inwards in which the capture is not believed: the glare around a lamp
 /// saturates too and is not in the scene.
@@ -37,7 +33,7 @@ const FADE_PX: f32 = 6.0;
 /// # Equation
 /// `(1 − w)·restored + w·capture`, channel by channel, with `w = s²·(3 − 2s)` and `s` rising from 0 to 1
 /// while the distance to the next unsaturated value goes from 2 to 6 pixels ([`Highlights::Blend`]), or w = 1
-/// ([`Highlights::Keep`]).
+/// ([`Highlights::Keep`]). Each channel has its own level from which on it is saturated, in the domain of the images.
 ///
 /// # Errors
 /// Never: values between finite values are finite.
@@ -47,15 +43,20 @@ const FADE_PX: f32 = 6.0;
 pub fn blend_highlights<D: Domain>(
     restored: Image<D>,
     capture: &Image<D>,
-    saturated_from: f32,
+    saturated_from: [f32; CHANNELS],
     highlights: Highlights,
 ) -> Result<Image<D>> {
-    if highlights == Highlights::Network || capture.max() < saturated_from {
+    if highlights == Highlights::Network {
         return Ok(restored);
     }
     let mut planes = restored.into_planes();
     assert_eq!(planes.dim(), capture.planes().dim(), "restored and captured images have one size");
-    for (mut plane, capture) in planes.outer_iter_mut().zip(capture.planes().outer_iter()) {
+    let captured = capture.planes();
+    let channels = planes.outer_iter_mut().zip(captured.outer_iter()).zip(saturated_from);
+    for ((mut plane, capture), saturated_from) in channels {
+        if capture.iter().all(|&value| value < saturated_from) {
+            continue;
+        }
         let weights = match highlights {
             Highlights::Blend => {
                 depth(capture, saturated_from).mapv(|d| smooth_step((d - MARGIN_PX) / (FADE_PX - MARGIN_PX)))
@@ -113,6 +114,7 @@ mod tests {
     use crate::core::fft::{Boundary, Convolver};
     use crate::core::image::{Linear, LinearImage};
     use crate::core::psf::Psf;
+    use crate::core::saturation::saturated_from;
     use crate::core::tone::ToneCurve;
     use ndarray::Array3;
 
@@ -179,8 +181,8 @@ mod tests {
         let curve = ToneCurve::default();
         let (capture, truth) = (captured(curve), curve.clip_image(&scene()));
         let restored = restored(&truth, &capture, curve);
-        let level = SATURATED_PART * curve.x_max;
-        let blended = blend_highlights(restored.clone(), &capture, level, Highlights::Blend).unwrap();
+        let level = saturated_from(curve.x_max);
+        let blended = blend_highlights(restored.clone(), &capture, [level; 3], Highlights::Blend).unwrap();
         let inside = |image: &LinearImage| psnr(image, &truth, curve, |r| r < LAMP_PX - FADE_PX);
         let outside = |image: &LinearImage| psnr(image, &truth, curve, |r| r > LAMP_PX);
         assert!(inside(&blended) > inside(&restored) + 10.0, "{} {}", inside(&blended), inside(&restored));
@@ -194,7 +196,7 @@ mod tests {
             assert!(capture.planes()[place] >= level || *value == restored.planes()[place]);
         }
         // The glare around the lamp saturates as well: keeping it costs where the lamp is not.
-        let kept = blend_highlights(restored.clone(), &capture, level, Highlights::Keep).unwrap();
+        let kept = blend_highlights(restored.clone(), &capture, [level; 3], Highlights::Keep).unwrap();
         assert!(outside(&kept) < outside(&blended) - 3.0, "{} {}", outside(&kept), outside(&blended));
     }
 
@@ -204,14 +206,26 @@ mod tests {
         planes[[0, 5, 5]] = 500.0;
         let capture = Image::<Linear>::from_planes(planes).unwrap();
         let restored = Image::<Linear>::from_planes(Array3::from_elem((3, 20, 20), 2.0)).unwrap();
-        let blended = blend_highlights(restored.clone(), &capture, 499.5, Highlights::Blend).unwrap();
+        let blended = blend_highlights(restored.clone(), &capture, [499.5; 3], Highlights::Blend).unwrap();
         assert_eq!(blended, restored, "one pixel is its own edge");
-        let kept = blend_highlights(restored.clone(), &capture, 499.5, Highlights::Keep).unwrap();
+        let kept = blend_highlights(restored.clone(), &capture, [499.5; 3], Highlights::Keep).unwrap();
         assert_eq!((kept.planes()[[0, 5, 5]], kept.planes()[[0, 5, 6]]), (500.0, 2.0));
-        let none = blend_highlights(restored.clone(), &capture, 501.0, Highlights::Keep).unwrap();
+        let none = blend_highlights(restored.clone(), &capture, [501.0; 3], Highlights::Keep).unwrap();
         assert_eq!(none, restored);
-        let network = blend_highlights(restored.clone(), &capture, 499.5, Highlights::Network).unwrap();
+        let network = blend_highlights(restored.clone(), &capture, [499.5; 3], Highlights::Network).unwrap();
         assert_eq!(network, restored);
+    }
+
+    /// White-balanced channels saturate at other light each: a valid red below its own level is not put back because
+    /// green saturates there.
+    #[test]
+    fn every_channel_saturates_at_its_own_level() {
+        let planes = Array3::from_shape_fn((3, 4, 4), |(c, ..)| [1.5, 1.0, 1.6][c]);
+        let capture = Image::<Linear>::from_planes(planes).unwrap();
+        let restored = Image::<Linear>::from_planes(Array3::from_elem((3, 4, 4), 2.0)).unwrap();
+        let level = [1.9, 1.0, 1.6].map(saturated_from);
+        let kept = blend_highlights(restored, &capture, level, Highlights::Keep).unwrap();
+        assert_eq!([0, 1, 2].map(|c| kept.planes()[[c, 2, 2]]), [2.0, 1.0, 1.6]);
     }
 
     #[test]

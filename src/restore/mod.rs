@@ -9,6 +9,6 @@ mod tiles;
 
 pub use angle::{AngleSearch, WEAK_LEAD, search_angle};
 pub use field::code_map;
-pub use highlights::{Highlights, SATURATED_PART, blend_highlights};
+pub use highlights::{Highlights, blend_highlights};
 pub use network::{Conditioning, NetworkRestorer};
 pub use tiles::{ALIGNMENT, Restorer, Tiling, format_bytes, parse_bytes, restore_tiled};

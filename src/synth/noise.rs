@@ -9,9 +9,7 @@ use rayon::prelude::*;
 
 use crate::core::dataset::{NoiseConfig, SensorConfig};
 use crate::core::rng::{Rng, stream};
-
-/// Share of the white level from which on a pixel counts as saturated, as in the fusion of brackets.
-const SATURATION: f64 = 0.99;
+use crate::core::saturation::SATURATED_SHARE;
 
 /// Photon counts of this many standard deviations above the full well saturate without being drawn.
 const CERTAIN_SIGMAS: f64 = 9.0;
@@ -61,7 +59,7 @@ fn each_row(
 /// Below saturation its variance is `(x·q·g·t + σ² + G²/12) / (q·g·t)²`.
 fn capture(sensor: &SensorConfig, channel: usize, irradiance: f32, rng: &mut Rng) -> f32 {
     let white = sensor.white_level_dn();
-    let saturated = sensor.black_level_dn + SATURATION * (white - sensor.black_level_dn);
+    let saturated = sensor.black_level_dn + SATURATED_SHARE * (white - sensor.black_level_dn);
     let gain = sensor.gain_e_per_dn();
     let mut result = 0.0;
     for exposure in &sensor.exposures {

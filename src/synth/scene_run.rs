@@ -187,6 +187,7 @@ impl<'a> Run<'a> {
             half: config.half,
             overwrite: true,
             provenance: Some(Provenance::new("synth", &origin)),
+            ..WriteOptions::default()
         }
     }
 }

@@ -27,6 +27,7 @@ mod negatives;
 #[path = "../common/perceptual_weights.rs"]
 mod perceptual_weights;
 mod psf_files;
+mod photograph;
 mod raw;
 mod restore;
 mod resume;

@@ -6,9 +6,12 @@ pub(crate) enum Field {
     Shorts(Vec<u16>),
     Longs(Vec<u32>),
     Rationals(Vec<(u32, u32)>),
+    SignedRationals(Vec<(i32, i32)>),
+    /// Bytes without a type.
+    Data(Vec<u8>),
 }
 
-use Field::{Bytes, Longs, Rationals, Shorts};
+use Field::{Bytes, Data, Longs, Rationals, Shorts, SignedRationals};
 
 impl Field {
     /// Type, count and bytes.
@@ -21,6 +24,11 @@ impl Field {
                 let bytes = values.iter().flat_map(|(a, b)| [a.to_le_bytes(), b.to_le_bytes()].concat());
                 (5, values.len(), bytes.collect())
             }
+            SignedRationals(values) => {
+                let bytes = values.iter().flat_map(|(a, b)| [a.to_le_bytes(), b.to_le_bytes()].concat());
+                (10, values.len(), bytes.collect())
+            }
+            Data(values) => (7, values.len(), values.clone()),
         }
     }
 }

@@ -19,6 +19,7 @@ fn finished(config: &FinishConfig) -> Array3<f32> {
     let look = Look {
         ccm: Some(read_color_matrix(&fixture("ccm.txt")).unwrap()),
         reference_means: Some(channel_means(&reference)),
+        ..Look::default()
     };
     finish(ToneCurve::default().inverse_tone_map(&restored), &look, config).unwrap()
 }

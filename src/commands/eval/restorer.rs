@@ -4,15 +4,15 @@ use anyhow::{Result, bail};
 
 use udc::core::dataset::Dataset;
 use udc::core::error;
-use udc::core::image::{LinearImage, ToneMappedImage};
+use udc::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use udc::core::progress::Progress;
+use udc::core::saturation::saturated_from;
 use udc::core::tone::ToneCurve;
 use udc::eval::{Cost, Method};
 use udc::network::Model;
 use udc::restore::deconvolution::{DeconvolutionConfig, deconvolution_bytes, deconvolve};
 use udc::restore::{
-    Conditioning, Highlights, NetworkRestorer, SATURATED_PART, Tiling, blend_highlights, format_bytes,
-    restore_tiled,
+    Conditioning, Highlights, NetworkRestorer, Tiling, blend_highlights, format_bytes, restore_tiled,
 };
 
 use crate::commands::method::MethodArg;
@@ -137,7 +137,7 @@ impl Degraded<'_> {
         if highlights == Highlights::Network {
             return Ok(restored);
         }
-        let level = curve.compress(SATURATED_PART * curve.x_max);
+        let level = [curve.compress(saturated_from(curve.x_max)); CHANNELS];
         blend_highlights(restored, &curve.tone_map(self.image), level, highlights)
     }
 
@@ -157,7 +157,7 @@ impl Degraded<'_> {
         let ToneCurve { alpha, x_max } = curve;
         let border = (&self.dataset.formation).into();
         let default = DeconvolutionConfig::of_method(method.into());
-        let config = DeconvolutionConfig { alpha, saturation: x_max, border, ..default };
+        let config = DeconvolutionConfig { alpha, saturation: [x_max; CHANNELS], border, ..default };
         let bank = self.dataset.bank.as_ref().expect("checked before the work");
         let psf = &bank.psfs[self.kernel];
         let (size, of_psf) = ([self.image.height(), self.image.width()], [psf.height(), psf.width()]);

@@ -9,15 +9,16 @@ use crate::commands::misuse;
 
 #[derive(Args, Debug)]
 pub(super) struct StyleArgs {
-    /// Light above which the image is clipped before the colour matrix [default: 16]
+    /// Light above which the image is clipped before the colour matrix [default: 16; none with an automatic exposure]
     #[arg(long, value_name = "X")]
     clip: Option<f32>,
     /// Do not clip
     #[arg(long, conflicts_with = "clip")]
     no_clip: bool,
-    /// How light becomes display values
-    #[arg(long, value_enum, value_name = "CURVE", default_value_t = CurveArg::Gamma)]
-    curve: CurveArg,
+    /// How light becomes display values [default: gamma with a --reference or another flag of the curve, else photographic:
+    /// an exposure chosen from the picture, with a shoulder where its range asks for one]
+    #[arg(long, value_enum, value_name = "CURVE")]
+    curve: Option<CurveArg>,
     /// Exponent's inverse of --curve gamma [default: 2.8]
     #[arg(long, value_name = "G")]
     gamma: Option<f32>,
@@ -50,7 +51,7 @@ enum CurveArg {
 impl StyleArgs {
     /// Refuses settings of another curve than the chosen one.
     pub(super) fn check_curve(&self) -> Result<()> {
-        match (self.curve, self.gamma, self.max) {
+        match (self.curve(), self.gamma, self.max) {
             (CurveArg::Gamma, ..) | (_, None, None) | (CurveArg::Srgb | CurveArg::Aces, None, _) => Ok(()),
             (CurveArg::None, _, Some(_)) => {
                 Err(misuse("finish", "--curve none has no --max: light stays as it is"))
@@ -69,17 +70,31 @@ impl StyleArgs {
         };
         FinishConfig {
             clip: if self.no_clip { None } else { self.clip.or(default.clip) },
-            curve: self.curve(),
+            curve: self.resolved_curve(),
             clahe: (!self.no_clahe).then_some(clahe),
             ..default
         }
     }
 
-    fn curve(&self) -> Curve {
+    /// The clip of a flag.
+    pub(super) fn clip_given(&self) -> Option<f32> {
+        self.clip
+    }
+
+    /// Whether a flag says how light becomes display values.
+    pub(super) fn says_curve(&self) -> bool {
+        self.curve.is_some() || self.gamma.is_some() || self.max.is_some()
+    }
+
+    fn curve(&self) -> CurveArg {
+        self.curve.unwrap_or(CurveArg::Gamma)
+    }
+
+    fn resolved_curve(&self) -> Curve {
         let Curve::Gamma { gamma, max } = Curve::default() else {
             unreachable!("the default is a gamma curve")
         };
-        match self.curve {
+        match self.curve() {
             CurveArg::Gamma => {
                 Curve::Gamma { gamma: self.gamma.unwrap_or(gamma), max: self.max.unwrap_or(max) }
             }

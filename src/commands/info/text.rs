@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use udc::core::camera_color::CameraColor;
+use udc::core::capture::CaptureInfo;
 use udc::core::io::{
     ArrayDescription, BankDescription, Description, ImageDescription, ModelDescription, PsfDescription,
     RawMetadata,
@@ -42,6 +44,9 @@ fn render_image(text: &mut String, image: &ImageDescription) -> std::fmt::Result
     if let Some(raw) = &image.raw {
         render_raw(text, raw)?;
     }
+    if let Some(capture) = &image.capture {
+        render_capture(text, capture)?;
+    }
     writeln!(
         text,
         "  channel {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10}",
@@ -74,7 +79,59 @@ fn render_raw(text: &mut String, raw: &RawMetadata) -> std::fmt::Result {
     if let Some([red, green, blue]) = raw.white_balance {
         writeln!(text, "  gains     {} {} {}", number(red), number(green), number(blue))?;
     }
+    if !raw.orientation.is_upright() {
+        writeln!(text, "  lies      {}", raw.orientation)?;
+    }
+    if let (Some(color), Some(gains)) = (&raw.color, raw.white_balance) {
+        render_color(text, color, gains)?;
+    }
+    if let Some(stops) = raw.baseline_exposure_ev {
+        writeln!(text, "  baseline  {stops:+.2} stops")?;
+    }
+    if !raw.corrections.is_empty() {
+        writeln!(text, "  corrected {}", raw.corrections.join(", "))?;
+    }
+    let ignored = raw.ignored.iter().map(|opcode| match opcode.optional {
+        true => format!("{} (optional)", opcode.name),
+        false => opcode.name.clone(),
+    });
+    let ignored: Vec<String> = ignored.collect();
+    if !ignored.is_empty() {
+        writeln!(text, "  ignored   {}", ignored.join(", "))?;
+    }
     Ok(())
+}
+
+/// What an image says of its capture.
+fn render_capture(text: &mut String, capture: &CaptureInfo) -> std::fmt::Result {
+    if let Some(levels) = capture.saturation {
+        let [red, green, blue] = levels.map(|level| number(f64::from(level)));
+        writeln!(text, "  clips at  {red} {green} {blue}")?;
+    }
+    if let Some(orientation) = capture.orientation.filter(|orientation| !orientation.is_upright()) {
+        writeln!(text, "  lies      {orientation}")?;
+    }
+    if let (Some(color), Some(gains)) = (&capture.color, capture.white_balance) {
+        render_color(text, color, gains)?;
+    }
+    if let Some(stops) = capture.baseline_exposure_ev {
+        writeln!(text, "  baseline  {stops:+.2} stops")?;
+    }
+    Ok(())
+}
+
+/// The light that gains stand for, and the matrix to linear sRGB.
+fn render_color(text: &mut String, color: &CameraColor, gains: [f64; 3]) -> std::fmt::Result {
+    if let Some(kelvin) = color.temperature_k(gains) {
+        writeln!(text, "  light     {kelvin:.0} K")?;
+    }
+    match color.matrix(gains) {
+        None => writeln!(text, "  matrix    none: the file's matrices describe no camera"),
+        Some(rows) => rows.iter().enumerate().try_for_each(|(index, [red, green, blue])| {
+            let name = if index == 0 { "matrix" } else { "" };
+            writeln!(text, "  {name:<9} {red:>8.4} {green:>8.4} {blue:>8.4}")
+        }),
+    }
 }
 
 fn channel_name(channels: usize, index: usize) -> &'static str {

@@ -15,12 +15,13 @@ use udc::core::io::sha256_of_file;
 use udc::core::kernel_code::{KernelBank, KernelCode};
 use udc::core::progress::Progress;
 use udc::core::psf::Psf;
+use udc::core::saturation::saturated_from;
 use udc::core::tone::ToneCurve;
 use udc::network::Model;
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, deconvolution_bytes, deconvolve};
 use udc::restore::{
-    Conditioning, Highlights, NetworkRestorer, Restorer, SATURATED_PART, Tiling, WEAK_LEAD, blend_highlights,
-    code_map, format_bytes, restore_tiled, search_angle,
+    Conditioning, Highlights, NetworkRestorer, Restorer, Tiling, WEAK_LEAD, blend_highlights, code_map,
+    format_bytes, restore_tiled, search_angle,
 };
 
 use super::RestoreArgs;
@@ -155,7 +156,8 @@ impl Engine {
     /// Restores one capture; says beforehand what memory that takes.
     pub(super) fn restore(&self, name: &str, capture: Capture, session: &Session) -> Result<AnyImage> {
         let curve = self.curve;
-        let saturation = capture.saturation.unwrap_or(curve.x_max).min(curve.x_max);
+        let levels = capture.info.and_then(|info| info.saturation).unwrap_or([curve.x_max; CHANNELS]);
+        let saturation = levels.map(|white| white.min(curve.x_max));
         let image = capture.pixels;
         let progress = if self.queued_frames.is_some() {
             session.progress.without_bars()
@@ -165,7 +167,7 @@ impl Engine {
         match &self.kind {
             Kind::Network { model, code, tile, .. } => {
                 let image = image.into_tone_mapped(curve);
-                let seen = ToneCurve { x_max: saturation, ..curve };
+                let seen = saturation.map(|x_max| ToneCurve { x_max, ..curve });
                 let conditioning = match code {
                     KnownCode::Fixed(conditioning) => conditioning.clone(),
                     KnownCode::Search(bank) => {
@@ -199,7 +201,7 @@ impl Engine {
                 let restored = with_threads(1 + more_threads, || {
                     Ok(restore_tiled(&image, &tiling, &restorer, &progress)?)
                 })?;
-                let level = curve.compress(SATURATED_PART * saturation);
+                let level = saturation.map(|white| curve.compress(saturated_from(white)));
                 Ok(AnyImage::ToneMapped(blend_highlights(restored, &image, level, self.highlights)?))
             }
             Kind::Deconvolution { psf, config, .. } => {
@@ -211,7 +213,7 @@ impl Engine {
                 self.require(bytes, size)?;
                 let config = DeconvolutionConfig { saturation, ..*config };
                 let restored = deconvolve(&image, psf, &config, &progress)?;
-                let level = SATURATED_PART * saturation;
+                let level = saturation.map(saturated_from);
                 Ok(AnyImage::Linear(blend_highlights(restored, &image, level, self.highlights)?))
             }
         }
@@ -301,11 +303,11 @@ fn find_code(
     name: &str,
     image: &ToneMappedImage,
     bank: &KernelBank,
-    curve: ToneCurve,
+    curves: [ToneCurve; CHANNELS],
     session: &Session,
 ) -> Result<KernelCode> {
     let started = Instant::now();
-    let found = search_angle(image, bank, curve, &session.progress)?;
+    let found = search_angle(image, bank, curves, &session.progress)?;
     session.tell(format_args!(
         "{name}: the panel is turned by {:+.1}° (nearest kernel {}, {:.0} nats ahead of all but its neighbours; found in \
          {:.1} s)",
@@ -417,7 +419,7 @@ impl MethodArgs {
             mask_saturated: flags.mask_saturated,
             seed: flags.seed.unwrap_or(default.seed),
             alpha: curve.alpha,
-            saturation: curve.x_max,
+            saturation: [curve.x_max; CHANNELS],
             ..default
         }
     }

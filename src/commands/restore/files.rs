@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 
 use anyhow::{Context as _, Result, bail};
 
+use udc::core::capture::CaptureInfo;
 use udc::core::error::Error;
 use udc::core::io::{DomainTag, expand_inputs, is_hidden, list_folder, read_pixels, sha256_of_file};
 use udc::psf::{Bracket, fuse};
@@ -13,6 +14,7 @@ use udc::psf::{Bracket, fuse};
 use super::RestoreArgs;
 use crate::commands::Session;
 use crate::commands::bracket::{names_of, warnings_of};
+use crate::commands::capture::{info_of, uncorrected};
 use crate::commands::destination::{Destination, Unplaced, identity, without_repeats};
 use crate::commands::domain::DomainArg;
 use crate::commands::picture::AnyImage;
@@ -34,8 +36,8 @@ pub(super) struct Job {
 pub(super) struct Capture {
     /// The image.
     pub(super) pixels: AnyImage,
-    /// The irradiance of a saturated pixel, where the files say it.
-    pub(super) saturation: Option<f32>,
+    /// What is known of the capture, where the files say it.
+    pub(super) info: Option<CaptureInfo>,
 }
 
 impl Job {
@@ -109,8 +111,9 @@ impl RestoreArgs {
             let read = || read_pixels(file);
             let pixels = session.timed(format_args!("reading {}", job.name()), read)?;
             if pixels.raw.is_none() {
+                let info = pixels.capture.clone();
                 let pixels = AnyImage::of(file, pixels, self.domain, session)?;
-                return Ok(Capture { pixels, saturation: None });
+                return Ok(Capture { pixels, info });
             }
         }
         if let Some(domain @ DomainArg::ToneMapped) = self.domain {
@@ -140,10 +143,12 @@ impl RestoreArgs {
         for warning in warnings_of(&fused) {
             session.warn(format_args!("{}: {warning}", job.name()));
         }
-        let lowest = fused.saturation.into_iter().fold(f64::INFINITY, f64::min);
-        #[expect(clippy::cast_possible_truncation, reason = "an irradiance in f32")]
-        let saturation = Some(lowest as f32);
-        Ok(Capture { pixels: AnyImage::Linear(fused.image), saturation })
+        let raw = pictures.raw.as_ref();
+        if let Some(warning) = raw.and_then(uncorrected) {
+            session.warn(format_args!("{}: {warning}", job.name()));
+        }
+        let info = Some(info_of(&fused, raw, pictures.config.white_balance));
+        Ok(Capture { pixels: AnyImage::Linear(fused.image), info })
     }
 }
 

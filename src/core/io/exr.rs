@@ -22,6 +22,7 @@ use super::format::{Encoding, Format};
 use super::guard::guarded;
 use super::{DomainTag, Pixels};
 use crate::core::bayer::BayerPattern;
+use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::provenance::Provenance;
 
@@ -31,6 +32,9 @@ pub(super) use write::Encoder;
 const DOMAIN_ATTRIBUTE: &str = "udc:domain";
 /// The attribute that holds the provenance as JSON.
 const PROVENANCE_ATTRIBUTE: &str = "udc:provenance";
+
+/// The attribute that holds what is known of the capture as JSON.
+const CAPTURE_ATTRIBUTE: &str = "udc:capture";
 
 /// Number of blocks that are decoded or encoded at once: enough for any number of threads.
 const WAVE: usize = 64;
@@ -55,6 +59,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], packed: Option<BayerPattern>) ->
         iso: header.own_attributes.iso_speed.map(f64::from).filter(is_positive),
         provenance: text_attribute(header, PROVENANCE_ATTRIBUTE)
             .and_then(|json| serde_json::from_str(&json).ok()),
+        capture: capture_of(header).map_err(damaged)?,
         ..Pixels::of_planes(planes)
     };
     Ok((pixels, Encoding { format: Format::Exr, sample_type: sample_type.to_owned() }))
@@ -65,6 +70,19 @@ pub(super) fn provenance_of_head(bytes: &[u8]) -> Option<Provenance> {
     let (meta, _) = read_meta(bytes).ok()?;
     let json = text_attribute(meta.headers.first()?, PROVENANCE_ATTRIBUTE)?;
     serde_json::from_str(&json).ok()
+}
+
+/// What the header at the start of `bytes` says of the capture, if they are the start of an EXR file.
+pub(super) fn capture_of_head(bytes: &[u8]) -> Result<Option<CaptureInfo>, String> {
+    let Ok((meta, _)) = read_meta(bytes) else { return Ok(None) };
+    meta.headers.first().map_or(Ok(None), capture_of)
+}
+
+fn capture_of(header: &Header) -> Result<Option<CaptureInfo>, String> {
+    let json = text_attribute(header, CAPTURE_ATTRIBUTE);
+    json.map(|json| CaptureInfo::from_json(&json)).transpose().map_err(|reason| {
+        format!("has a damaged attribute {CAPTURE_ATTRIBUTE}: {reason}; restore the capture again")
+    })
 }
 
 /// The height and width of the image in a file that starts with `bytes`, and its domain; `None` where reading the file

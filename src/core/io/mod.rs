@@ -37,8 +37,11 @@ use ndarray::{Array3, ArrayView2, ArrayView3, Axis, concatenate};
 use serde::Serialize;
 
 use super::bayer::BayerPattern;
+use super::camera_color::CameraColor;
+use super::capture::CaptureInfo;
 use super::error::{Error, Result};
 use super::image::{Domain, Image, Linear, ToneMapped};
+use super::orientation::Orientation;
 use super::provenance::Provenance;
 
 pub use array::{read_array, write_array};
@@ -122,10 +125,21 @@ pub struct Pixels {
     pub is_integer: bool,
     /// What the file says of its colours, which changes no value.
     pub color_tags: Vec<ColorTag>,
+    /// What the file says of the capture that it was made of.
+    pub capture: Option<CaptureInfo>,
+}
+
+/// A correction that a raw file asks for and that was not made.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct IgnoredOpcode {
+    /// The name of the opcode in the specification, or its number.
+    pub name: String,
+    /// Whether the file allows that it is left out.
+    pub optional: bool,
 }
 
 /// What a camera's raw file says of its values; levels are in the units of the planes.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct RawMetadata {
     /// The colours of the mosaic; none for three full planes.
     pub bayer: Option<BayerPattern>,
@@ -135,6 +149,16 @@ pub struct RawMetadata {
     pub white: f64,
     /// Gains of red, green and blue that make grey grey.
     pub white_balance: Option<[f64; 3]>,
+    /// The camera's colours.
+    pub color: Option<CameraColor>,
+    /// How the picture lies on the sensor, as the planes do.
+    pub orientation: Orientation,
+    /// By how many stops the camera wants the capture brightened.
+    pub baseline_exposure_ev: Option<f64>,
+    /// Corrections of the lens that the planes have.
+    pub corrections: Vec<String>,
+    /// Those that they have not.
+    pub ignored: Vec<IgnoredOpcode>,
 }
 
 impl Pixels {
@@ -149,6 +173,7 @@ impl Pixels {
             raw: None,
             is_integer: false,
             color_tags: Vec::new(),
+            capture: None,
         }
     }
 }
@@ -162,6 +187,8 @@ pub struct WriteOptions {
     pub overwrite: bool,
     /// What to say about the file's origin, in formats that can carry it.
     pub provenance: Option<Provenance>,
+    /// What to say about the capture that the image was made of, in formats that can carry it.
+    pub capture: Option<CaptureInfo>,
 }
 
 /// Reads an image file of any supported format.
@@ -208,6 +235,15 @@ pub fn inspect_mosaic(path: &Path, pattern: BayerPattern) -> Result<(Pixels, Enc
 pub fn read_provenance(path: &Path) -> Result<Option<Provenance>> {
     let head = plain::read_head(path, HEAD_BYTES)?;
     Ok(exr::provenance_of_head(&head))
+}
+
+/// Reads what an image file says of its capture, without its pixels; formats other than EXR carry nothing.
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be read; [`Error::Format`] when what it says is damaged.
+pub fn read_capture_info(path: &Path) -> Result<Option<CaptureInfo>> {
+    let head = plain::read_head(path, HEAD_BYTES)?;
+    exr::capture_of_head(&head).map_err(|reason| Error::format(path, reason))
 }
 
 fn decode_image(
@@ -275,6 +311,7 @@ pub fn write_image<D: Domain>(path: &Path, image: &Image<D>, options: &WriteOpti
         exposure_s: None,
         iso: None,
         provenance: options.provenance.as_ref(),
+        capture: options.capture.as_ref(),
     };
     let clip = D::NAME == ToneMapped::NAME;
     let WriteOptions { half, overwrite, .. } = *options;
@@ -308,6 +345,7 @@ pub fn write_pixels(path: &Path, pixels: &Pixels, options: PixelOptions) -> Resu
         exposure_s: pixels.exposure_s,
         iso: pixels.iso,
         provenance: pixels.provenance.as_ref(),
+        capture: pixels.capture.as_ref(),
     };
     write_contents(path, &contents, options)
 }
@@ -319,6 +357,7 @@ struct Contents<'a> {
     exposure_s: Option<f64>,
     iso: Option<f64>,
     provenance: Option<&'a Provenance>,
+    capture: Option<&'a CaptureInfo>,
 }
 
 fn write_contents(path: &Path, contents: &Contents<'_>, options: PixelOptions) -> Result<()> {

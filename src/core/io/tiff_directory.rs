@@ -27,8 +27,11 @@ const ALPHA: u16 = 2;
 /// Where the position of the first directory stands.
 const FIRST: usize = 4;
 
-/// The types of numbers: bytes, 16 and 32 bits, fractions with and without sign, positions of directories.
+/// The types of numbers: bytes, 16 and 32 bits, fractions with and without sign, positions of directories; and of text and
+/// data without a type.
 const BYTE: u16 = 1;
+const ASCII: u16 = 2;
+const UNDEFINED: u16 = 7;
 const SHORT: u16 = 3;
 const LONG: u16 = 4;
 const RATIONAL: u16 = 5;
@@ -107,6 +110,13 @@ impl<'a> Directory<'a> {
         let start = if length <= 4 { place } else { self.u32(place)? };
         self.slice(start, length)?;
         Some((kind, count, start))
+    }
+
+    /// The bytes of a field of bytes, text or unnamed data.
+    pub(super) fn bytes_of(&self, tag: u16) -> Option<&'a [u8]> {
+        let (_, count, start) =
+            self.values(tag, |kind| [BYTE, ASCII, UNDEFINED].contains(&kind).then_some(1))?;
+        self.slice(start, count)
     }
 
     /// All values of a field of integers.

@@ -8,9 +8,9 @@ use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::core::kernel_code::KernelBank;
 use crate::core::progress::Progress;
+use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
 
-use super::highlights::SATURATED_PART;
 use likelihood::WindowModel;
 
 /// The largest side of the windows that are looked at.
@@ -46,7 +46,8 @@ pub struct AngleSearch {
 /// Nothing is restored. The spectra of up to twelve windows of 512 pixels, those with the greatest contrast, are
 /// compared with the OTFs of each kernel of the bank by a likelihood that knows little of the scene: that its spectrum
 /// is smooth, and the same in all colours but for a factor. Windows count as independent. The parabola through the
-/// largest log-likelihood and its neighbours in angle gives the angle between them.
+/// largest log-likelihood and its neighbours in angle gives the angle between them. `curves` says how each channel was
+/// tone-mapped, x_max being the white level at which it saturates.
 ///
 /// # Errors
 /// [`Error::Unsupported`] when the bank knows no angles, or the capture is smaller than 32 pixels, saturated everywhere
@@ -54,7 +55,7 @@ pub struct AngleSearch {
 pub fn search_angle(
     capture: &ToneMappedImage,
     bank: &KernelBank,
-    curve: ToneCurve,
+    curves: [ToneCurve; CHANNELS],
     progress: &Progress,
 ) -> Result<AngleSearch> {
     let Some(angles) = &bank.angles_deg else {
@@ -67,8 +68,8 @@ pub fn search_angle(
     if size.iter().any(|&side| side < SMALLEST_PX) {
         return Err(untold(&format!("has fewer than {SMALLEST_PX} pixels along a side")));
     }
-    let limit = curve.compress(SATURATED_PART * curve.x_max);
-    if capture.planes().iter().all(|&v| v >= limit) {
+    let limits = curves.map(|curve| curve.compress(saturated_from(curve.x_max)));
+    if capture.planes().outer_iter().zip(limits).all(|(plane, limit)| plane.iter().all(|&v| v >= limit)) {
         return Err(untold("is saturated everywhere"));
     }
     let model = WindowModel::new(size, &bank.psfs)?;
@@ -76,7 +77,10 @@ pub fn search_angle(
     let mut told = false;
     for [top, left] in windows(capture, size) {
         progress.check()?;
-        let window = window(capture, [top, left], size).mapv(|v| curve.expand(v));
+        let mut window = window(capture, [top, left], size).to_owned();
+        for (mut plane, curve) in window.outer_iter_mut().zip(curves) {
+            plane.mapv_inplace(|v| curve.expand(v));
+        }
         if let Some(found) = model.log_likelihoods(window.view()) {
             told = true;
             sums.iter_mut().zip(found).for_each(|(sum, value)| *sum += value);
@@ -211,7 +215,7 @@ mod tests {
     }
 
     fn search(capture: &ToneMappedImage) -> AngleSearch {
-        search_angle(capture, &bank(), ToneCurve::default(), &Progress::default()).unwrap()
+        search_angle(capture, &bank(), [ToneCurve::default(); 3], &Progress::default()).unwrap()
     }
 
     #[test]
@@ -268,11 +272,11 @@ mod tests {
             (flat(0.5, 20), "fewer than 32 pixels"),
         ] {
             let message =
-                search_angle(&capture, &bank(), curve, &Progress::default()).unwrap_err().to_string();
+                search_angle(&capture, &bank(), [curve; 3], &Progress::default()).unwrap_err().to_string();
             assert!(message.contains(why) && message.contains("--angle"), "{message}");
         }
         let nameless = KernelBank { angles_deg: None, ..bank() };
-        assert!(search_angle(&flat(0.5, 96), &nameless, curve, &Progress::default()).is_err());
+        assert!(search_angle(&flat(0.5, 96), &nameless, [curve; 3], &Progress::default()).is_err());
     }
 
     #[test]

@@ -66,10 +66,11 @@ pub(super) fn restore(
     capture: ArrayView2<'_, f32>,
     psf: ArrayView2<'_, f32>,
     config: &DeconvolutionConfig,
+    channel: usize,
     progress: &Progress,
 ) -> Result<Array2<f32>> {
     let blur = Blur::new([capture.nrows(), capture.ncols()], psf, config.border)?;
-    let level = saturation::level(config.saturation);
+    let level = config.saturated_from(channel);
     let alpha = config.alpha;
     let sigma = noise::estimate(capture, blur.otf(), alpha);
     let mut objective = Objective::new(&blur, blur.surround(capture), alpha, level);

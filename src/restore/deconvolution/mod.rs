@@ -24,6 +24,7 @@ use crate::core::fft::Boundary;
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
+use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
 
 /// A method of deconvolution.
@@ -92,8 +93,8 @@ pub struct DeconvolutionConfig {
     pub seed: u64,
     /// α of the tone mapping, which says how much dark pixels count (`constrained`).
     pub alpha: f32,
-    /// The value of a saturated pixel.
-    pub saturation: f32,
+    /// The value of a full photosite in each channel, of which [`saturated_from`] takes the saturated share.
+    pub saturation: [f32; CHANNELS],
 }
 
 impl Default for DeconvolutionConfig {
@@ -106,7 +107,7 @@ impl Default for DeconvolutionConfig {
             mask_saturated: false,
             seed: 0,
             alpha: ToneCurve::default().alpha,
-            saturation: ToneCurve::default().x_max,
+            saturation: [ToneCurve::default().x_max; CHANNELS],
         }
     }
 }
@@ -117,10 +118,14 @@ impl DeconvolutionConfig {
         Self { method, ..Self::default() }
     }
 
+    /// The value from which on a pixel of a channel counts as saturated.
+    fn saturated_from(&self, channel: usize) -> f32 {
+        saturated_from(self.saturation[channel])
+    }
+
     fn validate(&self) -> Result<()> {
-        for (key, value) in
-            [("balance", self.balance), ("alpha", self.alpha), ("saturation", self.saturation)]
-        {
+        let saturation = self.saturation.map(|value| ("saturation", value));
+        for (key, value) in [("balance", self.balance), ("alpha", self.alpha)].into_iter().chain(saturation) {
             if !(value.is_finite() && value > 0.0) {
                 return Err(Error::config(key, format!("must be a positive number, found {value}")));
             }
@@ -188,10 +193,10 @@ fn deconvolve_plane(
     progress: &Progress,
 ) -> Result<Array2<f32>> {
     match config.method {
-        Method::Wiener => wiener::restore(plane, psf, config, progress),
+        Method::Wiener => wiener::restore(plane, psf, config, channel, progress),
         Method::WienerOrieux => wiener_orieux::restore(plane, psf, config, channel, progress),
-        Method::RichardsonLucy => richardson_lucy::restore(plane, psf, config, progress),
-        Method::Constrained => constrained::restore(plane, psf, config, progress),
+        Method::RichardsonLucy => richardson_lucy::restore(plane, psf, config, channel, progress),
+        Method::Constrained => constrained::restore(plane, psf, config, channel, progress),
     }
 }
 
@@ -228,6 +233,28 @@ mod tests {
                     assert!((value - 0.5).abs() < 0.005, "{method:?}, {border:?}: {value}");
                 }
             }
+        }
+    }
+
+    /// Red is valid up to its own white level, however early green saturates: with green's level, the bright half of red
+    /// would be taken for a lower bound.
+    #[test]
+    fn red_is_not_saturated_where_green_would_be() {
+        let plane = Array3::from_shape_fn((3, 40, 40), |(_, _, x)| if x < 20 { 0.3 } else { 1.5 });
+        let image = LinearImage::from_planes(plane).unwrap();
+        let psf = Psf::from_energy(Array3::from_shape_fn((3, 31, 31), |(_, y, x)| psf()[[y, x]])).unwrap();
+        let restored = |method, saturation| {
+            let mask_saturated = true;
+            let config =
+                DeconvolutionConfig { saturation, mask_saturated, ..DeconvolutionConfig::of_method(method) };
+            deconvolve(&image, &psf, &config, &Progress::default()).unwrap()
+        };
+        for method in METHODS {
+            let [unbounded, own, greens] =
+                [[500.0; 3], [1.9, 1.0, 1.6], [1.0; 3]].map(|s| restored(method, s));
+            assert_eq!(own.channel(0), unbounded.channel(0), "{method:?}");
+            assert_eq!(own.channel(1), greens.channel(1), "{method:?}");
+            assert_ne!(greens.channel(0), unbounded.channel(0), "{method:?}");
         }
     }
 

@@ -24,9 +24,10 @@ pub(super) fn restore(
     capture: ArrayView2<'_, f32>,
     psf: ArrayView2<'_, f32>,
     config: &DeconvolutionConfig,
+    channel: usize,
     progress: &Progress,
 ) -> Result<Array2<f32>> {
-    let level = saturation::level(config.saturation);
+    let level = config.saturated_from(channel);
     let blur = Blur::new([capture.nrows(), capture.ncols()], psf, config.border)?;
     let brightest = capture.iter().copied().fold(0.0, f32::max);
     if brightest <= 0.0 {
@@ -87,8 +88,8 @@ mod tests {
     fn restored(capture: &Array2<f32>, saturation: f32, iterations: usize) -> Array2<f32> {
         let border = Border::Zero;
         let default = DeconvolutionConfig::of_method(Method::RichardsonLucy);
-        let config = DeconvolutionConfig { border, saturation, iterations, ..default };
-        restore(capture.view(), psf().view(), &config, &Progress::default()).unwrap()
+        let config = DeconvolutionConfig { border, saturation: [saturation; 3], iterations, ..default };
+        restore(capture.view(), psf().view(), &config, 0, &Progress::default()).unwrap()
     }
 
     fn error(a: &Array2<f32>, b: &Array2<f32>) -> f32 {
@@ -128,7 +129,7 @@ mod tests {
         let frame = ndarray::s![20..44, 20..51];
         let (scene, capture) = (larger.slice(frame).to_owned(), captured.slice(frame).to_owned());
         let config = DeconvolutionConfig::of_method(Method::RichardsonLucy);
-        let smooth = restore(capture.view(), psf().view(), &config, &Progress::default()).unwrap();
+        let smooth = restore(capture.view(), psf().view(), &config, 0, &Progress::default()).unwrap();
         let zero = restored(&capture, 500.0, config.iterations);
         let (smooth, zero) = (error(&smooth, &scene), error(&zero, &scene));
         assert!(smooth < 0.7 * error(&capture, &scene) && smooth < 0.7 * zero, "{smooth} against {zero}");

@@ -2,15 +2,8 @@
 
 use ndarray::{Array2, ArrayView2, Zip};
 
-use crate::restore::SATURATED_PART;
-
 /// Rounds of filling in: the change of the last one is below a percent of the first's.
 pub(super) const FILL_ROUNDS: usize = 5;
-
-/// The value from which on a pixel is taken for saturated.
-pub(super) fn level(saturation: f32) -> f32 {
-    saturation * SATURATED_PART
-}
 
 /// Whether any pixel is saturated.
 pub(super) fn any(plane: ArrayView2<'_, f32>, level: f32) -> bool {

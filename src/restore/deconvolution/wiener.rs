@@ -17,12 +17,13 @@ pub(super) fn restore(
     plane: ArrayView2<'_, f32>,
     psf: ArrayView2<'_, f32>,
     config: &DeconvolutionConfig,
+    channel: usize,
     progress: &Progress,
 ) -> Result<Array2<f32>> {
     let spectral = Spectral::new([plane.nrows(), plane.ncols()], psf, config.border)?;
     let filter = spectral.wiener_filter(1.0, f64::from(config.balance));
     let plane = if config.mask_saturated {
-        fill_saturated(plane, &spectral, &filter, saturation::level(config.saturation), progress)?
+        fill_saturated(plane, &spectral, &filter, config.saturated_from(channel), progress)?
     } else {
         plane.to_owned()
     };
@@ -100,7 +101,8 @@ mod tests {
         let inside = s![24..72, 24..72];
         let error = |border| {
             let restored =
-                restore(capture.slice(inside), psf().view(), &config(border), &Progress::default()).unwrap();
+                restore(capture.slice(inside), psf().view(), &config(border), 0, &Progress::default())
+                    .unwrap();
             let scene = scene.slice(inside);
             let whole = rmse(restored.view(), scene);
             (whole, rmse(restored.slice(s![12..36, 12..36]), scene.slice(s![12..36, 12..36])))
@@ -119,8 +121,10 @@ mod tests {
         // Ringing is what is wrong outside of the lamp, whose own light the capture does not hold.
         let lamp = s![28..35, 38..45];
         let error = |mask_saturated| {
-            let config = DeconvolutionConfig { mask_saturated, saturation: 20.0, ..config(Border::Smooth) };
-            let mut restored = restore(capture.view(), psf().view(), &config, &Progress::default()).unwrap();
+            let config =
+                DeconvolutionConfig { mask_saturated, saturation: [20.0; 3], ..config(Border::Smooth) };
+            let mut restored =
+                restore(capture.view(), psf().view(), &config, 0, &Progress::default()).unwrap();
             restored.slice_mut(lamp).assign(&scene.slice(lamp));
             rmse(restored.view(), scene.view())
         };

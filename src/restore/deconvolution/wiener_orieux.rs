@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
 
 use super::spectral::Spectral;
-use super::{DeconvolutionConfig, saturation, wiener};
+use super::{DeconvolutionConfig, wiener};
 use crate::core::error::{Error, Result};
 use crate::core::fft::PlaneSpectrum;
 use crate::core::progress::Progress;
@@ -52,7 +52,7 @@ pub(super) fn restore(
     let spectral = Spectral::new([plane.nrows(), plane.ncols()], psf, config.border)?;
     let plane = if config.mask_saturated {
         let filter = spectral.wiener_filter(1.0, FILL_BALANCE);
-        let level = saturation::level(config.saturation);
+        let level = config.saturated_from(channel);
         wiener::fill_saturated(plane, &spectral, &filter, level, progress)?
     } else {
         plane.to_owned()
@@ -237,7 +237,8 @@ mod tests {
             let ours = rmse(&restored(&capture, 1), &scene());
             let of_balance = |exponent: i32| {
                 let config = DeconvolutionConfig { balance: 10f32.powf(exponent as f32 / 4.0), ..config(1) };
-                let restored = wiener::restore(capture.view(), psf().view(), &config, &Progress::default());
+                let restored =
+                    wiener::restore(capture.view(), psf().view(), &config, 0, &Progress::default());
                 rmse(&restored.unwrap(), &scene())
             };
             let best = (-24..=8).map(of_balance).fold(f32::INFINITY, f32::min);

@@ -3,6 +3,7 @@
 use ndarray::{Array3, Axis};
 use serde::Serialize;
 
+use crate::core::capture::CaptureInfo;
 use crate::core::io::{ColorTag, DomainTag, Encoding, Pixels, RawMetadata};
 use crate::core::provenance::Provenance;
 
@@ -29,6 +30,9 @@ pub struct ImageDescription {
     /// What a camera's raw file says of its values.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub raw: Option<RawMetadata>,
+    /// What the file says of the capture that it was made of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub capture: Option<CaptureInfo>,
     /// Number of values that are NaN or infinite.
     pub non_finite: usize,
     /// Number of values below zero.
@@ -70,6 +74,7 @@ pub(super) fn describe_image(pixels: Pixels, encoding: Encoding) -> ImageDescrip
         exposure_s: pixels.exposure_s,
         iso: pixels.iso,
         raw: pixels.raw,
+        capture: pixels.capture,
         non_finite: pixels.planes.iter().filter(|value| !value.is_finite()).count(),
         negative: pixels.planes.iter().filter(|value| **value < 0.0).count(),
         channels: channel_statistics(&pixels.planes),

@@ -2,10 +2,12 @@
 //!
 //! The raw image lies in the first directory or in one inside of it, beside previews. Where it is stored as a grey or RGB
 //! TIFF image is, but for what its samples are declared to be, it is decoded as such; where it is packed, or compressed
-//! as lossless JPEG, by [`samples`]. Then it is made linear, cut to its active area, and every photosite brought to the
-//! same black level.
+//! as lossless JPEG, by [`samples`]. Then it is made linear, cut to its active area, every photosite brought to the
+//! same black level, and the shading of the lens corrected by [`opcodes`]. The picture stays as it lies on the sensor.
 
+mod color;
 mod lossless_jpeg;
+mod opcodes;
 mod samples;
 
 use std::path::Path;
@@ -16,8 +18,14 @@ use super::format::{Encoding, Format};
 use super::tiff_directory::{BITS, COMPRESSION, Directory, GREY, PHOTOMETRIC, RGB, SAMPLES, WIDTH};
 use super::{Pixels, RawMetadata, raster};
 use crate::core::bayer::BayerPattern;
+use crate::core::capture::is_exposure;
 use crate::core::error::{Error, Result};
+use crate::core::orientation::Orientation;
 
+use color::Fields;
+use opcodes::Corrections;
+
+const ORIENTATION: u16 = 274;
 const SUB_DIRECTORIES: u16 = 330;
 const CFA_REPEAT: u16 = 33421;
 const CFA_PATTERN: u16 = 33422;
@@ -31,7 +39,7 @@ const BLACK_LEVEL: u16 = 50714;
 const BLACK_LEVEL_OF_COLUMN: u16 = 50715;
 const BLACK_LEVEL_OF_ROW: u16 = 50716;
 const WHITE_LEVEL: u16 = 50717;
-const AS_SHOT_NEUTRAL: u16 = 50728;
+const BASELINE_EXPOSURE: u16 = 50730;
 const ACTIVE_AREA: u16 = 50829;
 
 /// Values of [`PHOTOMETRIC`]: a mosaic, and its colours interpolated.
@@ -74,10 +82,25 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
     let mut planes = active_area(planes, &raw).map_err(damaged)?;
     let metadata = levelled(&mut planes, &raw, largest_value(&encoding)).map_err(damaged)?;
     let bayer = if is_mosaic { pattern_of(&raw).map_err(damaged)? } else { None };
-    let white_balance = gains_of(&raw).or_else(|| gains_of(&root));
+    let corrections = Corrections::of(&raw).map_err(damaged)?;
+    corrections.apply(&mut planes, [metadata.black, metadata.white], bayer);
+    let fields = Fields(&raw, &root);
+    let color = fields.color();
+    let white_balance = fields.gains(color.as_ref());
+    let stops = |directory: &Directory<'_>| directory.reals(BASELINE_EXPOSURE)?.first().copied();
+    let baseline_exposure_ev = stops(&raw).or_else(|| stops(&root)).filter(|stops| is_exposure(*stops));
     let in_exif =
         |tag| positive(&root, tag).or_else(|| root.inner(EXIF).find_map(|exif| positive(&exif, tag)));
-    let raw = Some(RawMetadata { bayer, white_balance, ..metadata });
+    let raw = Some(RawMetadata {
+        bayer,
+        white_balance,
+        color,
+        orientation: root.number(ORIENTATION).and_then(Orientation::from_exif).unwrap_or_default(),
+        baseline_exposure_ev,
+        corrections: corrections.applied,
+        ignored: corrections.ignored,
+        ..metadata
+    });
     let (exposure_s, iso) = (in_exif(EXPOSURE_TIME), in_exif(ISO));
     Ok((Pixels { exposure_s, iso, raw, ..Pixels::of_planes(planes) }, encoding))
 }
@@ -188,7 +211,7 @@ fn levelled(planes: &mut Array3<f32>, raw: &Directory<'_>, largest: f64) -> Resu
     {
         return Err(format!("is damaged: black levels up to {darkest} do not lie below white {white}"));
     }
-    let metadata = RawMetadata { bayer: None, black, white, white_balance: None };
+    let metadata = RawMetadata { black, white, ..RawMetadata::default() };
     let is_even = |levels: &[f64]| levels.iter().all(|&level| (level - levels[0]).abs() < f64::EPSILON);
     let is_one_level = is_even(&blacks);
     if is_one_level && is_even(&of_columns) && is_even(&of_rows) {
@@ -217,13 +240,6 @@ fn pattern_of(raw: &Directory<'_>) -> Result<Option<BayerPattern>, String> {
     let pattern = <[usize; 4]>::try_from(sites).ok().filter(|_| repeats).and_then(BayerPattern::of_sites);
     let reason = "is a DNG whose mosaic is no Bayer pattern; it cannot be demosaiced here";
     pattern.map(Some).ok_or_else(|| reason.to_owned())
-}
-
-/// Gains that make neutral colours grey, 1 for green.
-fn gains_of(directory: &Directory<'_>) -> Option<[f64; 3]> {
-    let neutral: [f64; 3] = directory.reals(AS_SHOT_NEUTRAL)?.try_into().ok()?;
-    let is_positive = neutral.iter().all(|value| value.is_finite() && *value > 0.0);
-    is_positive.then(|| neutral.map(|value| neutral[1] / value))
 }
 
 /// The first number of a field, where it is positive.

@@ -14,7 +14,7 @@ use half::f16;
 use ndarray::{ArrayView3, Axis, concatenate, s};
 use rayon::prelude::*;
 
-use super::{DOMAIN_ATTRIBUTE, PROVENANCE_ATTRIBUTE, WAVE};
+use super::{CAPTURE_ATTRIBUTE, DOMAIN_ATTRIBUTE, PROVENANCE_ATTRIBUTE, WAVE};
 use crate::core::io::Contents;
 use crate::core::io::npy::check_half;
 
@@ -127,15 +127,20 @@ fn layer_attributes(contents: &Contents<'_>) -> LayerAttributes {
     attributes
 }
 
-/// Puts the provenance among the image's attributes and the domain among the layer's: each of the two is a
-/// hash map, which the crate writes in a random order once it has more than one entry.
+/// Puts the provenance and the capture among the image's attributes and the domain among the layer's.
 fn image_attributes(contents: &Contents<'_>, width: usize, height: usize) -> ImageAttributes {
     let mut attributes = ImageAttributes::with_size((width, height));
-    if let Some(provenance) = &contents.provenance {
-        let text = Text::from_bytes_unchecked(provenance.to_json().bytes().collect());
-        attributes.other.insert(Text::from(PROVENANCE_ATTRIBUTE), AttributeValue::Text(text));
+    let text = |json: String| AttributeValue::Text(Text::from_bytes_unchecked(json.bytes().collect()));
+    let provenance = contents.provenance.map(|provenance| (PROVENANCE_ATTRIBUTE, text(provenance.to_json())));
+    let capture = contents.capture.map(|capture| (CAPTURE_ATTRIBUTE, text(capture.to_json())));
+    let entries: Vec<_> = [capture, provenance].into_iter().flatten().collect();
+    // The crate writes the entries of a hash map as they come, which is random: maps are made until one is in order.
+    loop {
+        attributes.other = entries.iter().map(|(name, value)| (Text::from(*name), value.clone())).collect();
+        if attributes.other.keys().map(Text::bytes).is_sorted() {
+            return attributes;
+        }
     }
-    attributes
 }
 
 fn write_blocks(

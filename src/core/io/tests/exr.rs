@@ -9,7 +9,9 @@ use ::exr::prelude::{
 };
 
 use super::*;
+use crate::core::capture::CaptureInfo;
 use crate::core::image::LinearImage;
+use crate::core::orientation::Orientation;
 
 const SIDE: usize = 20;
 
@@ -86,8 +88,14 @@ fn encode(contents: &Contents<'_>) -> Vec<u8> {
 #[test]
 fn sub_sampled_channels_are_refused_with_a_reason() {
     let grey = Array3::zeros((1, 8, 8));
-    let contents =
-        Contents { planes: grey.view(), domain: None, exposure_s: None, iso: None, provenance: None };
+    let contents = Contents {
+        planes: grey.view(),
+        domain: None,
+        exposure_s: None,
+        iso: None,
+        provenance: None,
+        capture: None,
+    };
     let mut bytes = encode(&contents);
     let list = bytes.windows(7).position(|window| window == b"chlist\0").unwrap();
     // The kind is followed by the size (4), the name `Y` and its zero (2), type (4), flags (4), then the steps.
@@ -133,31 +141,54 @@ fn half_floats_refuse_what_would_become_infinite() {
 }
 
 #[test]
-fn domain_exposure_and_provenance_travel_with_the_image() {
+fn domain_exposure_provenance_and_capture_travel_with_the_image() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.exr");
     let provenance = Provenance::new("fuse", &serde_json::json!({"input": "Außenaufnahme №1.exr"}));
+    let capture = CaptureInfo {
+        saturation: Some([1.9, 1.0, 1.6]),
+        orientation: Orientation::from_exif(8),
+        ..CaptureInfo::default()
+    };
     let pixels = Pixels {
         domain: Some(DomainTag::ToneMapped),
         exposure_s: Some(0.03125),
         iso: Some(400.0),
         provenance: Some(provenance),
+        capture: Some(capture),
         ..Pixels::of_planes(Array3::zeros((3, 4, 5)))
     };
     write_pixels(&path, &pixels, PixelOptions::default()).unwrap();
     let read = read_pixels(&path).unwrap();
     assert_eq!(
-        (read.domain, read.exposure_s, read.iso, read.provenance),
-        (pixels.domain, pixels.exposure_s, pixels.iso, pixels.provenance)
+        (read.domain, read.exposure_s, read.iso, &read.provenance, &read.capture),
+        (pixels.domain, pixels.exposure_s, pixels.iso, &pixels.provenance, &pixels.capture)
     );
+    assert_eq!(
+        (read_provenance(&path).unwrap(), read_capture_info(&path).unwrap()),
+        (read.provenance, read.capture)
+    );
+    // Its attributes are in one order, whatever order hash maps have.
+    let bytes = std::fs::read(&path).unwrap();
+    let overwrite = PixelOptions { overwrite: true, ..PixelOptions::default() };
+    for _ in 0..20 {
+        write_pixels(&path, &pixels, overwrite).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), bytes);
+    }
 }
 
 /// A flat image shrinks; random mantissas do not, and reading them must not depend on it.
 #[test]
 fn compresses_only_what_shrinks() {
     let bytes = |planes: &Array3<f32>| {
-        let contents =
-            Contents { planes: planes.view(), domain: None, exposure_s: None, iso: None, provenance: None };
+        let contents = Contents {
+            planes: planes.view(),
+            domain: None,
+            exposure_s: None,
+            iso: None,
+            provenance: None,
+            capture: None,
+        };
         encode(&contents)
     };
     let flat = Array3::from_elem((3, 64, 64), 0.25);
@@ -174,12 +205,14 @@ fn compresses_only_what_shrinks() {
 fn the_same_image_gives_the_same_bytes_on_any_number_of_threads() {
     let planes = Array3::from_shape_fn((3, 500, 40), |(c, y, x)| ((c + y * x) % 17) as f32);
     let provenance = Provenance::new("synth", &serde_json::json!({"seed": 1}));
+    let capture = CaptureInfo { saturation: Some([1.9, 1.0, 1.6]), ..CaptureInfo::default() };
     let contents = Contents {
         planes: planes.view(),
         domain: Some(DomainTag::Linear),
         exposure_s: Some(1.0),
         iso: None,
         provenance: Some(&provenance),
+        capture: Some(&capture),
     };
     let on_threads = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -1,5 +1,6 @@
 use super::*;
 use crate::core::rng;
+use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
 use crate::restore::deconvolution::{Border, Method, wiener};
 use ndarray::s;
@@ -44,7 +45,7 @@ fn config() -> DeconvolutionConfig {
 
 fn restored(capture: &Array2<f32>, psf: &Array2<f32>, border: Border) -> Array2<f32> {
     let config = DeconvolutionConfig { border, ..config() };
-    restore(capture.view(), psf.view(), &config, &Progress::default()).unwrap()
+    restore(capture.view(), psf.view(), &config, 0, &Progress::default()).unwrap()
 }
 
 fn psnr(a: &Array2<f32>, b: &Array2<f32>) -> f64 {
@@ -57,7 +58,7 @@ fn psnr(a: &Array2<f32>, b: &Array2<f32>) -> f64 {
 fn best_wiener(capture: &Array2<f32>, scene: &Array2<f32>) -> f64 {
     let restored = |balance| {
         let config = DeconvolutionConfig { balance, border: Border::Smooth, ..config() };
-        let restored = wiener::restore(capture.view(), panel_psf().view(), &config, &Progress::default());
+        let restored = wiener::restore(capture.view(), panel_psf().view(), &config, 0, &Progress::default());
         psnr(&restored.unwrap(), scene)
     };
     [1e-4, 1e-3, 1e-2, 1e-1].map(restored).into_iter().fold(f64::NEG_INFINITY, f64::max)
@@ -77,7 +78,7 @@ fn solves_the_noise_free_case_border_included() {
 fn beats_the_wiener_filter_where_a_lamp_saturates() {
     let scene = scene(3000.0);
     let capture = capture(&scene);
-    assert!(saturation::any(capture.view(), saturation::level(500.0)));
+    assert!(saturation::any(capture.view(), saturated_from(500.0)));
     let restored = restored(&capture, &panel_psf(), Border::Zero);
     let (ours, wiener) = (psnr(&restored, &scene), best_wiener(&capture, &scene));
     assert!(ours > wiener + 3.0 && ours > psnr(&capture, &scene) + 3.0, "{ours} against {wiener}");

@@ -1,0 +1,91 @@
+//! What finishing a picture needs to know of the capture that it was made of, carried along with the image.
+
+use serde::{Deserialize, Serialize};
+
+use super::camera_color::CameraColor;
+use super::orientation::Orientation;
+
+/// What is known of a capture beside its light.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, rename_all = "kebab-case")]
+pub struct CaptureInfo {
+    /// The irradiance of a full photosite in red, green and blue, after white balance: the white levels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub saturation: Option<[f32; 3]>,
+    /// How the picture lies on the sensor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub orientation: Option<Orientation>,
+    /// By how many stops the camera wants its captures brightened.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub baseline_exposure_ev: Option<f64>,
+    /// The gains of red, green and blue that were applied.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub white_balance: Option<[f64; 3]>,
+    /// The camera's colours.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub color: Option<CameraColor>,
+}
+
+impl CaptureInfo {
+    /// Reads what [`to_json`](Self::to_json) wrote.
+    ///
+    /// # Errors
+    /// What is wrong with the text, where it is damaged or holds numbers that no capture has.
+    pub fn from_json(text: &str) -> Result<Self, String> {
+        let info: Self = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        if info.saturation.iter().flatten().any(|level| !(level.is_finite() && *level > 0.0)) {
+            return Err("saturation that is not positive".to_owned());
+        }
+        if info.white_balance.iter().flatten().any(|gain| !(gain.is_finite() && *gain > 0.0)) {
+            return Err("gains that are not positive".to_owned());
+        }
+        if info.baseline_exposure_ev.is_some_and(|stops| !is_exposure(stops)) {
+            return Err("a baseline exposure of more than ten stops".to_owned());
+        }
+        Ok(info)
+    }
+
+    /// The JSON text that files carry.
+    ///
+    /// # Panics
+    /// Never: the fields are plain data.
+    pub fn to_json(&self) -> String {
+        serde_json::to_string(self).expect("what is known of a capture is plain data")
+    }
+
+    /// The matrix from the image's colours to linear sRGB, where the camera says its colours and gains were applied.
+    pub fn color_matrix(&self) -> Option<[[f64; 3]; 3]> {
+        self.color.as_ref()?.matrix(self.white_balance?)
+    }
+}
+
+/// Whether a number of stops is one that cameras ask for.
+pub fn is_exposure(stops: f64) -> bool {
+    stops.abs() <= 10.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_known_returns_from_its_text() {
+        let info = CaptureInfo {
+            saturation: Some([1.9, 1.0, 1.6]),
+            orientation: Orientation::from_exif(6),
+            baseline_exposure_ev: Some(0.35),
+            ..CaptureInfo::default()
+        };
+        assert_eq!(CaptureInfo::from_json(&info.to_json()), Ok(info));
+        assert_eq!(CaptureInfo::from_json("{}"), Ok(CaptureInfo::default()));
+        for damaged in [
+            "{",
+            r#"{"orientation": 9}"#,
+            r#"{"saturation": [1, 0, 1]}"#,
+            r#"{"white-balance": [1, -1, 1]}"#,
+            r#"{"baseline-exposure-ev": 1e9}"#,
+        ] {
+            assert!(CaptureInfo::from_json(damaged).is_err(), "{damaged}");
+        }
+    }
+}
