@@ -71,10 +71,6 @@ impl<'a> Slots<'a> {
     }
 
     /// Says which task the thread computes while what is returned lives.
-    #[cfg_attr(
-        not(debug_assertions),
-        expect(clippy::unused_self, reason = "the slots are watched in debug builds only")
-    )]
     pub(crate) fn turn(&self, turn: Turn) -> InTurn {
         #[cfg(not(debug_assertions))]
         let _ = turn;

@@ -164,8 +164,9 @@ fn refuses_a_model_of_another_kind() {
 /// middle, so that what the PSF brings from outside of the frame is there.
 fn seen_through_the_psf(height: usize, width: usize) -> [Array3<f32>; 2] {
     const MARGIN: usize = 20;
-    let value =
-        |c: usize, y: usize, x: usize| wave(c, y, x) + if (y / 6 + x / 9) % 3 == 0 { 0.5 } else { 0.0 };
+    let value = |c: usize, y: usize, x: usize| {
+        wave(c, y, x) + if (y / 6 + x / 9).is_multiple_of(3) { 0.5 } else { 0.0 }
+    };
     let psf = psf();
     let (cy, cx) = psf.centre();
     let seen = |(c, y, x): (usize, usize, usize)| {
