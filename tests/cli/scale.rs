@@ -129,7 +129,7 @@ fn training_takes_the_scale_of_the_dataset() {
     assert!(said.contains("data.formation goes with a folder of clean images"), "{said}");
 }
 
-/// A restoration that is told nothing takes the saturation from the model, which has it from the dataset.
+/// What `udc synth` writes of a grey wall at half of white.
 #[test]
 fn noise_is_that_of_a_capture_not_thirty_one_times_poorer() {
     let scratch = scratch();

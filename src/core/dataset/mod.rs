@@ -7,6 +7,7 @@ mod config;
 mod folder;
 mod kernels;
 mod published;
+mod sensor;
 
 use std::path::{Path, PathBuf};
 
@@ -17,9 +18,10 @@ use super::image::LinearImage;
 use super::io;
 use super::kernel_code::{KernelBank, KernelCode};
 
-pub use config::{DatasetConfig, FORMAT, FormationConfig, NoiseConfig, SensorConfig, VERSION};
+pub use config::{DatasetConfig, FORMAT, FormationConfig, NoiseConfig, VERSION};
 pub use folder::{BANK_FILE, CONFIG_FILE, FIELD_FILE, TripletFiles};
 pub use kernels::KernelChoice;
+pub use sensor::SensorConfig;
 
 /// The use that a triplet is reserved for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
