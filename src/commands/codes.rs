@@ -106,7 +106,9 @@ impl CodesArgs {
         }
         let config = read_display(display, self.size)?;
         if config.display.is_bare() {
-            bail!("there is nothing to turn: the PSF of the bare lens is the same at every angle; describe a panel");
+            bail!(
+                "there is nothing to turn: the PSF of the bare lens is the same at every angle; describe a panel"
+            );
         }
         let angles = self.angles()?;
         if self.dim >= angles.len() {

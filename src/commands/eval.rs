@@ -113,7 +113,13 @@ pub(crate) struct EvalArgs {
     #[arg(long, value_enum, default_value_t = SplitArg::Test, requires = "dataset", conflicts_with = "restored")]
     split: SplitArg,
     /// Measure images of these kernels only, by their names: r+00,r+03 [default: all]
-    #[arg(long, value_name = "NAME", value_delimiter = ',', requires = "dataset", conflicts_with = "restored")]
+    #[arg(
+        long,
+        value_name = "NAME",
+        value_delimiter = ',',
+        requires = "dataset",
+        conflicts_with = "restored"
+    )]
     kernels: Vec<String>,
     /// Measure the first N triplets only
     #[arg(long, value_name = "N", requires = "dataset", conflicts_with = "restored",

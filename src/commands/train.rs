@@ -102,9 +102,7 @@ impl TrainArgs {
         };
         let cache = config.data.cache_mib;
         let outcome = match &source {
-            Source::Stored(dataset) => {
-                train(&StoredData::new(dataset, Split::Train, cache)?.only(kernels)?)
-            }
+            Source::Stored(dataset) => train(&StoredData::new(dataset, Split::Train, cache)?.only(kernels)?),
             Source::OnTheFly(live, _) => {
                 let warned = Once::new();
                 let degrade = |scene: &LinearImage, kernel: usize, rng: &mut Rng| {

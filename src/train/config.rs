@@ -88,7 +88,7 @@ pub struct DataConfig {
     pub accumulate: usize,
     /// Whether every pass over the data has an order of its own.
     pub shuffle: bool,
-    /// Memory for images that have been read.
+    /// Memory for images that have been read, and as much again for the transforms of kernels that degrade on the fly.
     pub cache_mib: usize,
     /// How clean images that are no dataset's are degraded on the fly: saturation, noise, the margin around the frame. A
     /// dataset says it itself.

@@ -20,8 +20,8 @@ mod trainer;
 mod validation;
 
 pub use config::{
-    CheckpointConfig, DataConfig, Degradation, KERNELS_KEY, LossConfig, OptimizerConfig, PerceptualConfig, ScheduleConfig,
-    TrainConfig, ValidationConfig,
+    CheckpointConfig, DataConfig, Degradation, KERNELS_KEY, LossConfig, OptimizerConfig, PerceptualConfig,
+    ScheduleConfig, TrainConfig, ValidationConfig,
 };
 pub use data::{Degrade, InMemory, OnTheFlyData, Patch, StoredData, TrainingData, Window};
 pub use identity::DataIdentity;

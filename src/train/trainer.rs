@@ -173,12 +173,16 @@ impl State {
     fn first_overflow(&self) -> Option<(&'static str, &str)> {
         let Moments { first, second } = &self.moments;
         let is_finite = |values: &[f32]| values.par_iter().all(|value| value.is_finite());
-        let arrays = self.parameters.iter().zip(first).zip(second).flat_map(|((parameter, first), second)| {
-            let name = parameter.name.as_str();
-            let values: [(_, &[f32]); 3] =
-                [("mean squared gradient", second), ("mean gradient", first), ("value", &parameter.values)];
-            values.map(|(what, values)| (what, name, values))
-        });
+        let arrays =
+            self.parameters.iter().zip(first).zip(second).flat_map(|((parameter, first), second)| {
+                let name = parameter.name.as_str();
+                let values: [(_, &[f32]); 3] = [
+                    ("mean squared gradient", second),
+                    ("mean gradient", first),
+                    ("value", &parameter.values),
+                ];
+                values.map(|(what, values)| (what, name, values))
+            });
         let averages = self.average.iter().flat_map(|average| average.iter());
         let averages = averages.map(|mean| ("running mean", mean.name.as_str(), &mean.values[..]));
         arrays.chain(averages).find(|(.., values)| !is_finite(values)).map(|(what, name, _)| (what, name))

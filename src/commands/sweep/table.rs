@@ -87,8 +87,9 @@ pub(super) fn to_csv(rows: &[Row], metrics: &[Metric], single: Option<&str>) -> 
             let of_single = row.single.as_ref();
             means.extend([of_single.map(|single| &single.mean), of_single.map(|single| &single.degraded)]);
         }
-        let value =
-            |means: &Option<&Means>, metric: &Metric| means.map(|m| m[metric.name()].to_string()).unwrap_or_default();
+        let value = |means: &Option<&Means>, metric: &Metric| {
+            means.map(|m| m[metric.name()].to_string()).unwrap_or_default()
+        };
         let values: Vec<String> =
             means.iter().flat_map(|means| metrics.iter().map(move |metric| value(means, metric))).collect();
         csv.push_str(&format!(

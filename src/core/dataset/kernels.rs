@@ -46,12 +46,7 @@ impl KernelChoice {
     }
 
     /// As [`Self::indices`], where `other` may know a kernel by another name than its own.
-    fn find(
-        &self,
-        key: &str,
-        known: &[String],
-        other: impl Fn(&str) -> Option<usize>,
-    ) -> Result<Vec<usize>> {
+    fn find(&self, key: &str, known: &[String], other: impl Fn(&str) -> Option<usize>) -> Result<Vec<usize>> {
         self.check(key)?;
         let Self::Only(names) = self else { return Ok((0..known.len()).collect()) };
         let find = |name: &String| {

@@ -46,7 +46,8 @@ impl<'a> StoredData<'a> {
         let split = self.items.first().map_or("", |(triplet, _)| triplet.split.name());
         self.items.retain(|(triplet, _)| *kernels == KernelChoice::All || names.contains(&&triplet.kernel));
         if self.items.is_empty() {
-            let reason = format!("the {split} split has no image of the chosen kernels, {KERNELS_KEY} = {names:?}");
+            let reason =
+                format!("the {split} split has no image of the chosen kernels, {KERNELS_KEY} = {names:?}");
             return Err(Error::format(&self.dataset.root, reason));
         }
         Ok(self)
