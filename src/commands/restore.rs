@@ -155,11 +155,15 @@ impl Stages for Restoration<'_> {
         let inputs: Vec<String> = job.inputs.iter().map(|input| text_of(input)).collect();
         // As shares of the longest, since the image is the same whatever their unit.
         let exposures = raw.exposures.as_deref().map(relative_times);
-        json!({
+        let mut described = json!({
             "inputs": inputs, "exposures": exposures, "raw": is_raw.then(|| raw.config().ok()),
             "tone": self.engine.curve, "how": self.engine.describe(), "half": half,
             "domain": domain.map(DomainArg::name), "output-domain": output_domain.map(DomainArg::name),
-        })
+        });
+        if let Some(darks) = raw.describe_darks() {
+            described["dark"] = darks;
+        }
+        described
     }
 
     fn prepare(&self) {
