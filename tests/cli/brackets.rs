@@ -175,11 +175,12 @@ fn restoring_takes_dark_frames_off_brackets_and_single_captures() {
         found.iter().zip(clean).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
     };
     let (with, without) = (worst(&calibrated, &clean), worst(&spoilt, &clean));
-    assert!(with < 0.1 && without > 0.25, "{with} with and {without} without");
+    // The hot pixel is filled to 0.02, as the texture around it is; unfilled it shines with 0.3, less what Wiener spreads.
+    assert!(with < 0.02 && without > 0.1, "{with} with and {without} without");
 
     let clean = restored(&["middle.npy", "--exposures", "1"]);
     let calibrated = restored(&["light-1.exr", "--dark", "dark-1.exr"]);
-    assert!(worst(&calibrated, &clean) < 0.1, "{}", worst(&calibrated, &clean));
+    assert!(worst(&calibrated, &clean) < 0.02, "{}", worst(&calibrated, &clean));
 }
 
 #[test]
