@@ -5,11 +5,13 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use ndarray::Array3;
+use serde_json::{Value, json};
 
+use super::text_of;
 use udc::core::bayer::BayerPattern;
 use udc::core::error::Error;
-use udc::core::io::{DomainTag, Encoding, Pixels, RawMetadata, inspect_image, inspect_mosaic};
-use udc::psf::{FuseConfig, Fused, MergeRule, show_time};
+use udc::core::io::{DomainTag, Encoding, Pixels, RawMetadata, expand_inputs, inspect_image, inspect_mosaic};
+use udc::psf::{Bracket, FuseConfig, Fused, MergeRule, Uneven, relative_times, show_time};
 
 use super::Session;
 
@@ -18,7 +20,7 @@ pub(crate) struct BracketArgs {
     /// Exposure times of a bracket, in the order of the files; only their ratios count [default: those in the files,
     /// else in `udc fuse` 1,1/4,1/16, with --psf 1,1/32,1/768]
     ///
-    /// Seconds do as well as shares: 1/60,1/240,1/960 is the same bracket as 1,1/4,1/16. Irradiance 1 is white of the
+    /// Files of one time are averaged: 1,1,1,1/4,1/4,1/4. Seconds do as well as shares: 1/60,1/240,1/960 is the same bracket as 1,1/4,1/16. Irradiance 1 is white of the
     /// longest exposure.
     #[arg(long, value_name = "T,T,…", value_delimiter = ',', value_parser = parse_fraction)]
     pub(crate) exposures: Option<Vec<f64>>,
@@ -47,6 +49,19 @@ pub(crate) struct BracketArgs {
     /// Fuse exposures even if the camera moved by more than a pixel between them
     #[arg(long)]
     allow_motion: bool,
+    /// Pictures taken with the cap on: subtracted, and pixels that shine in them filled from their neighbours
+    ///
+    /// Where the files tell their exposure times, or --exposures and --dark-exposures do, each exposure needs dark frames of
+    /// its own time, and takes their mean. Without times, the mean of all is taken off every picture. They are levelled
+    /// as the pictures are.
+    #[arg(long, value_name = "DARK", num_args = 1..)]
+    dark: Option<Vec<PathBuf>>,
+    /// Exposure times of the dark frames, in their order and the unit of --exposures
+    #[arg(
+        long, value_name = "T,T,…", value_delimiter = ',', value_parser = parse_fraction,
+        requires_all = ["dark", "exposures"]
+    )]
+    dark_exposures: Option<Vec<f64>>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -72,7 +87,16 @@ pub(crate) struct Pictures {
     pub(crate) config: FuseConfig,
     /// What the first file says, where it is a camera's raw one.
     pub(crate) raw: Option<RawMetadata>,
+    /// Pictures without light, where there are any.
+    darks: Vec<Array3<f32>>,
+    /// Their exposures in the unit of `times`, where all files tell theirs.
+    dark_times: Option<Vec<f64>>,
+    /// Whether files of dark frames tell times that contradict each other.
+    darks_differ: bool,
 }
+
+/// Dark frames whose times differ by more, as a share, have collected another darkness.
+const DARK_TIMES_DIFFER: f64 = 0.01;
 
 /// Reads `0.5`, `1/32`, `16383/65535`.
 pub(crate) fn parse_fraction(text: &str) -> std::result::Result<f64, String> {
@@ -87,9 +111,10 @@ pub(crate) fn parse_fraction(text: &str) -> std::result::Result<f64, String> {
 }
 
 impl BracketArgs {
-    /// Whether a flag says that the input is raw: in need of levels, colours or balance.
+    /// Whether a flag says that the input is raw: in need of levels, dark frames, colours or balance.
     pub(crate) fn is_raw(&self) -> bool {
-        self.bayer.is_some() || self.white.is_some() || self.black.is_some() || self.white_balance.is_some()
+        let levels = self.white.is_some() || self.black.is_some() || self.dark.is_some();
+        levels || self.bayer.is_some() || self.white_balance.is_some()
     }
 
     /// A flag that says how exposures are joined, where one was given.
@@ -136,10 +161,11 @@ impl BracketArgs {
         session: &Session,
     ) -> Result<Pictures> {
         let mut config = self.config()?;
+        let dark_files = self.dark.as_deref().map_or(Ok(Vec::new()), expand_inputs)?;
         let mut raw: Option<RawMetadata> = None;
         let mut largest = None;
         let (mut planes, mut times, mut isos) = (Vec::with_capacity(files.len()), Vec::new(), Vec::new());
-        for (index, file) in files.iter().enumerate() {
+        for (index, file) in files.iter().chain(&dark_files).enumerate() {
             session.progress.check()?;
             let (pixels, encoding) = self.read_picture(file, told, session)?;
             if index == 0 {
@@ -172,8 +198,44 @@ impl BracketArgs {
             let (black, white) = (config.black, config.white);
             bail!("black {black} does not lie below white {white}: give --white as well, in the same units");
         }
-        let times = exposures(times, isos);
-        Ok(Pictures { planes, times, config, raw })
+        let darks = planes.split_off(files.len());
+        let count = files.len();
+        let told: Vec<f64> = times[count..].iter().copied().flatten().collect();
+        let darks_differ = told.iter().any(|time| (time / told[0] - 1.0).abs() > DARK_TIMES_DIFFER);
+        let (times, dark_times) = match exposures(&times, &isos) {
+            Some(mut all) => (Some(all.drain(..count).collect()), Some(all)),
+            None => (exposures(&times[..count], &isos[..count]), None),
+        };
+        Ok(Pictures { planes, times, config, raw, darks, dark_times, darks_differ })
+    }
+
+    /// Puts pictures, their times and the dark frames together.
+    pub(crate) fn join(&self, pictures: &mut Pictures, times: &[f64]) -> Result<Bracket> {
+        let bracket = Bracket::new(std::mem::take(&mut pictures.planes), times)?;
+        if self.dark.is_none() {
+            return Ok(bracket);
+        }
+        let times_are_told = self.exposures.is_none() && pictures.times.is_some();
+        let dark_times =
+            self.dark_exposures.clone().or(pictures.dark_times.take().filter(|_| times_are_told));
+        if dark_times.is_none() && pictures.darks_differ {
+            bail!(
+                "the dark frames have different exposure times, and it is not known which pictures they belong to: give \
+                 both --exposures and --dark-exposures, or dark frames of one time"
+            );
+        }
+        Ok(bracket.with_darks(std::mem::take(&mut pictures.darks), dark_times.as_deref())?)
+    }
+
+    /// What is to be written about dark frames in files that are made with them.
+    pub(crate) fn describe_darks(&self) -> Option<Value> {
+        let files = self.dark.as_ref()?;
+        let of_longest = |times: &Vec<f64>| {
+            let pictures = self.exposures.as_deref().unwrap_or_default();
+            relative_times(&[pictures, times].concat()).split_off(pictures.len())
+        };
+        let files: Vec<String> = files.iter().map(|file| text_of(file)).collect();
+        Some(json!({"files": files, "exposures": self.dark_exposures.as_ref().map(of_longest)}))
     }
 
     fn read_picture(
@@ -237,9 +299,9 @@ impl BracketArgs {
 }
 
 /// What brightness grows with: the times, multiplied by the sensitivities where every file says its own.
-fn exposures(times: Vec<Option<f64>>, isos: Vec<Option<f64>>) -> Option<Vec<f64>> {
-    let times: Option<Vec<f64>> = times.into_iter().collect();
-    let isos: Option<Vec<f64>> = isos.into_iter().collect();
+fn exposures(times: &[Option<f64>], isos: &[Option<f64>]) -> Option<Vec<f64>> {
+    let times: Option<Vec<f64>> = times.iter().copied().collect();
+    let isos: Option<Vec<f64>> = isos.iter().copied().collect();
     Some(match isos {
         Some(isos) => times?.iter().zip(isos).map(|(time, iso)| time * iso).collect(),
         None => times?,
@@ -267,6 +329,11 @@ pub(crate) fn warnings_of(fused: &Fused) -> Vec<String> {
                 show_time(times[0])
             ));
         }
+    }
+    for Uneven { pictures: [first, other], ratio } in &fused.uneven {
+        warnings.push(format!(
+            "picture {other} is {ratio:.2} times as bright as picture {first} of the same exposure time; check the times"
+        ));
     }
     if fused.greens_look_swapped {
         warnings.push("the mosaic's greens look as if on the other diagonal; check --bayer".to_owned());

@@ -16,7 +16,7 @@ use super::domain::SceneDomainArgs;
 use super::psf::check_float_output;
 use udc::core::io::{WriteOptions, check_output, expand_inputs, read_pixels, write_image, write_psf};
 use udc::core::provenance::Provenance;
-use udc::psf::{Bracket, FuseConfig, MeasureConfig, Normalization, fuse, measure_psf, relative_times};
+use udc::psf::{FuseConfig, MeasureConfig, Normalization, fuse, measure_psf, relative_times};
 
 use summary::Summary;
 
@@ -24,7 +24,7 @@ use summary::Summary;
 #[derive(Args, Debug)]
 #[command(
     after_help = "Example: udc fuse --exposures 1,1/32,1/768 long.exr middle.exr short.exr -o psf.exr --psf\n\n\
-    Give the times in the order of the files. Levels above 1 are in the integers of the file: --white 16383 \
+    Give the times in the order of the files; files of one time are averaged. Levels above 1 are in the integers of the file: --white 16383 \
     --black 64 for 14 bits in a 16-bit PNG. DNGs say times, levels, mosaic and gains themselves"
 )]
 pub(crate) struct FuseArgs {
@@ -73,11 +73,12 @@ impl FuseArgs {
         let measure = self.psf.then(|| self.measure_config());
         measure.as_ref().map_or(Ok(()), MeasureConfig::check)?;
 
-        let pictures = self.bracket.read(&files, self.scene.told(), session).with_context(doing)?;
-        let given = self.bracket.exposures.clone().or(pictures.times);
+        let mut pictures =
+            self.bracket.read(&files, self.scene.told(), session).with_context(doing)?;
+        let given = self.bracket.exposures.clone().or_else(|| pictures.times.clone());
         let times = given.map_or_else(|| self.default_times(files.len()), Ok).with_context(doing)?;
         let mask = self.mask.as_deref().map(read_mask).transpose()?;
-        let mut bracket = Bracket::new(pictures.planes, &times).with_context(doing)?;
+        let mut bracket = self.bracket.join(&mut pictures, &times).with_context(doing)?;
         if let Some(mask) = &mask {
             bracket = bracket.with_mask(mask.clone()).with_context(doing)?;
         }

@@ -171,11 +171,15 @@ impl Stages for Restoration<'_> {
         let is_raw = self.args.is_bracket() || raw.is_raw();
         // As shares of the longest, since the image is the same whatever their unit.
         let exposures = raw.exposures.as_deref().map(relative_times);
-        json!({
+        let mut described = json!({
             "exposures": exposures, "raw": is_raw.then(|| raw.config().ok()),
             "tone": self.engine.curve, "how": self.engine.describe(), "half": half,
             "domain": domain.map(DomainArg::name), "output-domain": output_domain.map(OutputDomainArg::name),
-        })
+        });
+        if let Some(darks) = raw.describe_darks() {
+            described["dark"] = darks;
+        }
+        described
     }
 
     fn identify(&self, job: &Job) -> Result<Value> {

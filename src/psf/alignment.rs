@@ -42,13 +42,23 @@ const ABOVE_NOISE: f64 = 4.0;
 
 /// The displacement of each exposure against the next longer one; none where too little is seen in both.
 pub(super) fn motions(frames: &[Array3<f32>], times: &[f64], saturation: f64) -> Result<Vec<Option<Motion>>> {
-    frames.windows(2).zip(times.windows(2)).map(|(pair, times)| motion(pair, times, saturation)).collect()
+    let pairs = frames.windows(2).zip(times.windows(2));
+    pairs.map(|(pair, times)| motion([&pair[0], &pair[1]], times, saturation)).collect()
 }
 
-/// Refuses exposures that are further apart than allowed.
-pub(super) fn check_motion(motions: &[Option<Motion>], numbers: &[usize], limit: Option<f64>) -> Result<()> {
+/// The displacement of each picture of one exposure time against the first.
+pub(super) fn motions_within(frames: &[Array3<f32>], saturation: f64) -> Result<Vec<Option<Motion>>> {
+    frames[1..].iter().map(|frame| motion([&frames[0], frame], &[1.0; 2], saturation)).collect()
+}
+
+/// Refuses exposures that are further apart than allowed; each motion is that of the second of a pair of pictures.
+pub(super) fn check_motion(
+    motions: &[Option<Motion>],
+    pairs: impl IntoIterator<Item = [usize; 2]>,
+    limit: Option<f64>,
+) -> Result<()> {
     let Some(limit) = limit else { return Ok(()) };
-    for (motion, pair) in motions.iter().zip(numbers.windows(2)) {
+    for (motion, pair) in motions.iter().zip(pairs) {
         if let Some(motion) = motion.filter(|motion| motion.distance_px() > limit) {
             let [down, right] = motion.shift_px;
             return Err(Error::Unsupported(format!(
@@ -70,7 +80,7 @@ pub(super) fn check_motion(motions: &[Option<Motion>], numbers: &[usize], limit:
 ///    Gaussian.
 /// 4. Phases count alike whether light or noise made them. A displacement that is one in whole pixels is therefore
 ///    believed only where the light itself [confirms](is_confirmed) it.
-fn motion(pair: &[Array3<f32>], times: &[f64], saturation: f64) -> Result<Option<Motion>> {
+fn motion(pair: [&Array3<f32>; 2], times: &[f64], saturation: f64) -> Result<Option<Motion>> {
     let (_, height, width) = pair[0].dim();
     let shorter_side = (height.min(width) / CELL).min(LARGEST_SIDE);
     let side = 1usize << shorter_side.max(1).ilog2();
@@ -80,7 +90,7 @@ fn motion(pair: &[Array3<f32>], times: &[f64], saturation: f64) -> Result<Option
     let ceiling = saturation / times[0];
     let convolver = Convolver::new([side, side], [1, 1], Boundary::Periodic)?;
     let [long, short] =
-        [0, 1].map(|k| convolver.plane_spectrum(cells(&pair[k], times[k], ceiling, side).view()));
+        [0, 1].map(|k| convolver.plane_spectrum(cells(pair[k], times[k], ceiling, side).view()));
     let Phases { filter, weight, chance } = phases(&long, &short, side);
     let surface = convolver.filter_plane(&vec![Complex64::new(1.0, 0.0); filter.len()], &filter);
     let (place, peak) = surface
@@ -106,7 +116,7 @@ fn motion(pair: &[Array3<f32>], times: &[f64], saturation: f64) -> Result<Option
 /// leaves residuals a and b. A line, because wrong times and levels, and a ramp that is moved, are no displacement.
 /// With d = a² − b², Σd/√Σd² is the gain in standard deviations. In pictures that stood still it is that of noise, or
 /// negative; and no single cell can make it large.
-fn is_confirmed(pair: &[Array3<f32>], saturation: f64, shift: [isize; 2]) -> bool {
+fn is_confirmed(pair: [&Array3<f32>; 2], saturation: f64, shift: [isize; 2]) -> bool {
     let cells = jointly_exposed(pair, saturation, shift);
     let [still, moved] = [1, 2].map(|which| residuals(&cells, which));
     let gains = still.iter().zip(&moved).map(|(still, moved)| still * still - moved * moved);
@@ -116,7 +126,7 @@ fn is_confirmed(pair: &[Array3<f32>], saturation: f64, shift: [isize; 2]) -> boo
 
 /// The sums of all cells that are saturated nowhere: in the shorter exposure, in the longer one, and in the longer one
 /// where the cell was before the displacement.
-fn jointly_exposed(pair: &[Array3<f32>], saturation: f64, [down, right]: [isize; 2]) -> Vec<[f64; 3]> {
+fn jointly_exposed(pair: [&Array3<f32>; 2], saturation: f64, [down, right]: [isize; 2]) -> Vec<[f64; 3]> {
     let (_, height, width) = pair[0].dim();
     let span = |shift: isize, length: usize| {
         (shift.max(0).unsigned_abs(), length.saturating_sub(shift.unsigned_abs()) / CELL)
@@ -125,7 +135,7 @@ fn jointly_exposed(pair: &[Array3<f32>], saturation: f64, [down, right]: [isize;
     let sums = |index: usize| {
         let here = [top + CELL * (index / columns), left + CELL * (index % columns)];
         let before = [here[0].checked_add_signed(-down)?, here[1].checked_add_signed(-right)?];
-        let [long, short] = [&pair[0], &pair[1]].map(|frame| |place| exposed_cell(frame, place, saturation));
+        let [long, short] = pair.map(|frame| move |place| exposed_cell(frame, place, saturation));
         Some([short(here)?, long(here)?, long(before)?])
     };
     (0..rows * columns).into_par_iter().filter_map(sums).collect()
@@ -259,7 +269,7 @@ mod tests {
 
     fn found(down: f64, right: f64) -> Option<Motion> {
         let pair = [exposed(&scene(0.0, 0.0), TIMES[0], "a"), exposed(&scene(down, right), TIMES[1], "b")];
-        motion(&pair, &TIMES, 0.99).unwrap()
+        motion([&pair[0], &pair[1]], &TIMES, 0.99).unwrap()
     }
 
     /// Ten bits and a sixteenth of the time leave noise of about a hundredth of the light.
@@ -275,11 +285,11 @@ mod tests {
     fn says_nothing_about_pictures_that_share_nothing() {
         let mut rng = stream(7, "noise");
         let mut noise = || Array3::from_shape_simple_fn((1, 160, 180), || rng.random::<f32>());
-        assert_eq!(motion(&[noise(), noise()], &[1.0, 1.0], 2.0).unwrap(), None);
+        assert_eq!(motion([&noise(), &noise()], &[1.0, 1.0], 2.0).unwrap(), None);
         let flat = || Array3::from_elem((3, 160, 180), 0.5);
-        assert_eq!(motion(&[flat(), flat()], &[1.0, 1.0], 0.99).unwrap(), None);
+        assert_eq!(motion([&flat(), &flat()], &[1.0, 1.0], 0.99).unwrap(), None);
         assert_eq!(
-            motion(&[Array3::zeros((1, 20, 20)), Array3::zeros((1, 20, 20))], &TIMES, 0.99).unwrap(),
+            motion([&Array3::zeros((1, 20, 20)), &Array3::zeros((1, 20, 20))], &TIMES, 0.99).unwrap(),
             None
         );
     }
@@ -322,7 +332,7 @@ mod tests {
                 let told = [times[0], times[1] * wrong, times[2]];
                 let motions = motions(&frames, &told, 0.99).unwrap();
                 suspected += motions.iter().filter(|motion| motion.is_none()).count();
-                check_motion(&motions, &[1, 2, 3], Some(1.0))
+                check_motion(&motions, [[1, 2], [2, 3]], Some(1.0))
                     .unwrap_or_else(|error| panic!("{seed}: {error}"));
             }
         }
@@ -337,17 +347,17 @@ mod tests {
             let frames =
                 [noisy(&mut rng, &scene(0.0, 0.0), 1.0), noisy(&mut rng, &scene(down, right), 1.0 / 16.0)];
             let motions = motions(&frames, &TIMES, 0.99).unwrap();
-            assert!(check_motion(&motions, &[1, 2], Some(1.0)).is_err(), "{seed}: {motions:?}");
+            assert!(check_motion(&motions, [[1, 2]], Some(1.0)).is_err(), "{seed}: {motions:?}");
         }
     }
 
     #[test]
     fn refuses_what_moved_further_than_allowed() {
         let motions = [None, found(3.0, -5.5)];
-        let message = check_motion(&motions, &[3, 1, 2], Some(1.0)).unwrap_err().to_string();
+        let message = check_motion(&motions, [[3, 1], [1, 2]], Some(1.0)).unwrap_err().to_string();
         assert!(message.contains("picture 2") && message.contains("against picture 1"), "{message}");
         assert!(message.contains("--allow-motion"), "{message}");
-        check_motion(&motions, &[3, 1, 2], None).unwrap();
-        check_motion(&[found(0.5, 0.0)], &[1, 2], Some(1.0)).unwrap();
+        check_motion(&motions, [[3, 1], [1, 2]], None).unwrap();
+        check_motion(&[found(0.5, 0.0)], [[1, 2]], Some(1.0)).unwrap();
     }
 }

@@ -1,6 +1,8 @@
-//! Puts pictures of one scene and their exposure times together.
+//! Puts pictures of one scene, their exposure times and dark frames together.
 
 use ndarray::{Array2, Array3};
+
+use super::darks::DarkFrames;
 
 use super::exposure_times::relative_times;
 use crate::core::error::{Error, Result};
@@ -12,40 +14,60 @@ pub struct Bracket {
     pub(super) exposures: Vec<Exposure>,
     /// The pixels that are good, where a mask says so.
     pub(super) valid: Option<Array2<bool>>,
+    /// What the sensor reads without light.
+    pub(super) darks: Option<DarkFrames>,
+    /// The longest time as it was given, by which others are divided.
+    longest: f64,
 }
 
-/// One picture of a bracket.
+/// The pictures of one exposure time.
 #[derive(Clone, Debug)]
 pub(super) struct Exposure {
-    /// Which of the pictures it was when given, from 1.
-    pub(super) number: usize,
+    /// Which of the pictures these were when given, from 1.
+    pub(super) numbers: Vec<usize>,
     /// Relative to the longest.
     pub(super) time: f64,
-    pub(super) planes: Array3<f32>,
+    pub(super) pictures: Vec<Array3<f32>>,
 }
+
+/// Times that differ by less, as a share, are one time: cameras round theirs, and lamps flicker more.
+const SAME_TIME: f64 = 1e-3;
+/// As many exposures as [`Fused::source`](super::Fused::source) can tell apart.
+const MOST_EXPOSURES: usize = 256;
 
 impl Bracket {
     /// Puts pictures and exposure times together, in the same order.
     ///
     /// Only the ratios of the times matter, whatever their unit: the longest becomes 1, so that irradiance 1 is its white.
+    /// Pictures of one time, within a thousandth, are averaged.
     ///
     /// # Shapes
     /// Each `[channels, height, width]` with 3 channels (RGB), 1 (a mosaic) or 4 (a packed mosaic).
     ///
     /// # Errors
     /// [`Error::Shape`] for pictures of different sizes or another number than there are times, or none;
-    /// [`Error::Config`] for times that are not positive or not distinct.
+    /// [`Error::Config`] for times that are not positive, or more than 256 different ones.
     pub fn new(pictures: Vec<Array3<f32>>, times: &[f64]) -> Result<Self> {
         check_times(times, pictures.len())?;
         check_pictures(&pictures)?;
-        let mut exposures: Vec<Exposure> = pictures
-            .into_iter()
-            .zip(relative_times(times))
-            .enumerate()
-            .map(|(index, (planes, time))| Exposure { number: index + 1, time, planes })
-            .collect();
-        exposures.sort_by(|a, b| b.time.total_cmp(&a.time));
-        Ok(Self { exposures, valid: None })
+        let mut numbered: Vec<_> = (1..).zip(relative_times(times)).zip(pictures).collect();
+        numbered.sort_by(|((_, a), _), ((_, b), _)| b.total_cmp(a));
+        let mut exposures: Vec<Exposure> = Vec::new();
+        for ((number, time), picture) in numbered {
+            match exposures.last_mut().filter(|last| time >= last.time * (1.0 - SAME_TIME)) {
+                Some(last) => {
+                    last.numbers.push(number);
+                    last.pictures.push(picture);
+                }
+                None => exposures.push(Exposure { numbers: vec![number], time, pictures: vec![picture] }),
+            }
+        }
+        if exposures.len() > MOST_EXPOSURES {
+            let reason = format!("may be {MOST_EXPOSURES} different times, found {}", exposures.len());
+            return Err(Error::config("exposures", reason));
+        }
+        let longest = times.iter().copied().fold(0.0, f64::max);
+        Ok(Self { exposures, valid: None, darks: None, longest })
     }
 
     /// Takes a single picture for a bracket of exposure time 1, so that it is levelled and demosaiced like one.
@@ -62,7 +84,7 @@ impl Bracket {
     /// [`Error::Shape`] when the mask has another size than the pictures (a packed mosaic unpacked), or discards
     /// everything.
     pub fn with_mask(mut self, valid: Array2<bool>) -> Result<Self> {
-        let (channels, height, width) = self.exposures[0].planes.dim();
+        let (channels, height, width) = self.exposures[0].pictures[0].dim();
         let factor = if channels == 4 { 2 } else { 1 };
         let expected = (height * factor, width * factor);
         if valid.dim() != expected {
@@ -76,14 +98,29 @@ impl Bracket {
         Ok(self)
     }
 
+    /// Adds pictures that were taken without light, to be subtracted; pixels that shine in them are filled from their
+    /// neighbours after merging.
+    ///
+    /// With `times`, in the order of the frames and the unit of the pictures' times, each exposure takes the mean of the
+    /// frames of its time. Without, all frames are averaged, and taken off every exposure.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] for frames of another size than the pictures, another number than there are times, or none;
+    /// [`Error::Config`] for times that are not positive.
+    pub fn with_darks(mut self, frames: Vec<Array3<f32>>, times: Option<&[f64]>) -> Result<Self> {
+        let times = times.map(|times| times.iter().map(|time| time / self.longest).collect());
+        self.darks = Some(DarkFrames::new(frames, times, self.exposures[0].pictures[0].dim())?);
+        Ok(self)
+    }
+
     /// The exposure times as shares of the longest, which comes first: the order of [`Fused::source`](super::Fused::source).
     pub fn times(&self) -> Vec<f64> {
         self.exposures.iter().map(|exposure| exposure.time).collect()
     }
 
-    /// Which of the pictures that were given each exposure is, from 1.
-    pub(super) fn numbers(&self) -> Vec<usize> {
-        self.exposures.iter().map(|exposure| exposure.number).collect()
+    /// Which of the pictures that were given each exposure has, from 1.
+    pub(super) fn numbers(&self) -> Vec<Vec<usize>> {
+        self.exposures.iter().map(|exposure| exposure.numbers.clone()).collect()
     }
 }
 
@@ -92,15 +129,9 @@ fn check_times(times: &[f64], pictures: usize) -> Result<()> {
         let expected = format!("{} pictures, one for each exposure time", times.len());
         return Err(Error::shape("bracket", expected, format!("{pictures}")));
     }
-    for (index, &time) in times.iter().enumerate() {
+    for &time in times {
         if !(time.is_finite() && time > 0.0) {
             return Err(Error::config("exposures", format!("must be positive times, found {time}")));
-        }
-        if times[..index].iter().any(|&other| (other / time - 1.0).abs() < 1e-6) {
-            return Err(Error::config(
-                "exposures",
-                format!("must differ from each other, found {time} twice"),
-            ));
         }
     }
     Ok(())

@@ -78,19 +78,24 @@ const ENOUGH_PIXELS: usize = 100;
 
 /// Compares neighbouring exposures where the longer one is bright and neither is saturated.
 pub(super) fn ratios_found(frames: &[Array3<f32>], times: &[f64], saturation: f64) -> Vec<Option<f64>> {
-    let compare = |pair: &[Array3<f32>], times: &[f64]| {
-        let usable = |(long, short): &(&f32, &f32)| {
-            **long > 0.5 && f64::from(**long) < saturation && f64::from(**short) < saturation
-        };
-        let (mut count, mut long_sum, mut short_sum) = (0, 0.0, 0.0);
-        for (long, short) in pair[0].iter().zip(&pair[1]).filter(usable) {
-            count += 1;
-            long_sum += f64::from(*long);
-            short_sum += f64::from(*short);
-        }
-        (count >= ENOUGH_PIXELS).then(|| short_sum / long_sum * times[0] / times[1])
+    let compare = |(pair, times): (&[Array3<f32>], &[f64])| {
+        Some(brightness_ratio([&pair[0], &pair[1]], saturation)? * times[0] / times[1])
     };
-    frames.windows(2).zip(times.windows(2)).map(|(pair, times)| compare(pair, times)).collect()
+    frames.windows(2).zip(times.windows(2)).map(compare).collect()
+}
+
+/// How many times as bright the second picture is as the first, where that is bright and neither is saturated.
+pub(super) fn brightness_ratio([long, short]: [&Array3<f32>; 2], saturation: f64) -> Option<f64> {
+    let usable = |(long, short): &(&f32, &f32)| {
+        **long > 0.5 && f64::from(**long) < saturation && f64::from(**short) < saturation
+    };
+    let (mut count, mut long_sum, mut short_sum) = (0, 0.0, 0.0);
+    for (long, short) in long.iter().zip(short).filter(usable) {
+        count += 1;
+        long_sum += f64::from(*long);
+        short_sum += f64::from(*short);
+    }
+    (count >= ENOUGH_PIXELS).then(|| short_sum / long_sum)
 }
 
 /// The times that the pictures show: each is the next longer one's, divided by the brightness ratio found. The longest

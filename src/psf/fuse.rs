@@ -1,6 +1,6 @@
 //! Turns a bracket of exposures into one linear image of high dynamic range.
 
-use ndarray::{Array2, Array3, Axis, Zip};
+use ndarray::{Array2, Array3, ArrayView2, Axis, Zip};
 use serde::{Deserialize, Serialize};
 
 use crate::core::error::{Error, Result};
@@ -11,6 +11,7 @@ use super::alignment::{Motion, check_motion, motions};
 use super::bayer::{BayerPattern, demosaic, demosaic_scene, greens_look_swapped, unpack};
 use super::bracket::Bracket;
 use super::exposure_times::{check_order, estimate_times, ratios_found};
+use super::frames::{Frames, Uneven};
 use super::inpaint::inpaint;
 
 /// How the exposures of a pixel become one value.
@@ -20,7 +21,7 @@ pub enum MergeRule {
     /// The longest exposure that is not saturated, as in the paper.
     #[default]
     Longest,
-    /// The mean of all exposures that are not saturated, weighted by their times.
+    /// The mean of all exposures that are not saturated, weighted by their times, and by how many pictures they have.
     ///
     /// # Equation
     /// Photon noise has a variance proportional to the signal: v/t has x/t, so that weights ∝ t are best and the
@@ -121,6 +122,13 @@ pub struct Fused {
     pub times: Vec<f64>,
     /// Whether the declared Bayer pattern seems to have its greens on the wrong diagonal.
     pub greens_look_swapped: bool,
+    /// How many pictures each exposure is the mean of.
+    pub averaged: Vec<usize>,
+    /// The pictures of one exposure time whose brightness differs by more than a tenth.
+    pub uneven: Vec<Uneven>,
+    /// How many pixels shine in the dark frames, where there were any; they are filled from their neighbours wherever
+    /// they do in the dark frame of the exposure that their value was taken of.
+    pub hot_pixels: Option<usize>,
 }
 
 impl Fused {
@@ -137,22 +145,22 @@ impl Fused {
 /// # Equation
 /// With `v = (value − black) / (white − black)`, the irradiance of a pixel and channel is v/t of the longest
 /// exposure with v < 0.99, t being its time as a share of the longest. Where all are saturated the shortest is taken as it is, and
-/// counted. Mosaics are merged before they are demosaiced, so that a saturated neighbour spoils nothing.
+/// counted. Pictures of one time are averaged first, over those that are not saturated. A dark frame is levelled like
+/// its pictures and subtracted from them; v is compared with 0.99 before. Mosaics are merged before they are demosaiced, so that a saturated neighbour spoils nothing.
 ///
 /// # Errors
-/// [`Error::Config`] for levels out of range, exposure times that contradict the pictures, and mosaics without
-/// pattern; [`Error::Shape`] for a pattern given with three channels; [`Error::Unsupported`] when the camera moved, or
-/// a pixel that no mask discards holds no finite number.
+/// [`Error::Config`] for levels out of range, exposure times that contradict the pictures, dark frames that saw light or
+/// belong to other exposure times, and mosaics without pattern; [`Error::Shape`] for a pattern given with three
+/// channels; [`Error::Unsupported`] when the camera moved, or a pixel that no mask discards holds no finite number.
 ///
 /// # Panics
 /// Never: a bracket has at least one exposure.
 pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
     config.check()?;
-    let (numbers, mut times) = (bracket.numbers(), bracket.times());
-    let Bracket { exposures, valid } = bracket;
-    let mut frames = scaled_frames(exposures.into_iter().map(|exposure| exposure.planes).collect(), config)?;
-    check_finite(&mut frames, valid.as_ref(), &numbers)?;
-    check_black(&frames)?;
+    let mut exposures = Frames::of(bracket, config)?;
+    let numbers = exposures.first_numbers();
+    let mut times = exposures.times.clone();
+    let frames = std::mem::take(&mut exposures.frames);
     check_order(&frames, &times, &numbers)?;
     let mut ratio_found = ratios_found(&frames, &times, config.saturation);
     if config.estimate_exposures {
@@ -160,24 +168,27 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
         ratio_found = ratios_found(&frames, &times, config.saturation);
     }
     let motion = motions(&frames, &times, config.saturation)?;
-    check_motion(&motion, &numbers, config.max_motion_px)?;
+    check_motion(&motion, numbers.windows(2).map(|pair| [pair[0], pair[1]]), config.max_motion_px)?;
 
-    let (mut merged, source) = merge(&frames, &times, config);
-    let is_good = |y, x| valid.as_ref().is_none_or(|valid| valid[[y, x]]);
+    let (mut merged, source) = merge(&frames, &times, &exposures.counts(), config);
+    let is_good = |place| exposures.is_good(source[place], place);
     let shortest = frames.last().expect("a bracket has at least one exposure");
-    let saturated = shortest
-        .outer_iter()
-        .map(|plane| {
-            let full =
-                |&((y, x), &v): &((usize, usize), &f32)| f64::from(v) >= config.saturation && is_good(y, x);
-            plane.indexed_iter().filter(full).count()
-        })
-        .collect();
+    let full = |channel: usize, plane: ArrayView2<'_, f32>| {
+        let is_full = |&((y, x), &v): &((usize, usize), &f32)| {
+            f64::from(v) >= config.saturation && is_good((channel, y, x))
+        };
+        plane.indexed_iter().filter(is_full).count()
+    };
+    let saturated = shortest.outer_iter().enumerate().map(|(channel, plane)| full(channel, plane)).collect();
     drop(frames);
     balance(&mut merged, config);
-    if let Some(valid) = &valid {
+    let valid = &exposures.valid;
+    if valid.is_some() || exposures.darks.is_some() {
         let step = if config.bayer.is_some() { 2 } else { 1 };
-        merged.outer_iter_mut().for_each(|plane| inpaint(plane, valid, step));
+        for (channel, plane) in merged.outer_iter_mut().enumerate() {
+            let good = Array2::from_shape_fn(plane.dim(), |(y, x)| is_good((channel, y, x)));
+            inpaint(plane, &good, step);
+        }
     }
     let mosaic = config.bayer.map(|pattern| (merged.index_axis(Axis(0), 0), pattern));
     let greens_look_swapped = mosaic.is_some_and(|(mosaic, pattern)| greens_look_swapped(mosaic, pattern));
@@ -197,18 +208,26 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
         motion,
         times,
         greens_look_swapped,
+        averaged: exposures.counts(),
+        uneven: exposures.uneven,
+        hot_pixels: exposures.darks.map(|darks| darks.hot_pixels()),
     })
 }
 
 /// The merged values, and which exposure each was taken of.
-fn merge(frames: &[Array3<f32>], times: &[f64], config: &FuseConfig) -> (Array3<f32>, Array3<u8>) {
+fn merge(
+    frames: &[Array3<f32>],
+    times: &[f64],
+    counts: &[usize],
+    config: &FuseConfig,
+) -> (Array3<f32>, Array3<u8>) {
     let mut merged = Array3::<f32>::zeros(frames[0].dim());
     let mut source = Array3::<u8>::zeros(frames[0].dim());
     Zip::indexed(&mut merged).and(&mut source).par_for_each(|place, value, source| {
         let values = frames.iter().map(|frame| frame[place]);
         (*value, *source) = match config.merge {
             MergeRule::Longest => longest(values, times, config.saturation),
-            MergeRule::Weighted => weighted(values, times, config.saturation),
+            MergeRule::Weighted => weighted(values.zip(counts), times, config.saturation),
         };
     });
     (merged, source)
@@ -227,7 +246,7 @@ fn balance(merged: &mut Array3<f32>, config: &FuseConfig) {
 }
 
 /// Brings the pictures to black = 0 and white = 1, mosaics to one plane.
-fn scaled_frames(pictures: Vec<Array3<f32>>, config: &FuseConfig) -> Result<Vec<Array3<f32>>> {
+pub(super) fn scaled_frames(pictures: Vec<Array3<f32>>, config: &FuseConfig) -> Result<Vec<Array3<f32>>> {
     let channels = pictures[0].dim().0;
     match (channels, config.bayer) {
         (3, None) | (1 | 4, Some(_)) => {}
@@ -252,7 +271,11 @@ fn scaled_frames(pictures: Vec<Array3<f32>>, config: &FuseConfig) -> Result<Vec<
 }
 
 /// Refuses values that are not finite; those that the mask discards become black until they are filled.
-fn check_finite(frames: &mut [Array3<f32>], valid: Option<&Array2<bool>>, numbers: &[usize]) -> Result<()> {
+pub(super) fn check_finite(
+    frames: &mut [Array3<f32>],
+    valid: Option<&Array2<bool>>,
+    numbers: &[usize],
+) -> Result<()> {
     for (frame, number) in frames.iter_mut().zip(numbers) {
         for ((c, y, x), value) in frame.indexed_iter_mut().filter(|(_, value)| !value.is_finite()) {
             if valid.is_none_or(|valid| valid[[y, x]]) {
@@ -268,11 +291,11 @@ fn check_finite(frames: &mut [Array3<f32>], valid: Option<&Array2<bool>>, number
 }
 
 /// Values below black by this share of the range are not noise: a sensor's read noise is a tenth of that.
-const BELOW_BLACK: f32 = 0.01;
+pub(super) const BELOW_BLACK: f32 = 0.01;
 
 /// Refuses a black level that an exposure mostly stays below, where noise alone puts half of it: three quarters of
 /// the longest, or half of any by more than noise.
-fn check_black(frames: &[Array3<f32>]) -> Result<()> {
+pub(super) fn check_black(frames: &[Array3<f32>]) -> Result<()> {
     let share_below = |frame: &Array3<f32>, level: f32| {
         frame.iter().filter(|v| **v < level).count() as f64 / frame.len() as f64
     };
@@ -299,14 +322,15 @@ fn longest(values: impl Iterator<Item = f32>, times: &[f64], saturation: f64) ->
     last
 }
 
-fn weighted(values: impl Iterator<Item = f32>, times: &[f64], saturation: f64) -> (f32, u8) {
+/// Each value is the mean of so many pictures.
+fn weighted<'a>(values: impl Iterator<Item = (f32, &'a usize)>, times: &[f64], saturation: f64) -> (f32, u8) {
     let (mut light, mut time_sum, mut source) = (0.0, 0.0, None);
     let mut last = (0.0, 0);
-    for ((index, value), &time) in (0u8..).zip(values).zip(times) {
-        let value = f64::from(value);
+    for ((index, (value, &count)), &time) in (0u8..).zip(values).zip(times) {
+        let (value, count) = (f64::from(value), count as f64);
         if value < saturation {
-            light += value;
-            time_sum += time;
+            light += count * value;
+            time_sum += count * time;
             source = source.or(Some(index));
         }
         last = (quotient(value, time), index);

@@ -1,5 +1,10 @@
 //! Turns the fused picture of a point source into a PSF.
 
+use std::ops::Range;
+
+use ndarray::parallel::prelude::{
+    IndexedParallelIterator as _, IntoParallelIterator as _, ParallelIterator as _,
+};
 use ndarray::{Array2, Array3, ArrayView2, Axis, s};
 use serde::{Deserialize, Serialize};
 
@@ -8,6 +13,8 @@ use crate::core::image::LinearImage;
 use crate::core::psf::Psf;
 
 use super::MAX_SIZE_PX;
+use super::background::Background;
+use super::haze::average_below_noise;
 use super::quality::{PsfQuality, assess_psf};
 
 /// What sums to one.
@@ -53,16 +60,6 @@ impl MeasureConfig {
     }
 }
 
-/// The level under the light of the source.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct Background {
-    /// The median of the frame's border.
-    pub level: f64,
-    /// Its spread: 1.4826 times the median deviation, a standard deviation for Gaussian noise.
-    pub spread: f64,
-}
-
 /// A measured PSF.
 #[derive(Clone, Debug)]
 pub struct MeasuredPsf {
@@ -79,18 +76,19 @@ pub struct MeasuredPsf {
     pub centroid_px: [[f64; 2]; 3],
     /// The share of the PSF that lay outside of the frame and is zero.
     pub padded: f64,
-    /// For each channel, the share of the light that noise around the background may pretend.
+    /// For each channel, the standard deviation that noise leaves of the sum of the light, as a share of it.
     pub noise: [f64; 3],
     /// How it spreads its light.
     pub quality: PsfQuality,
 }
 
-/// The frame's border, of which the background is estimated, as a share of the shorter side.
-const BORDER: f64 = 0.05;
 /// Pixels around the peak that its centroid is taken over, on each side.
 const CENTROID_REACH: usize = 4;
 
 /// Cuts the PSF out of a picture of a point source: background subtracted, main peak at N/2, cropped or padded.
+///
+/// Light below the noise becomes its mean over as small a square as stands out of the noise, so that noise lifts no haze
+/// when it is clipped at zero. Haze that reaches the frame's border is lost, as part of the [`Background`].
 ///
 /// `valid` marks the pixels that were measured; others are not used for the background.
 ///
@@ -102,14 +100,22 @@ pub fn measure_psf(
     config: &MeasureConfig,
 ) -> Result<MeasuredPsf> {
     config.check()?;
-    let background = [0, 1, 2].map(|channel| border_level(picture.channel(channel), valid));
+    let background = [0, 1, 2].map(|channel| Background::of_border(picture.channel(channel), valid));
     let mut light = picture.planes().mapv(f64::from);
     for (mut plane, background) in light.outer_iter_mut().zip(&background) {
         plane -= background.level;
     }
     let peak = main_peak(&light.sum_axis(Axis(0)));
-    let (planes, padded) = window(&light, peak, config.size);
-    let energy = planes.mapv(|v| v.max(0.0));
+    let planes = window(&light, peak, config.size);
+    let [rows, columns] = inside([picture.height(), picture.width()], peak, config.size);
+    let pixels = (rows.len() * columns.len()) as f64;
+    let mut energy = planes.clone();
+    energy.slice_mut(s![.., rows, columns]).axis_iter_mut(Axis(0)).into_par_iter().zip(&background).for_each(
+        |(mut plane, background)| {
+            let averaged = average_below_noise(plane.view(), background.noise());
+            plane.assign(&averaged);
+        },
+    );
     let psf = Psf::from_energy(to_f32(&energy))?;
     let sums = [0, 1, 2].map(|channel| energy.index_axis(Axis(0), channel).sum());
     let total: f64 = sums.iter().sum();
@@ -118,9 +124,7 @@ pub fn measure_psf(
         Normalization::Total => LinearImage::from_planes(to_f32(&(&energy / total)))?,
         Normalization::None => LinearImage::from_planes(to_f32(&energy))?,
     };
-    let pixels = (config.size * config.size) as f64 * (1.0 - padded);
-    // The mean of max(noise, 0) is σ/√2π.
-    let pretended = |channel: usize| background[channel].spread * 0.398_942 * pixels / sums[channel];
+    let uncertain = |channel: usize| background[channel].deviation_of_sum(pixels) / sums[channel];
     let centre = [config.size / 2; 2];
     Ok(MeasuredPsf {
         centroid_px: [0, 1, 2].map(|channel| {
@@ -131,8 +135,8 @@ pub fn measure_psf(
         psf,
         image,
         displacement_px: [offset(peak[0], picture.height() / 2), offset(peak[1], picture.width() / 2)],
-        padded,
-        noise: [0, 1, 2].map(pretended),
+        padded: 1.0 - pixels / (config.size * config.size) as f64,
+        noise: [0, 1, 2].map(uncertain),
         background,
     })
 }
@@ -144,31 +148,6 @@ fn offset(index: usize, origin: usize) -> i64 {
 #[expect(clippy::cast_possible_truncation, reason = "images are kept in 32 bit")]
 fn to_f32(planes: &Array3<f64>) -> Array3<f32> {
     planes.mapv(|v| v as f32)
-}
-
-/// The median of a frame's border, robust against sidelobes that cross it.
-fn border_level(plane: ArrayView2<'_, f32>, valid: Option<&Array2<bool>>) -> Background {
-    let (height, width) = plane.dim();
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small share of a length")]
-    let border = ((height.min(width) as f64 * BORDER) as usize).max(1);
-    let at_border = |y: usize, x: usize| y.min(x).min(height - 1 - y).min(width - 1 - x) < border;
-    let good = |y, x| valid.is_none_or(|valid| valid[[y, x]]);
-    let mut values: Vec<f64> = plane
-        .indexed_iter()
-        .filter(|((y, x), _)| at_border(*y, *x) && good(*y, *x))
-        .map(|(_, &value)| f64::from(value))
-        .collect();
-    if values.is_empty() {
-        return Background { level: 0.0, spread: 0.0 };
-    }
-    let level = median(&mut values);
-    let mut deviations: Vec<f64> = values.iter().map(|value| (value - level).abs()).collect();
-    Background { level, spread: 1.4826 * median(&mut deviations) }
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// The brightest pixel of the brightest spot.
@@ -254,23 +233,23 @@ fn centroid(light: &Array2<f64>, centre: [usize; 2]) -> [f64; 2] {
     if sum > 0.0 { moment.map(|moment| moment / sum) } else { centre.map(|place| place as f64) }
 }
 
-/// The square of `size` pixels whose pixel N/2 is `peak`, zero outside of the frame, and the share that is.
-fn window(light: &Array3<f64>, peak: [usize; 2], size: usize) -> (Array3<f64>, f64) {
+/// The rows and columns of the square of `size` pixels around `peak`, its pixel N/2, that lie within a frame.
+fn inside([height, width]: [usize; 2], peak: [usize; 2], size: usize) -> [Range<usize>; 2] {
+    let within = |length: usize, peak: usize| {
+        (size / 2).saturating_sub(peak)..size.min((length + size / 2).saturating_sub(peak))
+    };
+    [within(height, peak[0]), within(width, peak[1])]
+}
+
+/// That square, zero outside of the frame.
+fn window(light: &Array3<f64>, peak: [usize; 2], size: usize) -> Array3<f64> {
     let (_, height, width) = light.dim();
-    let place = |index: usize, peak: usize| (index + peak).checked_sub(size / 2);
-    let mut outside = 0usize;
+    let [rows, columns] = inside([height, width], peak, size);
+    let from = |span: &Range<usize>, peak: usize| span.start + peak - size / 2..span.end + peak - size / 2;
+    let found = light.slice(s![.., from(&rows, peak[0]), from(&columns, peak[1])]);
     let mut planes = Array3::zeros((3, size, size));
-    for y in 0..size {
-        for x in 0..size {
-            match (place(y, peak[0]), place(x, peak[1])) {
-                (Some(from_y), Some(from_x)) if from_y < height && from_x < width => {
-                    planes.slice_mut(s![.., y, x]).assign(&light.slice(s![.., from_y, from_x]));
-                }
-                _ => outside += 1,
-            }
-        }
-    }
-    (planes, outside as f64 / (size * size) as f64)
+    planes.slice_mut(s![.., rows, columns]).assign(&found);
+    planes
 }
 
 #[cfg(test)]

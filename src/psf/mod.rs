@@ -4,12 +4,16 @@
 //! of it. Simulated: [`display`] describes panel, lens and sensor, [`propagate`] sends light through them.
 
 pub mod alignment;
+pub mod background;
 pub mod bayer;
 pub mod bracket;
 pub mod chirp_z;
+mod darks;
 pub mod display;
 mod exposure_times;
+mod frames;
 pub mod fuse;
+mod haze;
 pub mod inpaint;
 pub mod layout;
 pub mod measure;
@@ -23,9 +27,11 @@ pub mod sampling;
 pub mod shape;
 
 pub use alignment::Motion;
+pub use background::Background;
 pub use bracket::{Bracket, show_time};
 pub use display::DisplayConfig;
 pub use exposure_times::relative_times;
+pub use frames::Uneven;
 pub use fuse::{FuseConfig, Fused, MergeRule, fuse};
 pub use measure::{MeasureConfig, MeasuredPsf, Normalization, measure_psf};
 pub use propagate::{SimulatedPsf, simulate_psf, simulate_turned};

@@ -8,6 +8,7 @@
 )]
 
 mod convolution;
+mod haze;
 mod panorama;
 mod propagation;
 mod rotation;

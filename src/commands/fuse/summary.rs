@@ -45,7 +45,11 @@ impl Summary<'_> {
             .times
             .iter()
             .zip(shares)
-            .map(|(time, share)| format!("{:.2} % from {}", 100.0 * share, show_time(*time)))
+            .zip(&self.fused.averaged)
+            .map(|((time, share), count)| {
+                let mean = if *count > 1 { format!(" (mean of {count})") } else { String::new() };
+                format!("{:.2} % from {}{mean}", 100.0 * share, show_time(*time))
+            })
             .collect();
         lines.push(format!("values: {}", shares.join(", ")));
         for (motion, time) in self.fused.motion.iter().zip(&self.fused.times[1..]) {
@@ -59,6 +63,10 @@ impl Summary<'_> {
         }
         if self.fused.discarded > 0 {
             lines.push(format!("discarded by the mask: {} pixels", self.fused.discarded));
+        }
+        if let Some(hot) = self.fused.hot_pixels {
+            let filled = if hot > 0 { ", filled from their neighbours" } else { "" };
+            lines.push(format!("hot pixels in the dark frames: {hot}{filled}"));
         }
         if let Some(measured) = self.measured {
             let [down, right] = measured.displacement_px;
@@ -89,7 +97,9 @@ impl Summary<'_> {
             "exposures": fused.times,
             "shares": fused.shares(fused.times.len()),
             "saturated": fused.saturated,
+            "averaged": fused.averaged,
             "discarded": fused.discarded,
+            "hot-pixels": fused.hot_pixels,
             "brightness-ratio-found": fused.ratio_found,
             "motion-px": fused.motion.iter().map(|motion| motion.map(|m| m.shift_px)).collect::<Vec<_>>(),
             "psf": psf,
@@ -118,11 +128,13 @@ fn psf_warnings(measured: &MeasuredPsf) -> Vec<String> {
         ));
     }
     for (name, noise) in CHANNELS.iter().zip(measured.noise) {
-        // Such a share would lift the floor under the sidelobes and dim the peak visibly.
+        // Such a share would lift or lower the haze and dim the peak visibly.
         if noise > 0.05 {
             let percent = 100.0 * noise;
-            warnings
-                .push(format!("noise may make up {percent:.0} % of the {name} PSF; average more captures"));
+            warnings.push(format!(
+                "noise leaves {percent:.0} % of the {name} PSF's light uncertain; average more captures: give several \
+                 files of each exposure time"
+            ));
         }
     }
     warnings

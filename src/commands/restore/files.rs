@@ -9,7 +9,7 @@ use anyhow::{Context as _, Result, bail};
 use udc::core::capture::CaptureInfo;
 use udc::core::error::Error;
 use udc::core::io::{DomainTag, expand_inputs, is_hidden, list_folder, read_pixels, sha256_of_file};
-use udc::psf::{Bracket, fuse};
+use udc::psf::fuse;
 
 use super::RestoreArgs;
 use crate::commands::Session;
@@ -127,16 +127,17 @@ impl RestoreArgs {
             self.raw.read(&job.inputs, self.domain.map(DomainTag::from), session)
         })?;
         let bracket = if self.is_bracket() {
-            let Some(times) = self.raw.exposures.clone().or(pictures.times) else {
+            let Some(times) = self.raw.exposures.clone().or_else(|| pictures.times.clone()) else {
                 bail!(
                     "not every picture says its exposure time: add --exposures T,T,… in the order of the files"
                 );
             };
             let of_files = "the exposure times are the files' own; to give others, add --exposures T,T,…";
-            let bracket = Bracket::new(pictures.planes, &times);
+            let bracket = self.raw.join(&mut pictures, &times);
             if self.raw.exposures.is_some() { bracket? } else { bracket.context(of_files)? }
         } else {
-            Bracket::single(pictures.planes.remove(0))?
+            let time = pictures.times.as_ref().map_or(1.0, |times| times[0]);
+            self.raw.join(&mut pictures, &[time])?
         };
         let fused =
             session.timed(format_args!("fusing {}", job.name()), || fuse(bracket, &pictures.config))?;

@@ -1,0 +1,152 @@
+//! Finds the level and the noise under the light of a source, in the border of its picture.
+
+use ndarray::{Array2, ArrayView2};
+use serde::Serialize;
+
+use super::haze::Noise;
+
+/// The level under the light of the source.
+///
+/// It is taken for stray light. Haze of the PSF that reaches the border is part of it, and is lost: the frame must be
+/// larger than what is to be measured.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Background {
+    /// The mean of the frame's border, without what lies more than four spreads off its median: sidelobes and lamps.
+    pub level: f64,
+    /// The standard deviation of the same values.
+    pub spread: f64,
+    /// How many values these are.
+    pub pixels: usize,
+    /// The spread of the means of 4 × 4 pixels, times 4: more than `spread` where neighbours have noise in common.
+    pub spread_of_means: f64,
+}
+
+/// The frame's border, as a share of the shorter side.
+const BORDER: f64 = 0.05;
+/// What lies further off the median, in spreads, is no background; 6 of 10⁵ values of noise do.
+const FURTHEST: f64 = 4.0;
+/// The side of the squares whose means are compared, and how many squares there must be.
+const SQUARE: usize = 4;
+const ENOUGH_SQUARES: usize = 64;
+/// Demosaicing correlates noise up to this factor: red and blue have one value of four.
+const LARGEST_EXCESS: f64 = 3.0;
+
+impl Background {
+    /// Measures a plane's border; `valid` marks the pixels that were measured.
+    pub(super) fn of_border(plane: ArrayView2<'_, f32>, valid: Option<&Array2<bool>>) -> Self {
+        let (height, width) = plane.dim();
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a small share of a length"
+        )]
+        let border = ((height.min(width) as f64 * BORDER) as usize).max(1);
+        let is_used = |(y, x): (usize, usize)| {
+            let is_at_border = y.min(x).min(height - 1 - y).min(width - 1 - x) < border;
+            is_at_border && valid.is_none_or(|valid| valid[[y, x]])
+        };
+        let used = plane.indexed_iter().filter(|(place, _)| is_used(*place));
+        let mut values: Vec<f64> = used.map(|(_, &value)| f64::from(value)).collect();
+        let Moments { mean: level, deviation: spread, count: pixels } = robust_moments(&mut values);
+        let squares =
+            (0..height / SQUARE).flat_map(|row| (0..width / SQUARE).map(move |column| [row, column]));
+        let mean_of = |[row, column]: [usize; 2]| {
+            let places = (0..SQUARE * SQUARE)
+                .map(|index| (SQUARE * row + index / SQUARE, SQUARE * column + index % SQUARE));
+            let sum =
+                places.map(|place| is_used(place).then(|| f64::from(plane[place]))).sum::<Option<f64>>();
+            sum.map(|sum| sum / (SQUARE * SQUARE) as f64)
+        };
+        let mut means: Vec<f64> = squares.filter_map(mean_of).collect();
+        let is_known = means.len() >= ENOUGH_SQUARES;
+        let of_means = SQUARE as f64 * robust_moments(&mut means).deviation;
+        let spread_of_means = if is_known { of_means.clamp(spread, LARGEST_EXCESS * spread) } else { spread };
+        Self { level, spread, pixels, spread_of_means }
+    }
+
+    pub(super) fn noise(&self) -> Noise {
+        Noise { of_pixel: self.spread, of_means: self.spread_of_means }
+    }
+
+    /// The standard deviation of the light of so many pixels: that of their noise, and that of the level under them.
+    pub(super) fn deviation_of_sum(&self, pixels: f64) -> f64 {
+        let of_level = pixels / (self.pixels.max(1) as f64).sqrt();
+        self.spread_of_means * pixels.sqrt().hypot(of_level)
+    }
+}
+
+struct Moments {
+    mean: f64,
+    deviation: f64,
+    count: usize,
+}
+
+/// Mean and standard deviation of the values that lie no further than four spreads off the median.
+///
+/// The mean, since a median of digital numbers is one of them, half a step off, and lies below the mean of photons. A
+/// spread is 1.4826 times the median deviation, a standard deviation of Gaussian noise; where it is zero, for lack of
+/// noise or of steps, the median stands for the mean.
+fn robust_moments(values: &mut [f64]) -> Moments {
+    if values.is_empty() {
+        return Moments { mean: 0.0, deviation: 0.0, count: 0 };
+    }
+    let level = median(values);
+    let mut deviations: Vec<f64> = values.iter().map(|value| (value - level).abs()).collect();
+    let furthest = FURTHEST * 1.4826 * median(&mut deviations);
+    let (mut count, mut sum, mut squares) = (0, 0.0, 0.0);
+    for offset in values.iter().map(|value| value - level).filter(|offset| offset.abs() <= furthest) {
+        (count, sum, squares) = (count + 1, sum + offset, squares + offset * offset);
+    }
+    let mean = sum / count as f64;
+    Moments { mean: level + mean, deviation: (squares / count as f64 - mean * mean).max(0.0).sqrt(), count }
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::rng::stream;
+    use rand_distr::{Distribution as _, Normal};
+
+    /// Steps of two thirds of the noise: the median would miss by up to a third of it.
+    #[test]
+    fn steps_of_digital_numbers_do_not_shift_the_level() {
+        let mut rng = stream(1, "background");
+        for level in [10.0, 10.2, 10.4] {
+            let normal = Normal::new(level, 1.5).unwrap();
+            let plane =
+                Array2::from_shape_simple_fn((400, 400), || f64::round(normal.sample(&mut rng)) as f32);
+            let found = Background::of_border(plane.view(), None);
+            // 30 400 values of σ = √(1.5² + 1/12): five standard deviations of their mean.
+            assert!((found.level - level).abs() < 5.0 * 1.53 / 174.0, "{found:?} instead of {level}");
+            assert!((found.spread / 1.53 - 1.0).abs() < 0.03, "{found:?}");
+            // Of some 1900 means, their spread is known to 1.6 %.
+            assert!((found.spread_of_means / 1.53 - 1.0).abs() < 0.1, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn lobes_that_cross_the_border_are_left_out() {
+        let plane = Array2::from_shape_fn((200, 200), |(y, x)| {
+            let lobe = if (90..110).contains(&y) { 5.0 } else { 0.0 };
+            lobe + 0.001 * ((y * 37 + x * 101) % 11) as f32
+        });
+        let found = Background::of_border(plane.view(), None);
+        assert!((found.level - 0.005).abs() < 1e-4 && found.spread < 0.004, "{found:?}");
+    }
+
+    #[test]
+    fn noise_that_neighbours_share_is_seen() {
+        let mut rng = stream(2, "background");
+        let normal = Normal::new(0.0, 1.0).unwrap();
+        let fine = Array2::from_shape_simple_fn((201, 201), || normal.sample(&mut rng));
+        let plane = Array2::from_shape_fn((400, 400), |(y, x)| fine[[y / 2, x / 2]] as f32);
+        let found = Background::of_border(plane.view(), None);
+        assert!((found.spread_of_means / found.spread - 2.0).abs() < 0.15, "{found:?}");
+    }
+}
