@@ -8,7 +8,7 @@ use clap::{Args, Parser as _};
 use udc::core::io::{self, WriteOptions};
 use udc::demo;
 
-use super::domain::SceneDomainArgs;
+use super::domain::DomainArg;
 use super::{Cli, Session, is_broken_pipe};
 
 /// Run the whole pipeline on built-in scenes and write a page of results
@@ -23,8 +23,9 @@ pub(crate) struct DemoArgs {
     /// Folder of HDR panoramas to use instead of the built-in scenes
     #[arg(long, value_name = "DIR")]
     hdri: Option<PathBuf>,
-    #[command(flatten)]
-    scene: SceneDomainArgs,
+    /// What the panoramas hold, as in `udc crop`
+    #[arg(long, value_enum, value_name = "DOMAIN", requires = "hdri")]
+    domain: Option<DomainArg>,
     /// Seed of the scenes, the noise and the training
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     seed: u64,
@@ -65,7 +66,7 @@ impl DemoArgs {
         demo.prepare_folder()?;
         demo.measure_the_panel()?;
         match &self.hdri {
-            Some(panoramas) => demo.crop(panoramas, &self.scene)?,
+            Some(panoramas) => demo.crop(panoramas, self.domain)?,
             None => demo.paint()?,
         }
         demo.synthesise_train_and_measure()?;
@@ -142,12 +143,12 @@ impl Demo<'_> {
         Ok(())
     }
 
-    fn crop(&self, panoramas: &Path, scene: &SceneDomainArgs) -> Result<()> {
+    fn crop(&self, panoramas: &Path, domain: Option<DomainArg>) -> Result<()> {
         let panoramas = std::path::absolute(panoramas)?;
         let size = SCENE_PX.to_string();
         let panoramas = panoramas.to_string_lossy();
         let crop = ["crop", &panoramas, "-o", "@scenes", "--size", &size, "--views", "6", "--fov", "60"];
-        let domain = scene.domain.map(|domain| ["--domain", domain.name()]);
+        let domain = domain.map(|domain| ["--domain", domain.name()]);
         self.run(&[&crop[..], domain.as_ref().map_or(&[][..], |domain| domain)].concat())
     }
 
