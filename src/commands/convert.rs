@@ -68,8 +68,10 @@ impl ConvertArgs {
             pixels.domain = Some(DomainTag::Linear);
         }
         let source = pixels.provenance.take();
-        let config =
-            json!({"input": input.to_string(), "half": self.half, "clip": self.clip, "source": source});
+        let config = json!({
+            "input": input.to_string(), "half": self.half, "clip": self.clip, "source": source,
+            "domain": self.domain.map(DomainArg::name),
+        });
         pixels.provenance = Some(Provenance::new("convert", &config));
         let clip = self.clip || matches!(pixels.domain, Some(DomainTag::ToneMapped | DomainTag::Display));
         let options =

@@ -10,7 +10,7 @@ use udc::core::io::{self, WriteOptions};
 use udc::core::provenance::Provenance;
 use udc::demo;
 
-use super::domain::SceneDomainArgs;
+use super::domain::DomainArg;
 use super::{Cli, Session, is_broken_pipe};
 
 /// Run the whole pipeline on built-in scenes and write a page of results
@@ -25,8 +25,9 @@ pub(crate) struct DemoArgs {
     /// Folder of HDR panoramas to use instead of the built-in scenes
     #[arg(long, value_name = "DIR")]
     hdri: Option<PathBuf>,
-    #[command(flatten)]
-    scene: SceneDomainArgs,
+    /// What the panoramas hold, as in `udc crop`
+    #[arg(long, value_enum, value_name = "DOMAIN", requires = "hdri")]
+    domain: Option<DomainArg>,
     /// Seed of the scenes, the noise and the training
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     seed: u64,
@@ -89,7 +90,7 @@ impl DemoArgs {
         demo.prepare_folder()?;
         demo.measure_the_panel()?;
         match &self.hdri {
-            Some(panoramas) => demo.crop(panoramas, &self.scene)?,
+            Some(panoramas) => demo.crop(panoramas, self.domain)?,
             None => demo.paint()?,
         }
         demo.synthesise_train_and_measure()?;
@@ -172,12 +173,12 @@ impl Demo<'_> {
         Ok(())
     }
 
-    fn crop(&self, panoramas: &Path, scene: &SceneDomainArgs) -> Result<()> {
+    fn crop(&self, panoramas: &Path, domain: Option<DomainArg>) -> Result<()> {
         let panoramas = std::path::absolute(panoramas)?;
         let (size, margin) = (self.extent.frame_px.to_string(), MARGIN.to_string());
         let panoramas = panoramas.to_string_lossy();
         let crop = ["crop", &panoramas, "-o", "@scenes", "--size", &size, "--margin", &margin];
-        let domain = scene.domain.map(|domain| ["--domain", domain.name()]);
+        let domain = domain.map(|domain| ["--domain", domain.name()]);
         let domain = domain.as_ref().map_or(&[][..], |domain| domain);
         self.run(&[&crop[..], &["--views", "6", "--fov", "60"], domain].concat())
     }

@@ -52,7 +52,11 @@ impl PsfFileArgs {
     }
 
     pub(super) fn options(&self) -> PsfOptions {
-        PsfOptions { domain: self.domain.map(DomainTag::from), recenter: self.recenter }
+        PsfOptions {
+            domain: self.domain.map(DomainTag::from),
+            recenter: self.recenter,
+            ..PsfOptions::default()
+        }
     }
 
     /// Reads a PSF; warns of what is wrong with it.
@@ -63,18 +67,13 @@ impl PsfFileArgs {
 
 impl PsfAmongImagesArgs {
     fn options(&self) -> PsfOptions {
-        PsfOptions { domain: self.psf_domain.map(DomainTag::from), recenter: self.recenter }
+        let domain = self.psf_domain.map(DomainTag::from);
+        PsfOptions { domain, domain_flag: "--psf-domain", recenter: self.recenter }
     }
 
     /// Reads a PSF; warns of what is wrong with it.
     pub(super) fn read(&self, path: &Path, session: &Session) -> Result<Psf> {
-        // The question for the domain names the flag of other commands.
-        read(path, self.options(), session).map_err(|error| match self.psf_domain {
-            None if error.to_string().contains("does not say whether") => {
-                error.context("a PSF's domain is told by --psf-domain linear or --psf-domain srgb")
-            }
-            _ => error,
-        })
+        read(path, self.options(), session)
     }
 
     /// Reads the PSFs of a field file; warns of what is wrong with each.

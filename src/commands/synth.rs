@@ -9,7 +9,7 @@ use clap::{ArgGroup, Args, value_parser};
 
 use udc::core::dataset::{BANK_FILE, DatasetConfig, FORMAT, FormationConfig, Split, VERSION};
 use udc::core::field::PsfField;
-use udc::core::io;
+use udc::core::io::{self, DomainTag};
 use udc::restore::{format_bytes, parse_bytes};
 use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, common_margin, list_scenes};
 
@@ -139,6 +139,11 @@ impl SynthArgs {
             bank: BANK_FILE.to_owned(),
             bank_sha256: io::bank_sha256_of(&bank_file.read()?),
             field_sha256: field.as_ref().map(PsfField::sha256),
+            scene_domain: self
+                .scene
+                .told()
+                .filter(|told| *told == DomainTag::Srgb)
+                .map(|told| told.name().to_owned()),
             seed: self.seed,
             division: division.to_string(),
             image_format: self.storage.format.extension().to_owned(),

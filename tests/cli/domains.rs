@@ -156,6 +156,16 @@ fn an_srgb_picture_is_decoded_to_linear_light_by_every_command() {
     assert!((restored - LIGHT_OF_GREY).abs() < 1e-3, "restore: {restored}");
 }
 
+#[test]
+fn a_dataset_that_was_begun_of_linear_scenes_does_not_go_on_with_srgb_ones() {
+    let scratch = scratch("in8.png");
+    let synth = ["synth", "in8.png", "--psf", "psf.exr", "--split", "train", "-o", "dataset", "--domain"];
+    succeed(scratch.path(), &[&synth[..], &["linear"]].concat());
+    let message = fail(scratch.path(), &[&synth[..], &["srgb", "--resume"]].concat(), 1);
+    assert!(message.contains("another scene-domain"), "{message}");
+    succeed(scratch.path(), &[&synth[..], &["linear", "--resume"]].concat());
+}
+
 /// A PSF in a picture for screens: the faint parts are much fainter than their values.
 #[test]
 fn an_srgb_psf_is_decoded_before_it_is_normalised() {

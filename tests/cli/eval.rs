@@ -146,6 +146,7 @@ fn write_dataset(root: &Path) {
         bank: "kernels.safetensors".to_owned(),
         bank_sha256: io::bank_sha256(&bank_file).unwrap(),
         field_sha256: None,
+        scene_domain: None,
         seed: 1,
         division: "test-fraction 0.5".to_owned(),
         image_format: "exr".to_owned(),

@@ -34,6 +34,9 @@ pub struct DatasetConfig {
     /// bank then holds the PSF in its middle.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub field_sha256: Option<String>,
+    /// `srgb` where the scenes were pictures that were decoded by the curve of sRGB.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene_domain: Option<String>,
     /// Seed of the noise and of the split; TOML holds at most `i64::MAX`.
     pub seed: u64,
     /// How the sources (panoramas) were divided: `test-fraction 0.15`, `all train`; behind it, the splits that were added

@@ -8,12 +8,20 @@ use crate::core::image::{Domain as _, Image, Linear};
 use crate::core::psf::{Psf, PsfFaults, recenter};
 
 /// How a PSF is read.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct PsfOptions {
     /// What the user says that the values are.
     pub domain: Option<DomainTag>,
+    /// The flag that says it.
+    pub domain_flag: &'static str,
     /// Whether a peak that is off the centre is moved there.
     pub recenter: bool,
+}
+
+impl Default for PsfOptions {
+    fn default() -> Self {
+        Self { domain: None, domain_flag: "--domain", recenter: false }
+    }
 }
 
 /// A PSF with what was found in its file.
@@ -57,7 +65,8 @@ pub fn inspect_psf(path: &Path, options: PsfOptions) -> Result<PsfReading> {
     let contradiction = pixels.tell(path, options.domain)?;
     check_domain(path, pixels.domain, Linear::NAME)?;
     check_cooked(path, &pixels)?;
-    pixels.check_told(path)?;
+    let flag = options.domain_flag;
+    pixels.check_told_by(path, &format!("{flag} linear or {flag} srgb"))?;
     let planes = to_rgb(path, pixels.planes)?;
     let in_file = |error: Error| Error::format(path, error.to_string());
     let mut faults = PsfFaults::of(&planes).map_err(in_file)?;

@@ -19,6 +19,11 @@ impl Pixels {
     /// # Errors
     /// [`Error::Format`] that asks for it.
     pub fn check_told(&self, path: &Path) -> Result<()> {
+        self.check_told_by(path, "--domain linear, --domain tone-mapped or --domain srgb")
+    }
+
+    /// As [`check_told`](Self::check_told), of a file that is told by these flags.
+    pub(super) fn check_told_by(&self, path: &Path, flags: &str) -> Result<()> {
         if !self.must_be_told() {
             return Ok(());
         }
@@ -28,13 +33,11 @@ impl Pixels {
         } else {
             format!(" (it has {}, which is no answer)", tags.join("; "))
         };
-        Err(Error::format(
-            path,
-            format!(
-                "does not say whether its values are linear, tone-mapped or sRGB{found}: add --domain linear, --domain \
-                 tone-mapped or --domain srgb, or give an .exr that `udc convert --domain …` made of it"
-            ),
-        ))
+        let reason = format!(
+            "does not say whether its values are linear, tone-mapped or sRGB{found}: add {flags}, or give an .exr that `udc \
+             convert --domain …` made of it"
+        );
+        Err(Error::format(path, reason))
     }
 
     /// Takes the user's word for the domain; values of sRGB are decoded to linear light in `[0, 1]`.
@@ -46,6 +49,12 @@ impl Pixels {
     /// [`Error::Format`] when the file declares another domain, or is told to be sRGB and holds values outside of `[0, 1]`.
     pub fn tell(&mut self, path: &Path, told: Option<DomainTag>) -> Result<Option<String>> {
         let Some(told) = told else { return Ok(None) };
+        if self.raw.is_some() && told == DomainTag::Srgb {
+            return Err(Error::format(
+                path,
+                "is a camera's raw file, which is linear: leave --domain srgb out",
+            ));
+        }
         if self.raw.is_none() && self.domain != Some(DomainTag::Display) {
             check_domain(path, self.domain, told.name())?;
         }
