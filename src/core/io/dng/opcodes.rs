@@ -205,8 +205,8 @@ impl GainMap {
         let is_inside = (top..bottom).contains(&place[0]) && (left..right).contains(&place[1]);
         let [first, count] = self.planes;
         if !is_inside
-            || (place[0] - top) % self.pitch[0] != 0
-            || (place[1] - left) % self.pitch[1] != 0
+            || !(place[0] - top).is_multiple_of(self.pitch[0])
+            || !(place[1] - left).is_multiple_of(self.pitch[1])
             || plane < first
             || plane - first >= count
         {
