@@ -30,7 +30,7 @@ fn main() {
         let truth = dataset.kernel_index(triplet).expect("a kernel of the bank");
         let capture = curve.tone_map(&dataset.read_degraded(triplet).expect("a degraded image"));
         let started = Instant::now();
-        let found = search_angle(&capture, bank, curve, &Progress::default()).expect("an angle");
+        let found = search_angle(&capture, bank, [curve; 3], &Progress::default()).expect("an angle");
         seconds += started.elapsed().as_secs_f64();
         count += 1.0;
         let apart = found.best.abs_diff(truth);

@@ -10,6 +10,7 @@ use clap::{Args, ValueEnum};
 use ndarray::Array3;
 use serde_json::{Value, json};
 
+use udc::core::capture::is_level;
 use udc::core::error::Error;
 use udc::core::image::CHANNELS;
 use udc::core::io::{DomainTag, Format, PixelOptions, Pixels, read_capture_info, read_pixels, write_pixels};
@@ -118,7 +119,7 @@ fn parse_orientation(text: &str) -> Result<Orientation, String> {
 }
 
 fn parse_level(text: &str) -> Result<f32, String> {
-    let level = text.trim().parse().ok().filter(|level: &f32| level.is_finite() && *level > 0.0);
+    let level = text.trim().parse().ok().filter(|level| is_level(*level));
     level.ok_or_else(|| "write three positive numbers, red, green and blue: 1.9,1,1.6".to_owned())
 }
 

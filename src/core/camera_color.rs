@@ -39,6 +39,9 @@ const SRGB_PRIMARIES: [[f64; 2]; 3] = [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06]]
 /// XYZ to the responses of the Bradford transform (Lam 1985), in which lights are adapted to each other.
 const BRADFORD: Matrix3 = [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]];
 
+/// Matrices that amplify colours more than this describe no camera.
+const LARGEST_COEFFICIENT: f64 = 1e3;
+
 /// Rounds of looking for the white's chromaticity, which the matrices depend on; a handful suffices.
 const WHITE_ROUNDS: usize = 30;
 
@@ -74,7 +77,7 @@ impl CameraColor {
         let sums = matrix.map(|row| row.iter().sum::<f64>());
         let is_sound = sums.iter().all(|sum| sum.is_finite() && *sum > 0.0);
         let rows = [0, 1, 2].map(|i| matrix[i].map(|value| value / sums[i]));
-        (is_sound && rows.iter().flatten().all(|value| value.is_finite())).then_some(rows)
+        (is_sound && rows.iter().flatten().all(|value| value.abs() <= LARGEST_COEFFICIENT)).then_some(rows)
     }
 
     /// The correlated colour temperature of the light that the gains make neutral, in kelvin.

@@ -33,8 +33,8 @@ impl CaptureInfo {
     /// What is wrong with the text, where it is damaged or holds numbers that no capture has.
     pub fn from_json(text: &str) -> Result<Self, String> {
         let info: Self = serde_json::from_str(text).map_err(|error| error.to_string())?;
-        if info.saturation.iter().flatten().any(|level| !(level.is_finite() && *level > 0.0)) {
-            return Err("saturation that is not positive".to_owned());
+        if info.saturation.iter().flatten().any(|level| !is_level(*level)) {
+            return Err("saturation at no light that a sensor has".to_owned());
         }
         if info.white_balance.iter().flatten().any(|gain| !(gain.is_finite() && *gain > 0.0)) {
             return Err("gains that are not positive".to_owned());
@@ -57,6 +57,11 @@ impl CaptureInfo {
     pub fn color_matrix(&self) -> Option<[[f64; 3]; 3]> {
         self.color.as_ref()?.matrix(self.white_balance?)
     }
+}
+
+/// Whether light is such that a sensor may saturate there, in units of white of its longest exposure.
+pub fn is_level(level: f32) -> bool {
+    (1e-6..=1e9).contains(&level)
 }
 
 /// Whether a number of stops is one that cameras ask for.
@@ -82,6 +87,7 @@ mod tests {
             "{",
             r#"{"orientation": 9}"#,
             r#"{"saturation": [1, 0, 1]}"#,
+            r#"{"saturation": [1, 1e-44, 1]}"#,
             r#"{"white-balance": [1, -1, 1]}"#,
             r#"{"baseline-exposure-ev": 1e9}"#,
         ] {

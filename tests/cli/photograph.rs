@@ -217,12 +217,6 @@ fn a_dng_of_a_grey_card_under_a_lamp_finishes_grey_with_white_lamps() {
     succeed(scratch.path(), &["finish", "restored.exr", "-o", "finished.png", GRID[0], GRID[1]]);
     let finished = picture(scratch.path(), "finished.png");
     assert_eq!(finished.dim(), (3, SIDES[0], SIDES[1]), "it is put upright");
-    if let Some(folder) = std::env::var_os("UDC_KEEP_PICTURES") {
-        // To look at.
-        for name in ["a.dng", "psf.exr", "finished.png"] {
-            fs::copy(scratch.path().join(name), Path::new(&folder).join(name)).unwrap();
-        }
-    }
     // In the middle, in a corner far from the lamps, and at the border.
     for place in [[48, 64], [90, 120], [8, 120], [48, 100]] {
         let [red, green, blue] = range(&finished, place, 3);

@@ -29,10 +29,10 @@ pub struct ImageDescription {
     pub iso: Option<f64>,
     /// What a camera's raw file says of its values.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub raw: Option<RawMetadata>,
+    pub raw: Option<Box<RawMetadata>>,
     /// What the file says of the capture that it was made of.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub capture: Option<CaptureInfo>,
+    pub capture: Option<Box<CaptureInfo>>,
     /// Number of values that are NaN or infinite.
     pub non_finite: usize,
     /// Number of values below zero.
@@ -73,8 +73,8 @@ pub(super) fn describe_image(pixels: Pixels, encoding: Encoding) -> ImageDescrip
         color_tags: pixels.color_tags,
         exposure_s: pixels.exposure_s,
         iso: pixels.iso,
-        raw: pixels.raw,
-        capture: pixels.capture,
+        raw: pixels.raw.map(Box::new),
+        capture: pixels.capture.map(Box::new),
         non_finite: pixels.planes.iter().filter(|value| !value.is_finite()).count(),
         negative: pixels.planes.iter().filter(|value| **value < 0.0).count(),
         channels: channel_statistics(&pixels.planes),

@@ -205,8 +205,8 @@ impl GainMap {
         let is_inside = (top..bottom).contains(&place[0]) && (left..right).contains(&place[1]);
         let [first, count] = self.planes;
         if !is_inside
-            || (place[0] - top) % self.pitch[0] != 0
-            || (place[1] - left) % self.pitch[1] != 0
+            || !(place[0] - top).is_multiple_of(self.pitch[0])
+            || !(place[1] - left).is_multiple_of(self.pitch[1])
             || plane < first
             || plane - first >= count
         {
@@ -290,5 +290,88 @@ impl<'a> Reader<'a> {
 
     fn finite(&mut self) -> Option<f64> {
         self.f64().filter(|value| value.is_finite())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A map of nodes 0.5 of the frame apart, from its border on.
+    fn map(area: [u32; 4], planes: [u32; 2], pitch: [u32; 2], nodes: [u32; 3], values: &[f32]) -> Vec<u8> {
+        let numbers = [&area[..], &planes, &pitch, &nodes[..2]].concat();
+        let grid = [0.5, 0.5, 0.0, 0.0].map(f64::to_be_bytes).concat();
+        let values: Vec<u8> = values.iter().flat_map(|value| value.to_be_bytes()).collect();
+        let numbers: Vec<u8> = numbers.iter().flat_map(|number| number.to_be_bytes()).collect();
+        opcode(GAIN_MAP, &[numbers, grid, nodes[2].to_be_bytes().to_vec(), values].concat())
+    }
+
+    fn opcode(id: u32, parameters: &[u8]) -> Vec<u8> {
+        let length = u32::try_from(parameters.len()).unwrap();
+        [&[id, 0x0103_0000, 0, length].map(u32::to_be_bytes).concat(), parameters].concat()
+    }
+
+    /// The corrections of opcodes for linear light, or for colours.
+    fn corrections(opcodes: &[Vec<u8>], is_of_colors: bool) -> Corrections {
+        let count = u32::try_from(opcodes.len()).unwrap().to_be_bytes();
+        let list = [&count[..], &opcodes.concat()].concat();
+        let mut corrections = Corrections::default();
+        corrections.read(&mut Reader(&list), false, is_of_colors).unwrap().unwrap();
+        corrections
+    }
+
+    const EVERYWHERE: [u32; 4] = [0, 0, u32::MAX, u32::MAX];
+
+    #[test]
+    fn a_map_for_one_photosite_of_the_mosaic_leaves_the_others() {
+        let gains = corrections(&[map([0, 1, 4, 6], [0, 1], [2, 2], [1, 1, 1], &[3.0])], false);
+        let mut planes = Array3::from_elem((1, 6, 6), 0.3);
+        gains.apply(&mut planes, [0.1, 1.1], Some(BayerPattern::Rggb));
+        for ((_, y, x), value) in planes.indexed_iter() {
+            let expected = if y < 4 && y % 2 == 0 && x % 2 == 1 { 0.7 } else { 0.3 };
+            assert!((value - expected).abs() < 1e-6, "{value} at {y}, {x}");
+        }
+    }
+
+    /// Two by one nodes in the middle of the rows: gains between them by the distance of the photosites' centres.
+    #[test]
+    fn gains_between_nodes_are_interpolated_and_those_beyond_are_the_last() {
+        let gains = corrections(&[map(EVERYWHERE, [0, 3], [1, 1], [1, 2, 1], &[1.0, 2.0])], true);
+        let mut planes = Array3::from_elem((3, 1, 8), 0.25);
+        gains.apply(&mut planes, [0.0, 1.0], None);
+        for ((_, _, x), value) in planes.indexed_iter() {
+            let gain = 1.0 + ((x as f32 + 0.5) / 8.0 / 0.5).min(1.0);
+            assert!((value - 0.25 * gain).abs() < 1e-6, "{value} at {x}");
+        }
+    }
+
+    /// A map after the colours were interpolated has a plane for each; the mosaic's photosites take their colour's.
+    #[test]
+    fn maps_of_colours_apply_to_the_photosites_of_the_colour() {
+        let gains = corrections(&[map(EVERYWHERE, [0, 3], [1, 1], [1, 1, 3], &[2.0, 1.0, 0.5])], true);
+        let mut planes = Array3::from_elem((1, 2, 2), 0.2);
+        gains.apply(&mut planes, [0.0, 1.0], Some(BayerPattern::Grbg));
+        assert_eq!(planes.as_slice().unwrap(), [0.2, 0.4, 0.1, 0.2]);
+    }
+
+    #[test]
+    fn what_is_saturated_stays_saturated() {
+        let gains = corrections(&[map(EVERYWHERE, [0, 1], [1, 1], [1, 1, 1], &[0.5])], false);
+        let mut planes = Array3::from_shape_vec((1, 1, 3), vec![0.5, 0.98, 1.0]).unwrap();
+        gains.apply(&mut planes, [0.0, 1.0], None);
+        assert_eq!(planes.as_slice().unwrap(), [0.25, 0.49, 1.0]);
+    }
+
+    #[test]
+    fn the_gain_of_a_vignette_is_a_polynomial_of_the_distance() {
+        let numbers = [0.5, 0.25, 0.125, 0.0625, 0.03125, 0.5, 0.5].map(f64::to_be_bytes).concat();
+        let gains = corrections(&[opcode(FIX_VIGNETTE_RADIAL, &numbers)], true);
+        let mut planes = Array3::from_elem((3, 5, 5), 0.1);
+        gains.apply(&mut planes, [0.0, 1.0], None);
+        // Row 2, column 0 lies at 1/√2 of the corner's distance.
+        let halfway = 1.0 + 0.5 / 2.0 + 0.25 / 4.0 + 0.125 / 8.0 + 0.0625 / 16.0 + 0.03125 / 32.0;
+        for ([y, x], gain) in [([2, 2], 1.0), ([0, 0], 1.968_75), ([4, 0], 1.968_75), ([2, 0], halfway)] {
+            assert!((planes[[1, y, x]] - 0.1 * gain).abs() < 1e-6, "{} at {y}, {x}", planes[[1, y, x]]);
+        }
     }
 }
