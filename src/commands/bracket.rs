@@ -7,13 +7,12 @@ use clap::{Args, ValueEnum};
 use ndarray::Array3;
 use serde_json::{Value, json};
 
-use super::text_of;
 use udc::core::bayer::BayerPattern;
 use udc::core::error::Error;
 use udc::core::io::{DomainTag, Encoding, Pixels, RawMetadata, expand_inputs, inspect_image, inspect_mosaic};
 use udc::psf::{Bracket, FuseConfig, Fused, MergeRule, Uneven, relative_times, show_time};
 
-use super::Session;
+use super::{Session, text_of};
 
 #[derive(Args, Debug)]
 pub(crate) struct BracketArgs {

@@ -73,8 +73,7 @@ impl FuseArgs {
         let measure = self.psf.then(|| self.measure_config());
         measure.as_ref().map_or(Ok(()), MeasureConfig::check)?;
 
-        let mut pictures =
-            self.bracket.read(&files, self.scene.told(), session).with_context(doing)?;
+        let mut pictures = self.bracket.read(&files, self.scene.told(), session).with_context(doing)?;
         let given = self.bracket.exposures.clone().or_else(|| pictures.times.clone());
         let times = given.map_or_else(|| self.default_times(files.len()), Ok).with_context(doing)?;
         let mask = self.mask.as_deref().map(read_mask).transpose()?;
