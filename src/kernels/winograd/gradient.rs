@@ -349,8 +349,7 @@ unsafe fn load_columns<S: Simd, const N: usize>(
 /// Horizontal step for the inputs.
 ///
 /// # Safety
-/// `line` holds `4 · tiles + 2` columns of `channels`, each point's part of `points` whole vectors of channels for every
-/// tile, where `to` says.
+/// `line` holds `4 · tiles + 2` columns of `channels`, `points` whole vectors of every tile's channels, where `to` says.
 #[inline(always)]
 #[expect(
     clippy::too_many_arguments,
@@ -379,8 +378,7 @@ unsafe fn input_points<S: Simd>(
 /// Horizontal step for the gradients.
 ///
 /// # Safety
-/// `line` holds `4 · tiles` columns of `channels`, each point's part of `points` whole vectors of channels for every tile,
-/// where `to` says.
+/// `line` holds `4 · tiles` columns of `channels`, `points` whole vectors of every tile's channels, where `to` says.
 #[inline(always)]
 #[expect(
     clippy::too_many_arguments,
