@@ -18,8 +18,12 @@ pub struct Background {
     pub spread: f64,
     /// How many values these are.
     pub pixels: usize,
-    /// The spread of the means of 4 × 4 pixels, times 4: more than `spread` where neighbours have noise in common.
-    pub spread_of_means: f64,
+    /// The noise of a pixel: the standard deviation within the quieter squares of 4 × 4 pixels, since haze and orders at
+    /// the border make the spread larger than noise.
+    pub noise: f64,
+    /// The spread of the means of such squares, times 4, up to three times `noise`: more than that where neighbours have
+    /// noise in common.
+    pub noise_of_means: f64,
 }
 
 /// The frame's border, as a share of the shorter side.
@@ -29,6 +33,8 @@ const FURTHEST: f64 = 4.0;
 /// The side of the squares whose means are compared, and how many squares there must be.
 const SQUARE: usize = 4;
 const ENOUGH_SQUARES: usize = 64;
+/// The standard deviation of 16 values of Gaussian noise that a quarter of such sets stays below: √(χ²₁₅ / 15).
+const QUIET: f64 = 0.858;
 /// Demosaicing correlates noise up to this factor: red and blue have one value of four.
 const LARGEST_EXCESS: f64 = 3.0;
 
@@ -51,29 +57,41 @@ impl Background {
         let Moments { mean: level, deviation: spread, count: pixels } = robust_moments(&mut values);
         let squares =
             (0..height / SQUARE).flat_map(|row| (0..width / SQUARE).map(move |column| [row, column]));
-        let mean_of = |[row, column]: [usize; 2]| {
+        let moments_of = |[row, column]: [usize; 2]| {
             let places = (0..SQUARE * SQUARE)
                 .map(|index| (SQUARE * row + index / SQUARE, SQUARE * column + index % SQUARE));
-            let sum =
-                places.map(|place| is_used(place).then(|| f64::from(plane[place]))).sum::<Option<f64>>();
-            sum.map(|sum| sum / (SQUARE * SQUARE) as f64)
+            let values: Option<Vec<f64>> =
+                places.map(|place| is_used(place).then(|| f64::from(plane[place]))).collect();
+            values.map(|values| mean_and_deviation(&values))
         };
-        let mut means: Vec<f64> = squares.filter_map(mean_of).collect();
-        let is_known = means.len() >= ENOUGH_SQUARES;
+        let (mut means, mut deviations): (Vec<f64>, Vec<f64>) = squares.filter_map(moments_of).unzip();
+        if means.len() < ENOUGH_SQUARES {
+            return Self { level, spread, pixels, noise: spread, noise_of_means: spread };
+        }
+        let quarter = deviations.len() / 4;
+        let quiet = *deviations.select_nth_unstable_by(quarter, f64::total_cmp).1;
+        let noise = spread.min(quiet / QUIET);
         let of_means = SQUARE as f64 * robust_moments(&mut means).deviation;
-        let spread_of_means = if is_known { of_means.clamp(spread, LARGEST_EXCESS * spread) } else { spread };
-        Self { level, spread, pixels, spread_of_means }
+        Self { level, spread, pixels, noise, noise_of_means: of_means.clamp(noise, LARGEST_EXCESS * noise) }
     }
 
-    pub(super) fn noise(&self) -> Noise {
-        Noise { of_pixel: self.spread, of_means: self.spread_of_means }
+    pub(super) fn levels_of_noise(&self) -> Noise {
+        Noise { of_pixel: self.noise, of_means: self.noise_of_means }
     }
 
     /// The standard deviation of the light of so many pixels: that of their noise, and that of the level under them.
     pub(super) fn deviation_of_sum(&self, pixels: f64) -> f64 {
-        let of_level = pixels / (self.pixels.max(1) as f64).sqrt();
-        self.spread_of_means * pixels.sqrt().hypot(of_level)
+        let of_level = self.spread.max(self.noise_of_means) * pixels / (self.pixels.max(1) as f64).sqrt();
+        (self.noise_of_means * pixels.sqrt()).hypot(of_level)
     }
+}
+
+/// Mean and standard deviation of a few values.
+fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    (mean, (squares / (count - 1.0)).sqrt())
 }
 
 struct Moments {
@@ -125,8 +143,9 @@ mod tests {
             // 30 400 values of σ = √(1.5² + 1/12): five standard deviations of their mean.
             assert!((found.level - level).abs() < 5.0 * 1.53 / 174.0, "{found:?} instead of {level}");
             assert!((found.spread / 1.53 - 1.0).abs() < 0.03, "{found:?}");
-            // Of some 1900 means, their spread is known to 1.6 %.
-            assert!((found.spread_of_means / 1.53 - 1.0).abs() < 0.1, "{found:?}");
+            // Of some 1900 squares, the spread of means is known to 1.6 %, the quartile of deviations to 0.6 %.
+            assert!((found.noise_of_means / 1.53 - 1.0).abs() < 0.1, "{found:?}");
+            assert!((found.noise / 1.53 - 1.0).abs() < 0.04, "{found:?}");
         }
     }
 
@@ -147,6 +166,19 @@ mod tests {
         let fine = Array2::from_shape_simple_fn((201, 201), || normal.sample(&mut rng));
         let plane = Array2::from_shape_fn((400, 400), |(y, x)| fine[[y / 2, x / 2]] as f32);
         let found = Background::of_border(plane.view(), None);
-        assert!((found.spread_of_means / found.spread - 2.0).abs() < 0.15, "{found:?}");
+        assert!((found.noise_of_means / found.spread - 2.0).abs() < 0.15, "{found:?}");
+    }
+
+    /// Waves of ten times the noise along the border: lobes, for which noise must not be taken.
+    #[test]
+    fn structure_at_the_border_is_no_noise() {
+        let mut rng = stream(3, "background");
+        let normal = Normal::new(0.0, 1.0).unwrap();
+        let plane = Array2::from_shape_fn((400, 400), |(y, x)| {
+            let wave = 10.0 * ((y as f64 / 9.0).sin() * (x as f64 / 9.0).sin()).powi(2);
+            (wave + normal.sample(&mut rng)) as f32
+        });
+        let found = Background::of_border(plane.view(), None);
+        assert!(found.noise < 1.3 && found.noise > 0.9, "{found:?}");
     }
 }

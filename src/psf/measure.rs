@@ -112,7 +112,7 @@ pub fn measure_psf(
     let mut energy = planes.clone();
     energy.slice_mut(s![.., rows, columns]).axis_iter_mut(Axis(0)).into_par_iter().zip(&background).for_each(
         |(mut plane, background)| {
-            let averaged = average_below_noise(plane.view(), background.noise());
+            let averaged = average_below_noise(plane.view(), background.levels_of_noise());
             plane.assign(&averaged);
         },
     );
