@@ -153,8 +153,8 @@ fn neighbourhoods(values: &Array2<f64>) -> Array2<f64> {
 }
 
 /// Adds up rows one after another, whatever the number of threads that they are computed on.
-fn sum_rows(rows: usize, of_row: impl Fn(usize) -> f64 + Sync) -> f64 {
-    let sums: Vec<f64> = (0..rows).into_par_iter().map(|row| of_row(row)).collect();
+fn sum_rows(rows: usize, of_row: impl Fn(usize) -> f64 + Sync + Send) -> f64 {
+    let sums: Vec<f64> = (0..rows).into_par_iter().map(of_row).collect();
     sums.iter().sum()
 }
 

@@ -6,11 +6,12 @@ use ndarray::Array3;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::core::capture::{CaptureInfo, is_level};
 use crate::core::dataset::{FormationConfig, Triplet};
 use crate::core::error::{Error, Result};
 use crate::core::fft::Spectrum;
 use crate::core::field::PsfField;
-use crate::core::image::{Linear, LinearImage};
+use crate::core::image::{CHANNELS, Linear, LinearImage};
 use crate::core::io::{self, WriteOptions};
 use crate::core::provenance::Provenance;
 
@@ -175,6 +176,8 @@ impl<'a> Run<'a> {
     /// What is not listed is unfinished, so that a file of its name may be replaced.
     fn write_options(&self, scene: &Scene, kernel: Option<&str>) -> WriteOptions {
         let config = &self.synthesis.config;
+        let x_max = config.formation.x_max;
+        let saturation = is_level(x_max).then_some([x_max; CHANNELS]);
         let origin = Origin {
             scene: &scene.id,
             panorama: &scene.source,
@@ -187,7 +190,7 @@ impl<'a> Run<'a> {
             half: config.half,
             overwrite: true,
             provenance: Some(Provenance::new("synth", &origin)),
-            ..WriteOptions::default()
+            capture: Some(CaptureInfo { saturation, ..CaptureInfo::default() }),
         }
     }
 }

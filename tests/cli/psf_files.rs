@@ -84,7 +84,8 @@ fn a_psf_off_its_centre_is_warned_of_by_every_command_and_mended_by_recenter() {
         let mended = [reader, &["--recenter"]].concat();
         let output = udc(folder, &mended);
         let stderr = String::from_utf8(output.stderr).unwrap();
-        assert!(output.status.success() && !stderr.contains("warning"), "{mended:?}: {stderr}");
+        let is_of_psf = |line: &str| line.starts_with("warning") && line.contains("psf.npy");
+        assert!(output.status.success() && !stderr.lines().any(is_of_psf), "{mended:?}: {stderr}");
     }
 }
 

@@ -704,8 +704,11 @@ fn interpolates_codes_over_the_field() {
     let one = restore("one.exr", "--psf", "psf.exr");
     let same = restore("same.exr", "--field", "same.toml");
     let varying = restore("varying.exr", "--field", "varying.toml");
+    // Tone-mapped, since rounding grows with the light: the inverse of the tone mapping is steep where it is bright.
     let worst = |a: &LinearImage, x: usize| {
-        let column = |image: &LinearImage| image.planes().slice(ndarray::s![.., .., x]).to_owned();
+        let column = |image: &LinearImage| {
+            image.planes().slice(ndarray::s![.., .., x]).mapv(|light| ToneCurve::default().compress(light))
+        };
         (column(a) - column(&one)).iter().fold(0.0f32, |worst, d| worst.max(d.abs()))
     };
     let everywhere = (0..56).map(|x| worst(&same, x)).fold(0.0, f32::max);

@@ -151,3 +151,29 @@ fn noise_is_that_of_a_capture_not_thirty_one_times_poorer() {
     let expected = 3009.5 / 6000f64.powi(2);
     assert!((variance / expected - 1.0).abs() < 0.11, "{variance}, expected {expected}");
 }
+
+/// The shipped sensor saturates at 16, and a deconvolution that takes its lamps for light of 16 does harm.
+#[test]
+fn restoring_a_synthetic_image_knows_where_its_sensor_saturates() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    synth(folder, "dataset", &["--noise", &sensor()]);
+    let dataset = Dataset::open(&folder.join("dataset")).unwrap();
+    let degraded = format!("dataset/{}", dataset.triplets[0].degraded);
+    let restore = |output: &str, more: &[&str]| {
+        let args = ["restore", &degraded, "--method", "constrained", "--psf", "psf.npy", "-o", output];
+        succeed(folder, &[&args[..], more].concat());
+        io::read_image::<Linear>(&folder.join(output)).unwrap()
+    };
+    let told = restore("told.exr", &["--x-max", "16"]);
+    assert_eq!(restore("by_itself.exr", &[]), told);
+    io::write_image(
+        &folder.join("silent.exr"),
+        &io::read_image::<Linear>(&folder.join(&degraded)).unwrap(),
+        &WriteOptions::default(),
+    )
+    .unwrap();
+    let args = ["restore", "silent.exr", "--method", "constrained", "--psf", "psf.npy", "-o", "wrong.exr"];
+    succeed(folder, &args);
+    assert_ne!(io::read_image::<Linear>(&folder.join("wrong.exr")).unwrap(), told);
+}
