@@ -138,8 +138,13 @@ fn most_likely(log_likelihoods: &[f64], angles: &[f64]) -> AngleSearch {
     let below: Vec<f64> = log_likelihoods.iter().map(|value| value - highest).collect();
     let sorted: Vec<(f64, f64)> = order.iter().map(|&k| (angles[k], -below[k])).collect();
     let place = (0..sorted.len()).min_by(|&a, &b| sorted[a].1.total_cmp(&sorted[b].1)).unwrap_or(0);
-    let others = (0..sorted.len()).filter(|other| other.abs_diff(place) > 1);
-    let lead = others.map(|other| sorted[other].1).fold(f64::INFINITY, f64::min);
+    let beyond = (0..sorted.len()).filter(|other| other.abs_diff(place) > 1);
+    let lead = beyond.map(|other| sorted[other].1).reduce(f64::min);
+    // In a set of few kernels all others may be neighbours: then they must tell.
+    let lead = lead.unwrap_or_else(|| {
+        let others = (0..sorted.len()).filter(|other| *other != place);
+        others.map(|other| sorted[other].1).fold(f64::INFINITY, f64::min)
+    });
     AngleSearch { best: order[place], angle_deg: refined(&sorted, place), lead, log_likelihoods: below }
 }
 
@@ -284,7 +289,13 @@ mod tests {
         let found = most_likely(&[-50.0, -7.0, -1.0, -4.0, -31.0], &[6.0, 3.0, 0.0, -3.0, -6.0]);
         assert_eq!((found.best, found.lead), (2, 30.0));
         assert!(found.angle_deg < 0.0, "the neighbour at −3° is the likelier one");
-        assert_eq!(most_likely(&[-1.0, 0.0], &[0.0, 3.0]).lead, f64::INFINITY);
+    }
+
+    /// Two kernels, or three of which the middle one is found, have nothing but neighbours.
+    #[test]
+    fn a_small_bank_that_hardly_tells_the_angle_has_no_lead() {
+        assert_eq!(most_likely(&[-1.0, 0.0], &[0.0, 3.0]).lead, 1.0);
+        assert_eq!(most_likely(&[-2.0, 0.0, -0.5], &[-6.0, 0.0, 6.0]).lead, 0.5);
     }
 
     #[test]
