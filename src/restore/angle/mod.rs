@@ -35,8 +35,8 @@ pub struct AngleSearch {
     pub best: usize,
     /// The most likely angle between the kernels, in degrees.
     pub angle_deg: f64,
-    /// By how much the best kernel is more likely than any but its neighbours in angle, in nats; infinite when there
-    /// are no others.
+    /// By how much the best kernel is more likely than any but its neighbours in angle, in nats: than these, where there
+    /// are no others, and infinite in a bank of one.
     pub lead: f64,
 }
 
