@@ -81,6 +81,12 @@ impl CropArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let views = self.list_views();
         views.iter().try_for_each(|view| view.check_margin(self.margin))?;
+        if self.margin > 0 && matches!(self.format, ViewFormat::Npy) {
+            session.warn(format_args!(
+                ".npy does not say that these views have a margin of {0}: give `udc synth --margin {0}`, or write .exr",
+                self.margin
+            ));
+        }
         let panoramas = name_by_stem(io::expand_inputs(&self.panoramas)?)?;
         if self.output.exists() {
             for stem in panoramas.keys() {

@@ -74,6 +74,9 @@ impl InfoArgs {
 
     /// What a file is, for scripts and for people.
     fn examine(&self, file: &Path) -> Result<(Value, String)> {
+        if run::is_checkpoint(file) {
+            return run::examine_checkpoint(file);
+        }
         if file.is_dir() {
             return if dataset::is_dataset(file) { examine_dataset(file) } else { run::examine(file) };
         }
@@ -102,9 +105,9 @@ fn is_checkpoint(file: &Path) -> bool {
     file.extension().is_some_and(|extension| extension == "pth" || extension == "pt")
 }
 
-/// What an input stands for: itself, or the images of a folder. A dataset and a run are described as one.
+/// What an input stands for: itself, or the images of a folder. A dataset, a run and a checkpoint are described as one.
 fn subjects(input: &Path) -> Vec<Result<PathBuf>> {
-    if dataset::is_dataset(input) || run::is_run(input) {
+    if dataset::is_dataset(input) || run::is_run(input) || run::is_checkpoint(input) {
         return vec![Ok(input.to_owned())];
     }
     match expand_inputs(&[input.to_owned()]) {

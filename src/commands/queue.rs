@@ -28,6 +28,8 @@ pub(crate) trait Stages: Sync {
     fn output<'a>(&self, job: &'a Self::Job) -> &'a Path;
     /// Everything that decides what it becomes, as far as it is known before the inputs are read.
     fn describe(&self, job: &Self::Job) -> Value;
+    /// Takes out of what an output says of itself where files lay, which decides nothing.
+    fn forget_places(&self, _made: &mut Value) {}
     /// What tells the files that it is made of from others, whatever their paths. It is asked for where the output is
     /// there, for it may take time.
     fn identify(&self, _job: &Self::Job) -> Result<Value> {
@@ -75,7 +77,8 @@ fn is_done<S: Stages>(stages: &S, job: &S::Job) -> Result<bool> {
         );
     }
     // A format that cannot say how it was made is taken for done.
-    let Some(made) = made else { return Ok(true) };
+    let Some(mut made) = made else { return Ok(true) };
+    stages.forget_places(&mut made);
     let agrees = |said: &Value| {
         said.as_object().is_some_and(|keys| keys.iter().all(|(key, value)| made.get(key) == Some(value)))
     };

@@ -182,6 +182,12 @@ impl Stages for Restoration<'_> {
         described
     }
 
+    fn forget_places(&self, made: &mut Value) {
+        if let Some(how) = made.get_mut("how") {
+            Engine::forget_place(how);
+        }
+    }
+
     fn identify(&self, job: &Job) -> Result<Value> {
         Ok(json!({ "inputs-sha256": job.inputs_sha256()? }))
     }
@@ -211,7 +217,8 @@ impl Stages for Restoration<'_> {
         let mut described = self.describe(job);
         // It decides the tiles, which change nothing but roundings.
         described["max-memory"] = json!(self.args.max_memory);
-        // Where the captures lay; what they are is told by their contents.
+        // Where files lay; what they are is told by their contents.
+        described["how"] = self.engine.describe_with_place();
         described["inputs"] = job.inputs.iter().map(|input| text_of(input)).collect();
         described["inputs-sha256"] = json!(job.inputs_sha256()?);
         let options = WriteOptions {

@@ -5,6 +5,7 @@ use std::cmp::Ordering;
 use serde_json::{Map, Value, json};
 
 use super::EvalConfig;
+use super::measured::Measured;
 use super::regions::Region;
 use super::score::{Cost, Exclusion, Label, Method, Score, pixelwise};
 use super::tone::ToneSource;
@@ -21,6 +22,8 @@ pub struct Evaluation {
     pub definition: MetricDefinition,
     /// The curve of images that were tone-mapped to be measured, where it was to be found out.
     pub tone: Option<ToneSource>,
+    /// What images of datasets were measured, dataset after dataset.
+    pub measured: Vec<Measured>,
     /// What was compared.
     pub methods: Vec<Method>,
     /// The scores, image after image.
@@ -50,6 +53,7 @@ impl Evaluation {
             regional: pixelwise(&config.metrics),
             definition: config.definition,
             tone: None,
+            measured: Vec::new(),
             methods,
             scores: Vec::new(),
             sizes: Vec::new(),
@@ -71,6 +75,7 @@ impl Evaluation {
             let offset = joined.methods.len();
             other.scores.iter_mut().for_each(|score| score.method += offset);
             other.sizes.iter().for_each(|(size, count)| joined.count_size(*size, *count));
+            joined.measured.extend(other.measured);
             joined.methods.extend(other.methods);
             joined.scores.extend(other.scores);
             joined.excluded.extend(other.excluded);
@@ -79,6 +84,7 @@ impl Evaluation {
     }
 
     fn belong_to(&mut self, dataset: &str) {
+        self.measured.iter_mut().for_each(|measured| measured.dataset = Some(dataset.to_owned()));
         self.methods.iter_mut().for_each(|method| method.dataset = Some(dataset.to_owned()));
         self.excluded.iter_mut().for_each(|exclusion| exclusion.dataset = Some(dataset.to_owned()));
     }
@@ -190,6 +196,9 @@ impl Evaluation {
         definition["metrics"] = json!(self.metrics);
         if let Some(tone) = &self.tone {
             definition["tone"] = tone.to_json();
+        }
+        if !self.measured.is_empty() {
+            definition["datasets"] = json!(self.measured);
         }
         if self.methods.iter().any(|method| method.cost.is_some()) {
             definition["gmac"] =

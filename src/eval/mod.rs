@@ -3,6 +3,7 @@
 mod evaluation;
 mod flare;
 mod matrix;
+mod measured;
 mod pairs;
 mod regions;
 mod score;
@@ -12,6 +13,7 @@ mod tone;
 pub use evaluation::Evaluation;
 pub use flare::Flare;
 pub use matrix::Matrix;
+pub use measured::Measured;
 pub use pairs::{FilePair, FolderPairs, pair_folders, read_tone_mapped};
 pub use regions::{Region, Regions};
 pub use score::{Cost, Exclusion, Label, Method, RegionScore, Score};

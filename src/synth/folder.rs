@@ -17,6 +17,7 @@ use crate::core::image::Linear;
 use crate::core::io::{self, LineLog};
 
 use super::existing::{Existing, Place};
+use super::kept::check_scenes;
 use super::run::Synthesis;
 use super::scenes::Scene;
 
@@ -37,7 +38,6 @@ impl DatasetFolder {
     /// [`Error::Config`] when the folder holds a dataset and `existing` does not allow for it, or one made
     /// otherwise; [`Error::Io`] when the folder cannot be written.
     pub(super) fn prepare(root: &Path, synthesis: &Synthesis, existing: Existing) -> Result<Self> {
-        let scenes = &synthesis.scenes;
         io::create_folder(root)?;
         // Shards that start together come here one after the other.
         let turn = io::lock_folder(root);
@@ -56,7 +56,7 @@ impl DatasetFolder {
         }
         let mut folder = Self { root: root.to_owned(), list, log, finished: BTreeSet::new() };
         match existing {
-            Existing::Resume => folder.resume(scenes)?,
+            Existing::Resume => folder.resume(synthesis)?,
             Existing::Refuse | Existing::Overwrite => folder.restart_list(&[])?,
         }
         Ok(folder)
@@ -73,9 +73,11 @@ impl DatasetFolder {
     }
 
     /// Takes finished triplets up again; their scenes may have been divided anew since.
-    fn resume(&mut self, scenes: &[Scene]) -> Result<()> {
-        let by_id: BTreeMap<&str, &Scene> = scenes.iter().map(|scene| (scene.id.as_str(), scene)).collect();
+    fn resume(&mut self, synthesis: &Synthesis) -> Result<()> {
+        let by_id: BTreeMap<&str, &Scene> =
+            synthesis.scenes.iter().map(|scene| (scene.id.as_str(), scene)).collect();
         let mut triplets = finished_triplets(&self.root, &self.list)?;
+        check_scenes(&self.root, synthesis, &triplets)?;
         for triplet in &mut triplets {
             if let Some(scene) = by_id.get(triplet.id.as_str()) {
                 triplet.split = scene.split;

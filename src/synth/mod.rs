@@ -7,6 +7,7 @@ mod existing;
 mod field;
 mod folder;
 mod formation;
+mod kept;
 mod kernels;
 mod noise;
 mod run;

@@ -179,7 +179,7 @@ impl Synthesis {
         set.with_margin(self.config.formation.margin)
     }
 
-    fn formation(&self) -> Result<Formation> {
+    pub(super) fn formation(&self) -> Result<Formation> {
         Formation::new(self.config.formation.clone(), self.config.seed)
     }
 }

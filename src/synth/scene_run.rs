@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::core::capture::{CaptureInfo, is_level};
 use crate::core::dataset::{FormationConfig, Triplet};
-use crate::core::error::{Error, Result};
+use crate::core::error::Result;
 use crate::core::fft::Spectrum;
 use crate::core::field::PsfField;
 use crate::core::image::{CHANNELS, Linear, LinearImage};
@@ -42,6 +42,9 @@ struct Origin<'a> {
     panorama: &'a str,
     #[serde(skip_serializing_if = "Option::is_none")]
     kernel: Option<&'a str>,
+    /// By which a run that goes on knows the scene again; in ground truths only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scene_sha256: Option<&'a str>,
     bank_sha256: &'a str,
     seed: u64,
     formation: &'a FormationConfig,
@@ -91,10 +94,12 @@ impl<'a> Run<'a> {
         mut on_images: impl FnMut(usize) -> Result<()>,
     ) -> Result<SceneReport> {
         let started = Instant::now();
+        // Before the pixels, so that they are not older than it.
+        let sha256 = io::sha256_of_file(&scene.path)?;
         let (image, contradiction) = io::read_image_told::<Linear>(&scene.path, self.synthesis.told)?;
         let size = [image.height(), image.width()];
         let kernels = self.take_kernels(size)?;
-        self.write_ground_truth(scene, &image, todo.len() < self.names.len())?;
+        self.write_ground_truth(scene, &image, &sha256)?;
         let reading = started.elapsed();
         let started = Instant::now();
         let light = match &self.synthesis.field {
@@ -130,20 +135,11 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Writes the ground truth anew; where some images of it are kept, it must be what it was.
-    fn write_ground_truth(&self, scene: &Scene, image: &LinearImage, is_kept: bool) -> Result<()> {
-        let ground_truth = self.formation.ground_truth(image)?;
+    /// Writes the ground truth anew, with the hash of its scene's file.
+    fn write_ground_truth(&self, scene: &Scene, image: &LinearImage, sha256: &str) -> Result<()> {
         let path = self.folder.root().join(self.ground_truth_path(scene));
-        if is_kept && !is_same(&io::read_image::<Linear>(&path)?, &ground_truth, self.synthesis.config.half) {
-            let reason = format!(
-                "{} has images of another {} than the one that is there now; make them anew with --overwrite, or in \
-                 another folder",
-                self.folder.root().display(),
-                scene.path.display()
-            );
-            return Err(Error::config("output", reason));
-        }
-        io::write_image(&path, &ground_truth, &self.write_options(scene, None))
+        let options = self.write_options(scene, None, Some(sha256));
+        io::write_image(&path, &self.formation.ground_truth(image)?, &options)
     }
 
     fn degrade(&self, scene: &Scene, kernels: &Kernels<'_>, light: &Light<'_>, index: usize) -> Result<Made> {
@@ -155,7 +151,7 @@ impl<'a> Run<'a> {
         let started = Instant::now();
         let degraded = format!("degraded/{name}/{}.{}", scene.id, self.synthesis.config.image_format);
         let path = self.folder.root().join(&degraded);
-        io::write_image(&path, &image, &self.write_options(scene, Some(name)))?;
+        io::write_image(&path, &image, &self.write_options(scene, Some(name), None))?;
         let triplet = Triplet {
             id: scene.id.clone(),
             split: scene.split,
@@ -174,7 +170,7 @@ impl<'a> Run<'a> {
     }
 
     /// What is not listed is unfinished, so that a file of its name may be replaced.
-    fn write_options(&self, scene: &Scene, kernel: Option<&str>) -> WriteOptions {
+    fn write_options(&self, scene: &Scene, kernel: Option<&str>, scene_sha256: Option<&str>) -> WriteOptions {
         let config = &self.synthesis.config;
         let x_max = config.formation.x_max;
         let saturation = is_level(x_max).then_some([x_max; CHANNELS]);
@@ -182,6 +178,7 @@ impl<'a> Run<'a> {
             scene: &scene.id,
             panorama: &scene.source,
             kernel,
+            scene_sha256,
             bank_sha256: &config.bank_sha256,
             seed: config.seed,
             formation: &config.formation,
@@ -193,12 +190,4 @@ impl<'a> Run<'a> {
             capture: Some(CaptureInfo { saturation, ..CaptureInfo::default() }),
         }
     }
-}
-
-/// Whether a stored image is that of a scene, but for the rounding of half floats.
-fn is_same(stored: &LinearImage, image: &LinearImage, half: bool) -> bool {
-    let (relative, absolute) = if half { (1.0 / 1024.0, 1e-7) } else { (0.0, 0.0) };
-    let near = |(a, b): (&f32, &f32)| (a - b).abs() <= relative * b.abs() + absolute;
-    let sides = |image: &LinearImage| [image.height(), image.width()];
-    sides(stored) == sides(image) && stored.as_slice().iter().zip(image.as_slice()).all(near)
 }

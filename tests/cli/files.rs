@@ -441,3 +441,19 @@ fn examples_in_the_help_fit_into_terminals() {
         assert!(!goes_on, "{command}: {examples}");
     }
 }
+
+#[test]
+fn a_pattern_of_all_folders_below_finds_their_images() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["gl/a.png", "gl/in/b.png", "gl/in/deep/c.png", "gl/.hidden/d.png"] {
+        let path = folder.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::copy(fixture("rgb8.png"), path).unwrap();
+    }
+    std::fs::write(folder.path().join("gl/in/notes.txt"), "no image").unwrap();
+    for pattern in ["gl/**", "gl/**/", "gl/**/*.png"] {
+        let text = succeed(folder.path(), &["info", "--json", pattern]);
+        assert_eq!(text.lines().count(), 3, "{pattern}: {text}");
+        assert!(text.contains("gl/in/deep/c.png") && !text.contains("hidden"), "{text}");
+    }
+}

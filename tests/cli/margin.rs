@@ -215,3 +215,35 @@ fn training_on_the_fly_learns_from_the_middle_of_views_with_a_margin() {
     let said = String::from_utf8_lossy(&run.stderr);
     assert!(run.status.success() && said.contains("lack the margin"), "{said}");
 }
+
+/// A file that says its margin is known by its hash: what lies in the margin is not in the ground truth.
+#[test]
+fn resume_notices_another_lamp_in_the_margin() {
+    let (scratch, _) = scratch(Some(MARGIN));
+    let folder = scratch.path();
+    succeed(folder, &[&SYNTH[..], &["dataset"]].concat());
+    let resume = [&SYNTH[..], &["dataset", "--resume"]].concat();
+    assert!(succeed(folder, &resume).contains("0 images made, 2 were there"));
+    write_scene(folder, "park_01", 9, Some(MARGIN));
+    let said = fail(folder, &resume, 1);
+    assert!(said.contains("images of another scenes/park_01.exr"), "{said}");
+    write_scene(folder, "park_01", 5, Some(MARGIN));
+    assert!(succeed(folder, &resume).contains("0 images made, 2 were there"));
+}
+
+#[test]
+fn views_in_npy_with_a_margin_warn_that_the_files_do_not_say_it() {
+    let scratch = tempfile::tempdir().unwrap();
+    let image = LinearImage::from_planes(Array3::from_elem((3, 32, 64), 0.5)).unwrap();
+    io::write_image(&scratch.path().join("street.exr"), &image, &WriteOptions::default()).unwrap();
+    let crop = |output: &str, more: &[&str]| {
+        let args = ["crop", "street.exr", "--size", "16", "--views", "1", "-o", output];
+        let run = udc(scratch.path(), &[&args[..], more].concat());
+        assert!(run.status.success());
+        String::from_utf8_lossy(&run.stderr).into_owned()
+    };
+    let said = crop("npy", &["--margin", "8", "--format", "npy"]);
+    assert!(said.contains("warning: .npy does not say") && said.contains("synth --margin 8"), "{said}");
+    assert!(!crop("exr", &["--margin", "8"]).contains("warning"));
+    assert!(!crop("plain", &["--format", "npy"]).contains("warning"));
+}

@@ -151,3 +151,36 @@ fn a_capture_is_known_by_whatever_path_it_is_named() {
     );
     assert_eq!(provenance.config["inputs-sha256"][0].as_str().unwrap().len(), 64);
 }
+
+#[test]
+fn a_psf_and_a_model_are_known_by_whatever_path_they_are_named() {
+    use udc::network::weights::Weights;
+    use udc::network::{Architecture, Condition, Initialisation, Model, Origin, Parameters};
+
+    let scratch = scratch(1, 32);
+    let folder = scratch.path();
+    let architecture = Architecture { features: 1, condition: Condition::Image, ..Architecture::default() };
+    let parameters = Parameters::random(&architecture, Initialisation::Released, 1);
+    let model = Model::new(Weights { architecture, parameters, origin: Origin::default() });
+    model.save(&folder.join("model.safetensors"), false).unwrap();
+    let wiener =
+        |psf: &'static str| vec!["restore", "images", "--method", "wiener", "--psf", psf, "-o", "wiener/"];
+    let network = |model: &'static str| vec!["restore", "images", "--model", model, "-o", "network/"];
+    for (first, again, key) in [
+        (wiener("psf.exr"), wiener("./images/../psf.exr"), "psf"),
+        (network("model.safetensors"), network("./model.safetensors"), "model"),
+    ] {
+        succeed(folder, &first);
+        let said = succeed(folder, &[&again[..], &["--resume"]].concat());
+        assert!(said.contains("1 of 1 images are there"), "{said}");
+        let output = folder.join(first.last().unwrap()).join("view0_01.exr");
+        let how = io::read_provenance(&output).unwrap().unwrap().config["how"].clone();
+        assert_eq!(how[key], *first[first.len() - 3], "where it lay is still told");
+    }
+    // Another PSF of the same name is another.
+    let energy =
+        Array3::from_shape_fn((3, 15, 15), |(_, y, x)| (-((y + x) as f32 - 14.0).powi(2)).exp() + 0.002);
+    let options = WriteOptions { overwrite: true, ..WriteOptions::default() };
+    io::write_psf(&folder.join("psf.exr"), &Psf::from_energy(energy).unwrap(), &options).unwrap();
+    assert!(fail(folder, &[&wiener("psf.exr")[..], &["--resume"]].concat(), 1).contains("other settings"));
+}

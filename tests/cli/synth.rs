@@ -596,3 +596,83 @@ fn a_panorama_is_not_divided_by_views_that_come_later() {
     assert!(said.contains("scenes of one panorama stay together"), "{said}");
     assert_eq!(Dataset::open(&folder.join("dataset")).unwrap().triplets.len(), 6);
 }
+
+/// Scenes whose images are all there, replaced by others: of other light, of another size, brighter than x_max.
+#[test]
+fn resume_refuses_scenes_that_were_replaced_although_all_their_images_are_there() {
+    for format in ["exr", "npy"] {
+        let scratch = scratch();
+        let folder = scratch.path();
+        synth(folder, "dataset", &["--format", format]);
+        let before = contents(&folder.join("dataset"));
+        let resume =
+            ["synth", "views", "--bank", "bank.safetensors", "-o", "dataset", "--resume", "--format", format];
+        let scene = folder.join("views/park_01.npy");
+        let kept = io::read_image::<Linear>(&scene).unwrap();
+        let replace = |planes: Array3<f32>| {
+            let options = WriteOptions { overwrite: true, ..WriteOptions::default() };
+            io::write_image(&scene, &LinearImage::from_planes(planes).unwrap(), &options).unwrap();
+        };
+        assert!(succeed(folder, &resume).contains("0 images made, 15 were there"));
+        let mut others = vec![kept.planes().mapv(|light| 0.5 * light), Array3::from_elem((3, 30, 24), 0.5)];
+        if format == "exr" {
+            // A lamp of another power, whose ground truth is clipped to the same: by the file's hash.
+            others.push(kept.planes().mapv(|light| if light > 1000.0 { 2.0 * light } else { light }));
+        }
+        for planes in others {
+            replace(planes);
+            let said = fail(folder, &resume, 1);
+            assert!(
+                said.contains("images of another views/park_01.npy") && said.contains("--overwrite"),
+                "{said}"
+            );
+            assert!(contents(&folder.join("dataset")) == before, "{format}: nothing is touched");
+        }
+        replace(kept.planes().to_owned());
+        assert!(succeed(folder, &resume).contains("0 images made, 15 were there"));
+    }
+}
+
+#[test]
+fn a_dataset_does_not_name_a_bank_outside_of_its_folder() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    synth(folder, "dataset", &[]);
+    fs::copy(folder.join("dataset/kernels.safetensors"), folder.join("elsewhere.safetensors")).unwrap();
+    let config = folder.join("dataset/dataset.toml");
+    let text = fs::read_to_string(&config).unwrap();
+    let absolute = folder.join("elsewhere.safetensors").to_string_lossy().replace('\\', "/");
+    for bank in ["../elsewhere.safetensors", absolute.as_str()] {
+        fs::write(&config, text.replace("\"kernels.safetensors\"", &format!("\"{bank}\""))).unwrap();
+        let said = fail(folder, &["info", "dataset"], 1);
+        assert!(
+            said.contains(&format!("`{bank}` as bank")) && said.contains("stay in the dataset"),
+            "{said}"
+        );
+    }
+    fs::write(&config, text).unwrap();
+    succeed(folder, &["info", "dataset"]);
+}
+
+#[test]
+fn an_evaluation_records_the_curve_the_margin_and_the_kernels_of_each_dataset() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    synth(folder, "day", &["--split", "test", "--x-max", "16", "--margin", "2"]);
+    synth(folder, "night", &["--split", "test"]);
+    let definition = |output: &str, args: &[&str]| {
+        succeed(folder, &[&["eval"][..], args, &["-o", output]].concat());
+        let text = fs::read_to_string(folder.join(output).join("metrics.json")).unwrap();
+        serde_json::from_str::<serde_json::Value>(&text).unwrap()["definition"]["datasets"].clone()
+    };
+    let both = definition("both", &["day", "night", "--kernels", "r+00,r+03", "--limit", "2"]);
+    let expected = |dataset: &str, x_max: f64, margin: usize| {
+        serde_json::json!({
+            "dataset": dataset, "alpha": 0.25, "x-max": x_max, "margin": margin, "split": "test",
+            "kernels": ["r+00", "r+03"], "limit": 2,
+        })
+    };
+    assert_eq!(both, serde_json::json!([expected("day", 16.0, 2), expected("night", 500.0, 0)]));
+    let one = definition("one", &["night", "--limit", "1"]);
+    assert_eq!((&one[0]["kernels"], &one[0]["dataset"]), (&"all".into(), &serde_json::Value::Null));
+}

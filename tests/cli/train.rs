@@ -474,3 +474,21 @@ fn names_what_is_wrong_with_a_configuration() {
     let message = fail(folder, &["train", "--data", "dataset", "-o", "run"], 2);
     assert!(message.contains("CONFIG"), "{message}");
 }
+
+#[test]
+fn info_describes_a_checkpoint_of_a_run() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    prepare(folder);
+    train(folder, "run", &["--set", "iterations=2"]);
+    let said = succeed(folder, &["info", "run/checkpoints/2"]);
+    assert!(
+        said.contains("checkpoint of a training, iteration 2") && said.contains("computed with"),
+        "{said}"
+    );
+    assert!(said.contains("parameters"), "{said}");
+    let object: serde_json::Value =
+        serde_json::from_str(&succeed(folder, &["info", "--json", "run/checkpoints/2"])).unwrap();
+    assert_eq!((&object["kind"], &object["model"]["kind"]), (&"checkpoint".into(), &"model".into()));
+    assert_eq!(object["iteration"], 2);
+}

@@ -5,7 +5,7 @@ use anyhow::{Context as _, Result, bail};
 use udc::core::dataset::{Dataset, KernelChoice, Split, Triplet};
 use udc::core::error;
 use udc::core::image::{LinearImage, ToneMappedImage};
-use udc::eval::{self, EvalConfig, Evaluation, Label, Matrix, Method, Regions, Sample};
+use udc::eval::{self, EvalConfig, Evaluation, Label, Matrix, Measured, Method, Regions, Sample};
 
 use super::pictures::Pictures;
 use super::restorer::{Degraded, Restorer};
@@ -15,6 +15,7 @@ use crate::commands::Session;
 pub(in crate::commands) struct Comparison<'a> {
     pub(in crate::commands) dataset: &'a Dataset,
     pub(in crate::commands) triplets: Vec<Triplet>,
+    measured: Measured,
     pub(in crate::commands) restorers: &'a [Restorer],
     /// Memory that one restoration may take.
     pub(in crate::commands) max_memory: u64,
@@ -69,7 +70,8 @@ impl<'a> Comparison<'a> {
             restorer.check(dataset)?;
             restorer.warnings(dataset).into_iter().for_each(|warning| session.warn(warning));
         }
-        Ok(Self { dataset, triplets: images.of(dataset)?, restorers, max_memory, session })
+        let measured = Measured::of(dataset, images.split, images.kernels.clone(), images.limit);
+        Ok(Self { dataset, triplets: images.of(dataset)?, measured, restorers, max_memory, session })
     }
 
     /// Measures every restoration of every image under its own kernel.
@@ -92,6 +94,7 @@ impl<'a> Comparison<'a> {
             Ok(sample)
         };
         let mut evaluation = self.run(config, methods.clone(), sample)?;
+        evaluation.measured = vec![self.measured.clone()];
         for (method, restorer) in evaluation.methods.iter_mut().zip(self.restorers) {
             method.cost = restorer.cost(&evaluation.sizes);
         }

@@ -1,13 +1,16 @@
-//! Says how far a training run has come.
+//! Says how far a training run has come, and what a checkpoint of it holds.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use serde_json::{Map, Value, json};
 
-use udc::core::io::read_text;
+use udc::core::io::{Description, describe, read_text};
 use udc::train::TrainConfig;
+
+/// What a checkpoint goes on from, beside its model.
+const STATE: &str = "state.safetensors";
 
 /// Whether a folder is that of a training run.
 pub(super) fn is_run(folder: &Path) -> bool {
@@ -37,6 +40,41 @@ pub(super) fn examine(folder: &Path) -> Result<(Value, String)> {
         "kind": "run", "iteration": iteration, "iterations": config.iterations, "last": last, "model": model,
     });
     Ok((object, text + &description))
+}
+
+/// Whether a folder is a checkpoint of a run: `checkpoints/<iteration>`.
+pub(super) fn is_checkpoint(folder: &Path) -> bool {
+    folder.join(STATE).is_file() && !is_run(folder)
+}
+
+/// What a checkpoint is, for scripts and for people.
+pub(super) fn examine_checkpoint(folder: &Path) -> Result<(Value, String)> {
+    let path = folder.join(STATE);
+    let Description::Model(state) = describe(&path)? else {
+        bail!("{} is no training state", path.display());
+    };
+    let Some(iteration) = state.metadata.get("iteration") else {
+        bail!("{} is no training state: it does not say its iteration", path.display());
+    };
+    let (model, description) = super::examine_model(&folder.join("model.safetensors"))?;
+    let mut object = json!({"kind": "checkpoint", "iteration": iteration, "model": model});
+    let mut text = format!("checkpoint of a training, iteration {}\n", plain(iteration));
+    for (key, name) in [
+        ("instruction-sets", "computed with"),
+        ("best-iteration", "best iteration"),
+        ("best-value", "best value"),
+    ] {
+        if let Some(value) = state.metadata.get(key) {
+            writeln!(text, "  {name:<16}{}", plain(value))?;
+            object[key] = value.clone();
+        }
+    }
+    Ok((object, text + &description))
+}
+
+/// A value as people read it: a text without its quotes.
+fn plain(value: &Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
 /// The last number of each kind in a log; a line that was cut off is none.

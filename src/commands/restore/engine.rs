@@ -90,6 +90,10 @@ const QUEUED_FRAMES: u64 = 3;
 /// The program's code and data, and the tables of transforms.
 const PROGRAM_BYTES: u64 = 20 << 20;
 
+/// The keys of a description under which the paths of a model and of a PSF stand.
+const MODEL: &str = "model";
+const PSF: &str = "psf";
+
 /// Stack and working memory of a thread.
 const THREAD_BYTES: u64 = 2 << 20;
 
@@ -219,10 +223,10 @@ impl Engine {
         }
     }
 
-    /// The method with every setting resolved, for provenance.
+    /// The method with every setting resolved, for provenance; its files are told by their contents.
     pub(super) fn describe(&self) -> Value {
         match &self.kind {
-            Kind::Network { path, sha256, model, code, tile } => {
+            Kind::Network { sha256, model, code, tile, .. } => {
                 let code = match code {
                     KnownCode::Fixed(Conditioning::Code(code)) => Some(json!(code.to_vec())),
                     KnownCode::Fixed(Conditioning::None | Conditioning::Map(_)) => None,
@@ -232,16 +236,34 @@ impl Engine {
                     }
                 };
                 json!({
-                    "model": path, "model-sha256": sha256, "code": code, "tile": tile,
+                    "model-sha256": sha256, "code": code, "tile": tile,
                     "precision": if model.has_bf16_products() { "bf16" } else { "f32" },
                     "highlights": self.highlights,
                 })
             }
-            Kind::Deconvolution { path, psf, config } => {
+            Kind::Deconvolution { psf, config, .. } => {
                 json!({
-                    "psf": path, "psf-sha256": psf.sha256(), "deconvolution": config, "highlights": self.highlights,
+                    "psf-sha256": psf.sha256(), "deconvolution": config, "highlights": self.highlights,
                 })
             }
+        }
+    }
+
+    /// The method as [`describe`](Self::describe) has it, and where its file lay.
+    pub(super) fn describe_with_place(&self) -> Value {
+        let (key, path) = match &self.kind {
+            Kind::Network { path, .. } => (MODEL, path),
+            Kind::Deconvolution { path, .. } => (PSF, path),
+        };
+        let mut described = self.describe();
+        described[key] = json!(path);
+        described
+    }
+
+    /// Takes out of a description where its file lay.
+    pub(super) fn forget_place(described: &mut Value) {
+        if let Some(keys) = described.as_object_mut() {
+            keys.retain(|key, _| ![MODEL, PSF].contains(&key.as_str()));
         }
     }
 

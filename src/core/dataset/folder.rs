@@ -8,7 +8,7 @@ use crate::core::error::{Error, Result};
 use crate::core::io;
 
 use super::config::{DatasetConfig, FORMAT, VERSION};
-use super::{Dataset, Split, Triplet};
+use super::{Dataset, Split, Triplet, check_path};
 
 /// The file that describes a dataset.
 pub const CONFIG_FILE: &str = "dataset.toml";
@@ -67,6 +67,7 @@ impl DatasetConfig {
             return Err(Error::format(&path, reason));
         }
         let config: Self = parse_toml(&text).map_err(|reason| Error::format(&path, reason))?;
+        check_path("bank", &config.bank).map_err(|reason| Error::format(&path, reason))?;
         config.formation.curve().map_err(|error| Error::format(&path, error.to_string()))?;
         Ok(config)
     }

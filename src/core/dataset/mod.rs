@@ -77,13 +77,23 @@ impl Triplet {
     /// # Errors
     /// What is wrong with which path.
     pub(crate) fn check_paths(&self) -> Result<(), String> {
-        [("gt", &self.gt), ("degraded", &self.degraded)].into_iter().try_for_each(|(key, path)| {
-            let fault = fault_of_path(path);
-            fault.map_or(Ok(()), |fault| {
-                Err(format!("names the path `{path}` as {key}, which {fault}; paths are relative and stay in the dataset"))
-            })
-        })
+        [("gt", &self.gt), ("degraded", &self.degraded)]
+            .into_iter()
+            .try_for_each(|(key, path)| check_path(key, path))
     }
+}
+
+/// Refuses a path that may lead out of the dataset's folder.
+///
+/// # Errors
+/// What is wrong with it.
+fn check_path(key: &str, path: &str) -> Result<(), String> {
+    let fault = fault_of_path(path);
+    fault.map_or(Ok(()), |fault| {
+        Err(format!(
+            "names the path `{path}` as {key}, which {fault}; paths are relative and stay in the dataset"
+        ))
+    })
 }
 
 /// Why a path may lead out of the folder that it is relative to.

@@ -9,7 +9,7 @@ use crate::core::error::{Error, Result};
 /// Expands files, folders and globs to image files.
 ///
 /// A folder stands for the image files directly inside of it that are not hidden, a pattern for the files that match, as in
-/// a shell: hidden ones only if the pattern spells the dot. Both are sorted by name. Files keep the order in which they are named.
+/// a shell: hidden ones only if the pattern spells the dot. A pattern that ends in `**` stands for the images in all folders below. Both are sorted by name. Files keep the order in which they are named.
 ///
 /// # Errors
 /// [`Error::Io`] when a name does not exist; [`Error::Format`] when a folder or a pattern yields no file.
@@ -30,7 +30,7 @@ fn expand(input: &Path) -> Result<Vec<PathBuf>> {
         return Ok(vec![input.to_owned()]);
     }
     match input.to_str().filter(|text| text.contains(['*', '?', '['])) {
-        Some(pattern) => files_of_pattern(input, pattern),
+        Some(pattern) => files_of_pattern(pattern),
         None => {
             let reason = std::io::Error::new(std::io::ErrorKind::NotFound, "there is no such file or folder");
             Err(Error::io("read", input, reason))
@@ -68,20 +68,25 @@ pub fn is_hidden(name: impl AsRef<OsStr>) -> bool {
     name.as_ref().as_encoded_bytes().starts_with(b".")
 }
 
-fn files_of_pattern(input: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
-    let paths = glob::glob(pattern).map_err(|error| Error::format(input, error.to_string()))?;
+fn files_of_pattern(pattern: &str) -> Result<Vec<PathBuf>> {
+    // `**` stands for folders: at the end of a pattern, it stands for the images below too.
+    let names_all = Path::new(pattern).file_name().is_some_and(|name| name == "**");
+    let expanded =
+        if names_all { format!("{}/*", pattern.trim_end_matches('/')) } else { pattern.to_owned() };
+    let input = Path::new(&expanded);
+    let paths = glob::glob(&expanded).map_err(|error| Error::format(pattern, error.to_string()))?;
     let mut files = Vec::new();
     for path in paths {
         let path = path.map_err(|error| {
             let folder = error.path().to_owned();
             Error::io("read", folder, error.into())
         })?;
-        if path.is_file() && is_shown(input, &path) {
+        if path.is_file() && is_shown(input, &path) && (!names_all || is_image(&path)) {
             files.push(path);
         }
     }
     if files.is_empty() {
-        return Err(Error::format(input, "no file matches this pattern"));
+        return Err(Error::format(pattern, "no file matches this pattern"));
     }
     files.sort();
     Ok(files)
