@@ -357,6 +357,32 @@ fn degrades_on_the_fly_from_a_dataset_or_from_views_and_a_bank() {
     assert!(message.contains("is no dataset"), "{message}");
 }
 
+/// Another picture under the same name, of the same size and age.
+#[test]
+fn a_training_on_the_fly_does_not_go_on_with_other_scenes_of_the_same_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let live = ["--set", "data.degradation=on-the-fly", "--set"];
+    let views = ["--bank", "dataset/kernels.safetensors", "--data", "dataset/gt"];
+    for (run, data) in [("of-views", &views[..]), ("of-dataset", &["--data", "dataset"])] {
+        let train = [&["train", "config.toml", "-o", run][..], data, &live].concat();
+        succeed(folder, &[&train[..], &["iterations=2"]].concat());
+        let resume = [&train[..], &["iterations=3", "--resume"]].concat();
+        let path = folder.join("dataset/gt/scene0.npy");
+        let (kept, age) = (fs::read(&path).unwrap(), path.metadata().unwrap().modified().unwrap());
+        let options = io::WriteOptions { overwrite: true, ..Default::default() };
+        let other = LinearImage::from_planes(Array3::from_elem((3, 26, 30), 0.4)).unwrap();
+        io::write_image(&path, &other, &options).unwrap();
+        fs::File::options().write(true).open(&path).unwrap().set_modified(age).unwrap();
+        let said = fail(folder, &resume, 1);
+        assert!(said.contains("other data than the run learned from: scenes-sha256"), "{said}");
+        // The scenes themselves, wherever they lie and however old.
+        fs::write(&path, kept).unwrap();
+        succeed(folder, &resume);
+    }
+}
+
 #[test]
 fn a_model_can_be_described_and_a_checkpoint_converted() {
     let folder = tempfile::tempdir().unwrap();

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use rand::Rng as _;
+use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 use udc::core::dataset::{CONFIG_FILE, Dataset, FormationConfig, Split};
@@ -110,14 +111,14 @@ impl Source {
                 images_sha256: Some(triplets_sha256(dataset)),
                 kernel_bank_sha256: bank_sha256(dataset).map(str::to_owned),
                 codes_sha256: dataset.config.is_none().then(|| codes_sha256(dataset)),
+                scenes_sha256: None,
                 tone_curve: dataset.formation.curve()?,
             },
             Self::OnTheFly(live, dataset) => DataIdentity {
-                images_sha256: Some(
-                    dataset.as_ref().map_or_else(|| names_sha256(&live.scenes), triplets_sha256),
-                ),
+                images_sha256: dataset.as_ref().map(triplets_sha256),
                 kernel_bank_sha256: Some(live.bank_sha256.clone()),
                 codes_sha256: None,
+                scenes_sha256: Some(contents_sha256(&live.scenes)?),
                 tone_curve: live.curve,
             },
         })
@@ -147,14 +148,11 @@ fn codes_sha256(dataset: &Dataset) -> String {
     hex(&hash.finalize())
 }
 
-/// SHA-256 of the names of images; their folder may move.
-fn names_sha256(images: &[PathBuf]) -> String {
-    let mut hash = Sha256::new();
-    for name in images.iter().filter_map(|path| path.file_name()) {
-        hash.update(name.as_encoded_bytes());
-        hash.update([0]);
-    }
-    hex(&hash.finalize())
+/// SHA-256 of the hashes of files in their order: they may move, and keep what they hold.
+fn contents_sha256(files: &[PathBuf]) -> CoreResult<String> {
+    let hashes: Vec<String> =
+        files.par_iter().map(|path| io::sha256_of_file(path)).collect::<CoreResult<_>>()?;
+    Ok(hex(&Sha256::digest(hashes.concat())))
 }
 
 impl OnTheFly {
