@@ -500,3 +500,49 @@ fn names_what_is_wrong_with_a_configuration() {
     let message = fail(folder, &["train", "--data", "dataset", "-o", "run"], 2);
     assert!(message.contains("CONFIG"), "{message}");
 }
+
+/// Learning rates that no network survives: of 10³⁰ the first step, and of 10⁵ the first weights' output.
+#[test]
+fn a_training_that_diverges_says_what_is_kept_and_keeps_nothing_useless() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let train = ["train", "config.toml", "--data", "dataset", "-o", "run", "--overwrite"];
+    let diverge = |rate: &str, more: &[&str]| {
+        let rate = format!("optimizer.learning-rate={rate}");
+        let said = fail(folder, &[&train[..], &["--set", &rate], more].concat(), 1);
+        assert!(said.contains("diverged") || said.contains("overflowed"), "{said}");
+        assert!(said.contains("a smaller optimizer.learning-rate"), "{said}");
+        assert!(!said.contains("the image holds"), "{said}");
+        let has_model = folder.join("run/model.safetensors").exists();
+        assert_eq!(has_model, folder.join("run/checkpoints").is_dir(), "{said}");
+        assert_eq!(said.contains("no checkpoint yet, begin it again"), !has_model, "{said}");
+        said
+    };
+    let often = ["--set", "checkpoint.every=1"];
+    assert!(diverge("1e30", &often).contains("iteration 1,"));
+    assert!(diverge("1e30", &["--set", "validation.every=1"]).contains("no checkpoint yet"));
+    // With the weights of a run to begin with, these are kept.
+    self::train(folder, "good", &["--set", "iterations=2"]);
+    let said = diverge("1e30", &["--init", "good/model.safetensors"]);
+    assert!(said.contains("--init run/checkpoints/0/model.safetensors"), "{said}");
+}
+
+#[test]
+fn a_model_that_has_diverged_is_blamed_and_not_the_capture() {
+    use udc::network::weights;
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    train(folder, "run", &["--set", "iterations=1"]);
+    let path = folder.join("run/model.safetensors");
+    let mut model = weights::read(&path).unwrap();
+    model.parameters.iter_mut().for_each(|p| p.values.fill(1e30));
+    weights::write(&path, &model, true).unwrap();
+    let model = ["--model", "run/model.safetensors"];
+    let restore = ["restore", "dataset/degraded/k01/scene3.npy", "--bank", "dataset/kernels.safetensors"];
+    let said = fail(folder, &[&restore[..], &model, &["--kernel", "0", "-o", "out.npy"]].concat(), 1);
+    assert!(said.contains("the network's output holds") && said.contains("weights have diverged"), "{said}");
+    let said = fail(folder, &[&["eval", "dataset", "-o", "report"][..], &model].concat(), 1);
+    assert!(said.contains("weights have diverged"), "{said}");
+}
