@@ -43,6 +43,9 @@ pub struct Job<'a> {
     pub validation: Option<&'a dyn TrainingData>,
     /// The configuration's `validation.metrics`, ready to measure.
     pub measures: &'a [Measure],
+    /// Whether the data say themselves how they were formed: the configuration's `data.formation` is then not used, nor
+    /// recorded.
+    pub data_say_formation: bool,
     /// What tells the data from others; it goes into models and states.
     pub identity: DataIdentity,
     /// Where to compute.
@@ -166,7 +169,7 @@ impl Job<'_> {
             // A run that is killed before its first checkpoint must not be resumed from random weights.
             checkpoints.await_first()?;
         }
-        let text = self.config.to_toml();
+        let text = self.recorded();
         io::write_atomically(&folder.join(CONFIG_FILE), true, |out| out.write_all(text.as_bytes()))?;
         let log = open_log(&folder.join(LOG_FILE), trainer.iteration())?;
         let events = EventLog::open(folder, trainer.iteration())?;
@@ -225,10 +228,31 @@ impl Job<'_> {
         }
     }
 
+    /// The configuration as TOML, without what it did not decide.
+    fn recorded(&self) -> String {
+        let text = self.config.to_toml();
+        if !self.data_say_formation {
+            return text;
+        }
+        let mut is_used = true;
+        let used = |line: &&str| {
+            if line.starts_with('[') {
+                is_used = !line.starts_with("[data.formation");
+            }
+            is_used
+        };
+        text.lines().filter(used).map(|line| format!("{line}\n")).collect()
+    }
+
     /// What a model file says of its training; nothing that another process on another day would say
     /// differently with the same instruction set.
     fn describe(&self, iteration: u64, instruction_sets: &InstructionSets) -> Value {
-        let config = serde_json::to_value(self.config).expect("configurations are plain data");
+        let mut config = serde_json::to_value(self.config).expect("configurations are plain data");
+        if self.data_say_formation
+            && let Some(data) = config["data"].as_object_mut()
+        {
+            data.remove("formation");
+        }
         json!({
             "program": concat!("udc ", env!("CARGO_PKG_VERSION")), "iteration": iteration, "config": config,
             "tone-curve": self.identity.tone_curve, "instruction-sets": instruction_sets.to_string(),

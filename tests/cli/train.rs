@@ -351,6 +351,11 @@ fn degrades_on_the_fly_from_a_dataset_or_from_views_and_a_bank() {
     let views = ["train", "config.toml", "--data", "dataset/gt", "-o", "of-views"];
     let bank = ["--bank", "dataset/kernels.safetensors"];
     succeed(folder, &[&views[..], &bank, &live].concat());
+    // What was not used is not written down.
+    let recorded = |run: &str| fs::read_to_string(folder.join(run).join("config.toml")).unwrap();
+    assert!(recorded("of-views").contains("[data.formation]"));
+    assert!(!recorded("of-dataset").contains("formation") && !recorded("of-dataset").contains("x-max"));
+    succeed(folder, &["train", "--data", "dataset", "-o", "of-dataset", "--resume"]);
     let message = fail(folder, &[&views[..], &bank].concat(), 1);
     assert!(message.contains("data.degradation"), "{message}");
     let message = fail(folder, &views, 1);
@@ -534,14 +539,14 @@ fn a_model_that_has_diverged_is_blamed_and_not_the_capture() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     prepare(folder);
-    train(folder, "run", &["--set", "iterations=1"]);
+    train(folder, "run", &["--set", "iterations=1", "--set", "architecture.condition=image"]);
     let path = folder.join("run/model.safetensors");
     let mut model = weights::read(&path).unwrap();
     model.parameters.iter_mut().for_each(|p| p.values.fill(1e30));
     weights::write(&path, &model, true).unwrap();
     let model = ["--model", "run/model.safetensors"];
-    let restore = ["restore", "dataset/degraded/k01/scene3.npy", "--bank", "dataset/kernels.safetensors"];
-    let said = fail(folder, &[&restore[..], &model, &["--kernel", "0", "-o", "out.npy"]].concat(), 1);
+    let restore = ["restore", "dataset/degraded/k01/scene3.npy", "--domain", "linear", "-o", "out.exr"];
+    let said = fail(folder, &[&restore[..], &model].concat(), 1);
     assert!(said.contains("the network's output holds") && said.contains("weights have diverged"), "{said}");
     let said = fail(folder, &[&["eval", "dataset", "-o", "report"][..], &model].concat(), 1);
     assert!(said.contains("weights have diverged"), "{said}");

@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 use udc::core::dataset::{CONFIG_FILE, Dataset, FormationConfig, Split};
 use udc::core::error::{Error, Result as CoreResult};
 use udc::core::fft::{Convolver, Otf};
-use udc::core::image::LinearImage;
+use udc::core::image::{Linear, LinearImage};
 use udc::core::io;
 use udc::core::kernel_code::KernelBank;
 use udc::core::provenance::Provenance;
@@ -76,6 +76,7 @@ impl Source {
     /// What is wrong between the data and how they are degraded, and need not be.
     pub(super) fn warnings(&self, config: &TrainConfig) -> Vec<String> {
         let formation = self.dataset().map_or(&config.data.formation, |dataset| &dataset.formation);
+        let x_max = self.dataset().is_none().then_some("data.formation.x-max");
         let lost_margin = match self {
             Self::OnTheFly(_, Some(_)) if formation.margin > 0 => Some(
                 "stored ground truths lack the margin that the dataset's scenes had: what is degraded on the fly lacks the \
@@ -85,7 +86,7 @@ impl Source {
             ),
             _ => None,
         };
-        formation.scale_warning().into_iter().chain(lost_margin).collect()
+        formation.scale_warning(x_max).into_iter().chain(lost_margin).collect()
     }
 
     /// The dataset, unless a folder of clean images was named.
@@ -163,6 +164,11 @@ impl OnTheFly {
         let declared: Vec<_> = scenes.iter().map(PathBuf::as_path).zip(margins).collect();
         let formation = config.data.formation.clone();
         common_margin(&declared, Some(formation.margin)).context("checking data.formation.margin")?;
+        for scene in &scenes {
+            let size = io::read_image_size::<Linear>(scene, None)?;
+            let of_scene = || format!("checking data.formation.margin with {}", scene.display());
+            formation.frame_size(size).with_context(of_scene)?;
+        }
         Self::new((scenes, false), (io::read_bank(bank)?, io::bank_sha256(bank)?), formation, config)
     }
 
