@@ -100,7 +100,7 @@ impl SynthArgs {
             format_bytes(needs.disk_bytes),
             format_bytes(needs.memory.bytes)
         ));
-        if let Some(warning) = formation.scale_warning() {
+        if let Some(warning) = formation.scale_warning(Some("--x-max")) {
             session.warn(warning);
         }
         self.warn_of_one_source(session, &synthesis);

@@ -93,6 +93,7 @@ impl TrainArgs {
                 data,
                 validation,
                 measures: &measures,
+                data_say_formation: source.dataset().is_some(),
                 identity,
                 backend: self.backend,
                 progress: &session.progress,

@@ -50,6 +50,9 @@ pub enum Error {
     /// The request is understood and cannot be served.
     #[error("{0}")]
     Unsupported(String),
+    /// A training, or a network that it left, computes numbers that are not finite or out of all bounds.
+    #[error("{0}")]
+    Diverged(String),
     /// The user asked the program to stop.
     #[error("interrupted; finished files were kept, unfinished ones removed")]
     Interrupted,

@@ -101,7 +101,7 @@ impl Model {
     ///
     /// # Errors
     /// [`Error::Config`] when the network needs a code and there is none; [`Error::Shape`] when the code has
-    /// another length.
+    /// another length; [`Error::Diverged`] when what the network computes is not finite.
     pub fn restore(&self, image: &ToneMappedImage, code: Option<&KernelCode>) -> Result<ToneMappedImage> {
         self.restore_in(image, code.map(map_of_code), u64::MAX, &Progress::default())
     }
@@ -132,7 +132,13 @@ impl Model {
         progress: &Progress,
     ) -> Result<ToneMappedImage> {
         let map = if self.architecture().condition.uses_code() { Some(self.check_map(map)?) } else { None };
-        ToneMappedImage::from_planes(self.inference().restore(image, map, room, progress)?)
+        let planes = self.inference().restore(image, map, room, progress)?;
+        if let Some(value) = planes.iter().find(|value| !value.is_finite()) {
+            return Err(Error::Diverged(format!(
+                "the network's output holds {value}: its weights have diverged; use a model of an earlier iteration"
+            )));
+        }
+        ToneMappedImage::from_planes(planes)
     }
 
     /// Estimates the bytes of working memory that restoring an image of these sides takes at least, whatever the number

@@ -88,6 +88,11 @@ impl Checkpoints {
         Ok(self.iterations()?.is_empty() && self.draft(0).is_dir())
     }
 
+    /// The model of a checkpoint.
+    pub(super) fn model(&self, iteration: u64) -> PathBuf {
+        self.folder.join(iteration.to_string()).join(MODEL_FILE)
+    }
+
     /// Where a checkpoint is written before it is complete.
     fn draft(&self, iteration: u64) -> PathBuf {
         self.folder.join(format!("{iteration}{DRAFT}"))

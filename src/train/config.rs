@@ -4,9 +4,9 @@ mod settings;
 
 use serde::{Deserialize, Serialize};
 
-use self::settings::{apply, in_plain_words, keys};
+use self::settings::{in_plain_words, keys, put};
 use crate::core::config::parse_toml;
-use crate::core::dataset::{FormationConfig, KernelChoice};
+use crate::core::dataset::{FormationConfig, KernelChoice, NoiseConfig};
 use crate::core::error::{Error, Result};
 use crate::core::metrics::{Metric, MetricDefinition};
 use crate::network::{Architecture, Initialisation};
@@ -283,17 +283,22 @@ impl TrainConfig {
     /// # Errors
     /// [`Error::Config`] with the line and column of a mistake in `text`; naming the key of a setting that
     /// is unknown, with the nearest ones, or of a value that is out of range.
+    ///
+    /// The noise of a sensor says where it saturates, which is x-max where nothing else is said.
     pub fn from_toml(text: &str, settings: &[String]) -> Result<Self> {
         // Once without the settings, so that mistakes of the file are reported at their line.
         let broken = |reason: String| Error::config("configuration", in_plain_words(&reason));
         let mut config: Self = parse_toml(text).map_err(broken)?;
         let mut table: toml::Table = parse_toml(text).map_err(broken)?;
-        for setting in settings {
-            apply(&mut table, setting)?;
-            // One after the other, so that the one that is wrong is named.
-            config = table.clone().try_into().map_err(|error: toml::de::Error| {
-                Error::config(format!("--set {setting}"), in_plain_words(error.message()))
-            })?;
+        if !settings.is_empty() {
+            config = put(&mut table, settings)?;
+        }
+        let formation = &mut config.data.formation;
+        let says_x_max = |table: &toml::Table| table.get("data")?.get("formation")?.get("x-max").map(|_| ());
+        if let NoiseConfig::Sensor(sensor) = &formation.noise
+            && says_x_max(&table).is_none()
+        {
+            formation.x_max = sensor.x_max();
         }
         config.validate()?;
         Ok(config)
@@ -429,6 +434,39 @@ mod tests {
         let config = TrainConfig::from_toml(text, &settings.map(String::from)).unwrap();
         assert_eq!((config.data.crop, config.data.batch), (64, 4));
         assert!((config.optimizer.beta2 - 0.99).abs() < 1e-12);
+    }
+
+    #[test]
+    fn settings_that_belong_together_are_checked_together() {
+        let formation = |text: &str, settings: &[&str]| {
+            let settings: Vec<String> = settings.iter().map(ToString::to_string).collect();
+            TrainConfig::from_toml(text, &settings).unwrap().data.formation
+        };
+        let (kind, sigma) = ("data.formation.noise.kind=gaussian", "data.formation.noise.sigma=0.01");
+        let gaussian = NoiseConfig::Gaussian { sigma: 0.01 };
+        assert_eq!(formation("", &[kind, sigma]).noise, gaussian);
+        assert_eq!(formation("", &[sigma, kind]).noise, gaussian);
+        let sensor = "[data.formation.noise]\nkind = \"sensor\"\n";
+        let table = "data.formation.noise={kind = \"gaussian\", sigma = 0.01}";
+        assert_eq!(formation(sensor, &[table]).noise, gaussian);
+        let message = message("", &["iterations=2", kind]);
+        assert!(message.starts_with(&format!("--set {kind}: ")) && message.contains("sigma"), "{message}");
+        let message = self::message("", &["data.formation.noise=gaussian"]);
+        assert!(message.contains("is a section") && message.contains("data.formation.noise.kind"), "{message}");
+    }
+
+    #[test]
+    fn a_sensor_says_where_images_saturate_unless_the_user_does() {
+        let x_max = |settings: &[&str]| {
+            let settings: Vec<String> = settings.iter().map(ToString::to_string).collect();
+            TrainConfig::from_toml("", &settings).unwrap().data.formation.x_max
+        };
+        let sensor = "data.formation.noise.kind=sensor";
+        let near = |found: f32, expected: f32| assert!((found - expected).abs() < 1e-3, "{found}");
+        near(x_max(&[]), 500.0);
+        near(x_max(&[sensor]), 16.0);
+        near(x_max(&[sensor, "data.formation.noise.white-irradiance=2"]), 32.0);
+        near(x_max(&[sensor, "data.formation.x-max=400"]), 400.0);
     }
 
     #[test]

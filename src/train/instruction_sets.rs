@@ -22,11 +22,9 @@ impl InstructionSets {
         Self(text.split(SEPARATOR).map(str::to_owned).collect())
     }
 
-    /// Goes on with this process's set after those of a state, and warns when it is another than the last; states of older
-    /// versions kept none.
-    pub(super) fn after(kept: Option<&Self>, warn: &dyn Fn(&str)) -> Self {
-        let Some(kept) = kept else { return Self::current() };
-        kept.followed_by(Isa::current().name(), |was, is| {
+    /// Goes on with this process's set, and warns when it is another than the last.
+    pub(super) fn followed(&self, warn: &dyn Fn(&str)) -> Self {
+        self.followed_by(Isa::current().name(), |was, is| {
             let back = if Isa::named(was).is_some() {
                 format!("; stop and resume with UDC_SIMD={was} in the environment to keep them the same")
             } else {
@@ -78,10 +76,8 @@ mod tests {
     }
 
     #[test]
-    fn states_that_kept_no_set_are_gone_on_with_in_silence() {
-        let warn = |text: &str| panic!("{text}");
-        assert_eq!(InstructionSets::after(None, &warn), InstructionSets::current());
+    fn the_same_set_is_gone_on_with_in_silence() {
         let current = InstructionSets::current();
-        assert_eq!(InstructionSets::after(Some(&current), &warn), current);
+        assert_eq!(current.followed(&|text| panic!("{text}")), current);
     }
 }

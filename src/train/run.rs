@@ -16,7 +16,7 @@ use super::data::TrainingData;
 use super::identity::DataIdentity;
 use super::instruction_sets::InstructionSets;
 use super::tensorboard::{self, EventLog};
-use super::trainer::{Step, Trainer};
+use super::trainer::{ADVICE, Step, Trainer};
 use super::validation::{Validation, ValidationScore, Validator};
 use crate::core::error::{Error, Result};
 use crate::core::io::{self, LineLog};
@@ -43,6 +43,9 @@ pub struct Job<'a> {
     pub validation: Option<&'a dyn TrainingData>,
     /// The configuration's `validation.metrics`, ready to measure.
     pub measures: &'a [Measure],
+    /// Whether the data say themselves how they were formed: the configuration's `data.formation` is then not used, nor
+    /// recorded.
+    pub data_say_formation: bool,
     /// What tells the data from others; it goes into models and states.
     pub identity: DataIdentity,
     /// Where to compute.
@@ -114,8 +117,11 @@ impl Job<'_> {
             _ => None,
         };
         let mut run = self.open(folder, start, validator)?;
-        let interrupted = run.advance(self)?;
-        run.save_checkpoint(self)?;
+        let interrupted = run.advance(self).and_then(|interrupted| {
+            run.save_checkpoint(self)?;
+            Ok(interrupted)
+        });
+        let interrupted = interrupted.map_err(|error| run.point_back(error))?;
         Ok(Outcome {
             iteration: run.trainer.iteration(),
             interrupted,
@@ -138,8 +144,10 @@ impl Job<'_> {
             Start::Resume => (None, self.latest(folder, &checkpoints)?),
         };
         let begins_with_weights = initial.is_some();
-        let kept = checkpoint.as_ref().and_then(|checkpoint| checkpoint.instruction_sets.as_ref());
-        let instruction_sets = InstructionSets::after(kept, self.warn);
+        // What kept the weights that a run began with had computed nothing yet.
+        let has_steps = |checkpoint: &&Checkpoint| checkpoint.state.iteration > 0;
+        let kept = checkpoint.as_ref().filter(has_steps).and_then(|checkpoint| checkpoint.instruction_sets.clone());
+        let instruction_sets = kept.unwrap_or_else(InstructionSets::current);
         let (trainer, best) = match checkpoint {
             Some(Checkpoint { state, best, .. }) => {
                 (Trainer::from_state(self.config, state, self.data.len(), self.backend)?, best)
@@ -161,7 +169,7 @@ impl Job<'_> {
             // A run that is killed before its first checkpoint must not be resumed from random weights.
             checkpoints.await_first()?;
         }
-        let text = self.config.to_toml();
+        let text = self.recorded();
         io::write_atomically(&folder.join(CONFIG_FILE), true, |out| out.write_all(text.as_bytes()))?;
         let log = open_log(&folder.join(LOG_FILE), trainer.iteration())?;
         let events = EventLog::open(folder, trainer.iteration())?;
@@ -220,10 +228,31 @@ impl Job<'_> {
         }
     }
 
+    /// The configuration as TOML, without what it did not decide.
+    fn recorded(&self) -> String {
+        let text = self.config.to_toml();
+        if !self.data_say_formation {
+            return text;
+        }
+        let mut is_used = true;
+        let used = |line: &&str| {
+            if line.starts_with('[') {
+                is_used = !line.starts_with("[data.formation");
+            }
+            is_used
+        };
+        text.lines().filter(used).map(|line| format!("{line}\n")).collect()
+    }
+
     /// What a model file says of its training; nothing that another process on another day would say
     /// differently with the same instruction set.
     fn describe(&self, iteration: u64, instruction_sets: &InstructionSets) -> Value {
-        let config = serde_json::to_value(self.config).expect("configurations are plain data");
+        let mut config = serde_json::to_value(self.config).expect("configurations are plain data");
+        if self.data_say_formation
+            && let Some(data) = config["data"].as_object_mut()
+        {
+            data.remove("formation");
+        }
         json!({
             "program": concat!("udc ", env!("CARGO_PKG_VERSION")), "iteration": iteration, "config": config,
             "tone-curve": self.identity.tone_curve, "instruction-sets": instruction_sets.to_string(),
@@ -303,6 +332,10 @@ impl Run {
             if job.progress.check().is_err() {
                 return Ok(true);
             }
+            if self.last_step.is_none() {
+                // Only now: a run that has ended keeps its model's arithmetic, whoever looks at it.
+                self.instruction_sets = self.instruction_sets.followed(job.warn);
+            }
             let step = self.trainer.step(job.data)?;
             let is_due = |every: u64| every > 0 && step.iteration.is_multiple_of(every);
             if is_due(config.log_every) {
@@ -336,7 +369,12 @@ impl Run {
         let weights = self.weights(job);
         let iteration = self.trainer.iteration();
         let previews = self.folder.join(PREVIEWS).join(iteration.to_string());
-        let validation = validator.run(&weights, iteration, &previews)?;
+        let validation = validator.run(&weights, iteration, &previews).map_err(|error| match error {
+            Error::Diverged(what) => Error::Diverged(format!(
+                "the training diverged: at the validation after iteration {iteration}, {what}; {ADVICE}"
+            )),
+            error => error,
+        })?;
         let metric = job.config.validation.best;
         if let Some(value) = validation.restored(metric)
             && self.best.is_none_or(|best| metric.is_better(value, best.value))
@@ -352,8 +390,23 @@ impl Run {
         Ok(())
     }
 
-    /// Writes a checkpoint and, once it is complete, the run's model.
+    /// Adds to what a training ended by which checkpoint there is to go back to.
+    fn point_back(&self, error: Error) -> Error {
+        let Error::Diverged(what) = error else { return error };
+        let last = self.checkpoints.iterations().unwrap_or_default().last().map(|&last| self.checkpoints.model(last));
+        Error::Diverged(match last {
+            Some(model) => format!(
+                "{what}; the run's last checkpoint is kept, a new run can begin with --init {}, or with that of an earlier \
+                 one",
+                model.display()
+            ),
+            None => format!("{what}; the run has no checkpoint yet, begin it again with --overwrite"),
+        })
+    }
+
+    /// Writes a checkpoint and, once it is complete, the run's model; neither of weights that compute nothing finite.
     fn save_checkpoint(&self, job: &Job<'_>) -> Result<()> {
+        self.trainer.check()?;
         self.log.sync()?;
         let weights = self.weights(job);
         let (state, data) = (self.trainer.state.clone(), job.identity.parts());

@@ -36,6 +36,8 @@ pub struct Trainer {
     device: Device,
     sampler: Sampler,
     loss: Loss,
+    /// The samples that the last step drew last.
+    recent: Vec<Patch>,
     pub(super) state: State,
 }
 
@@ -87,7 +89,7 @@ impl Trainer {
         keep_freed_memory();
         let sampler = Sampler::new(config.seed, items, config.data.shuffle);
         let loss = Loss::new(&config.loss)?;
-        Ok(Self { config: config.clone(), device: backend.device().autodiff(), sampler, loss, state })
+        Ok(Self { config: config.clone(), device: backend.device().autodiff(), sampler, loss, recent: Vec::new(), state })
     }
 
     /// Number of steps done.
@@ -103,8 +105,9 @@ impl Trainer {
     /// Draws samples, computes gradients and changes the weights.
     ///
     /// # Errors
-    /// Those of the data; [`Error::Unsupported`] when loss, gradients or what would become of weights and moments are
-    /// not finite, or when a weight has no gradient, which all leave weights and moments as they were.
+    /// Those of the data; [`Error::Diverged`] when loss, gradients or what would become of weights and moments are
+    /// not finite, or a weight would be larger than any that computes something; [`Error::Unsupported`] when a weight
+    /// has no gradient. All leave weights and moments as they were.
     pub fn step(&mut self, data: &dyn TrainingData) -> Result<Step> {
         // On a thread of the pool, which begins each operation at once instead of waking another.
         rayon::scope(|_| self.step_here(data))
@@ -112,20 +115,20 @@ impl Trainer {
 
     fn step_here(&mut self, data: &dyn TrainingData) -> Result<Step> {
         let config = self.config.clone();
-        let state = &self.state;
-        let rate = learning_rate(&config.optimizer, &config.schedule, state.iteration);
-        let network = Network::new(&config.architecture, &state.parameters, &self.device);
+        let rate = learning_rate(&config.optimizer, &config.schedule, self.state.iteration);
+        let network = Network::new(&config.architecture, &self.state.parameters, &self.device);
         let (mut total, mut gradients) = (0.0, Gradients::new());
         for part in 0..config.data.accumulate {
             let patches = self.draw(data, part)?;
             let (loss, part) = self.differentiate(&network, &patches)?;
             total += loss / config.data.accumulate as f64;
+            self.recent = patches;
             accumulate(&mut gradients, part, config.data.accumulate);
         }
         let iteration = self.state.iteration + 1;
         let gradient_norm = global_norm(&gradients);
         if !(total.is_finite() && gradient_norm.is_finite()) {
-            return Err(diverged(iteration, total));
+            return Err(diverged(iteration, "at", total));
         }
         if config.optimizer.clip_norm > 0.0 {
             clip(&mut gradients, gradient_norm, config.optimizer.clip_norm);
@@ -142,6 +145,30 @@ impl Trainer {
         }
         self.state = next;
         Ok(Step { iteration, loss: total, learning_rate: rate, gradient_norm })
+    }
+
+    /// Checks that the weights compute something: the loss of the samples that were drawn last, by the weights that the
+    /// last step left and by their running mean.
+    ///
+    /// # Errors
+    /// [`Error::Diverged`] when it is not finite.
+    pub(super) fn check(&self) -> Result<()> {
+        rayon::scope(|_| self.check_here())
+    }
+
+    fn check_here(&self) -> Result<()> {
+        if self.recent.is_empty() {
+            return Ok(());
+        }
+        for parameters in [&self.state.parameters].into_iter().chain(&self.state.average) {
+            let network = Network::new(&self.config.architecture, parameters, &self.device);
+            let batch = Batch::new(&network, &self.recent, &self.device)?;
+            let (loss, _) = self.loss.of(network.forward(batch.degraded, batch.codes), batch.ground_truth)?;
+            if !loss.is_finite() {
+                return Err(diverged(self.state.iteration, "with the weights after", loss));
+            }
+        }
+        Ok(())
     }
 
     /// Draws the samples of one batch; `part` counts the batches of a step.
@@ -169,23 +196,27 @@ impl Trainer {
 }
 
 impl State {
-    /// The first array that holds a number that is not finite: what it is, and of which weights.
+    /// The first array that holds a number that is not finite, or a weight beyond [`LARGEST_WEIGHT`]: what it is, and of
+    /// which weights.
     fn first_overflow(&self) -> Option<(&'static str, &str)> {
         let Moments { first, second } = &self.moments;
-        let is_finite = |values: &[f32]| values.par_iter().all(|value| value.is_finite());
-        let arrays =
-            self.parameters.iter().zip(first).zip(second).flat_map(|((parameter, first), second)| {
+        let arrays = self
+            .parameters.iter().zip(first).zip(second).flat_map(|((parameter, first), second)| {
                 let name = parameter.name.as_str();
-                let values: [(_, &[f32]); 3] = [
-                    ("mean squared gradient", second),
-                    ("mean gradient", first),
-                    ("value", &parameter.values),
+                let values: [(_, &[f32], f32); 3] = [
+                    ("mean squared gradient", second, f32::MAX),
+                    ("mean gradient", first, f32::MAX),
+                    ("value", &parameter.values, LARGEST_WEIGHT),
                 ];
-                values.map(|(what, values)| (what, name, values))
+                values.map(|(what, values, limit)| (what, name, values, limit))
             });
         let averages = self.average.iter().flat_map(|average| average.iter());
-        let averages = averages.map(|mean| ("running mean", mean.name.as_str(), &mean.values[..]));
-        arrays.chain(averages).find(|(.., values)| !is_finite(values)).map(|(what, name, _)| (what, name))
+        let averages =
+            averages.map(|mean| ("running mean", mean.name.as_str(), &mean.values[..], LARGEST_WEIGHT));
+        // No number that is not one is at most anything.
+        let fits = |values: &[f32], limit: f32| values.par_iter().all(|value| value.abs() <= limit);
+        let mut arrays = arrays.chain(averages);
+        arrays.find(|(.., values, limit)| !fits(values, *limit)).map(|(what, name, ..)| (what, name))
     }
 }
 
@@ -204,21 +235,22 @@ fn complete(found: Vec<Option<Vec<f32>>>, parameters: &Parameters) -> Result<Gra
     )))
 }
 
+/// Weights lie around 1 or below; what computes with one of this size is no restoration.
+const LARGEST_WEIGHT: f32 = 1e6;
+
 fn overflowed(iteration: u64, what: &str, name: &str, gradient_norm: f64) -> Error {
-    Error::Unsupported(format!(
-        "the training overflowed: the {what} of {name} is no longer finite at iteration {iteration}, with gradients of \
-         norm {gradient_norm:.3e}; the state before it is kept. {ADVICE}"
+    Error::Diverged(format!(
+        "the training overflowed: the {what} of {name} is no longer finite, or beyond {LARGEST_WEIGHT:e}, at iteration \
+         {iteration}, with gradients of norm {gradient_norm:.3e}; {ADVICE}"
     ))
 }
 
 /// What to do when a training cannot go on.
-const ADVICE: &str = "Resume the last checkpoint's weights in a new run (--init) with a smaller \
-                      optimizer.learning-rate, or with optimizer.clip-norm set";
+pub(super) const ADVICE: &str =
+    "take a smaller optimizer.learning-rate, or set optimizer.clip-norm";
 
-fn diverged(iteration: u64, loss: f64) -> Error {
-    Error::Unsupported(format!(
-        "the training diverged: loss {loss} at iteration {iteration}; the state before it is kept. {ADVICE}"
-    ))
+fn diverged(iteration: u64, when: &str, loss: f64) -> Error {
+    Error::Diverged(format!("the training diverged: loss {loss} {when} iteration {iteration}; {ADVICE}"))
 }
 
 /// Adds the `count`-th part of gradients to those of earlier batches.

@@ -62,6 +62,13 @@ fn a_training_that_goes_on_with_other_instructions_warns_that_its_bits_differ() 
     let described = succeed(folder, &["info", "run/model.safetensors"]);
     assert!(described.contains("portable instructions"), "{described}");
 
+    // A run that has ended computes nothing more.
+    let model = || std::fs::read(folder.join("run/model.safetensors")).unwrap();
+    let ended = model();
+    let idle = train(best, &["--resume", "--set", "iterations=4"]);
+    assert!(!idle.contains("instructions"), "{idle}");
+    assert!(model() == ended, "a run that has ended has another model");
+
     let same = train("portable", &["--resume", "--set", "iterations=6"]);
     assert!(!same.contains("bits will differ"), "{same}");
     let other = train(best, &["--resume", "--set", "iterations=8"]);

@@ -204,6 +204,13 @@ fn training_on_the_fly_learns_from_the_middle_of_views_with_a_margin() {
     let views = [&train[..], &["scenes", "--bank", "bank.safetensors", "-o", "run"]].concat();
     let said = fail(folder, &views, 1);
     assert!(said.contains("data.formation.margin") && said.contains("margin of 8"), "{said}");
+    // Found before anything is written; the scene without what it says of its margin.
+    fs::create_dir(folder.join("plain")).unwrap();
+    write_scene(folder, "plain/view", 30, None);
+    let plain = [&train[..], &["plain", "--bank", "bank.safetensors", "-o", "none"]].concat();
+    let said = fail(folder, &[&plain[..], &["--set", "data.formation.margin=30"]].concat(), 1);
+    assert!(said.contains("more than twice the margin of 30 pixels"), "{said}");
+    assert!(said.contains("view") && !folder.join("none").exists(), "{said}");
     let margin = ["--set", "data.formation.margin=8"];
     succeed(folder, &[&views[..], &margin].concat());
     // A crop that fits the scene and not the frame.

@@ -351,10 +351,41 @@ fn degrades_on_the_fly_from_a_dataset_or_from_views_and_a_bank() {
     let views = ["train", "config.toml", "--data", "dataset/gt", "-o", "of-views"];
     let bank = ["--bank", "dataset/kernels.safetensors"];
     succeed(folder, &[&views[..], &bank, &live].concat());
+    // What was not used is not written down.
+    let recorded = |run: &str| fs::read_to_string(folder.join(run).join("config.toml")).unwrap();
+    assert!(recorded("of-views").contains("[data.formation]"));
+    assert!(!recorded("of-dataset").contains("formation") && !recorded("of-dataset").contains("x-max"));
+    succeed(folder, &["train", "--data", "dataset", "-o", "of-dataset", "--resume"]);
     let message = fail(folder, &[&views[..], &bank].concat(), 1);
     assert!(message.contains("data.degradation"), "{message}");
     let message = fail(folder, &views, 1);
     assert!(message.contains("is no dataset"), "{message}");
+}
+
+/// Another picture under the same name, of the same size and age.
+#[test]
+fn a_training_on_the_fly_does_not_go_on_with_other_scenes_of_the_same_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let live = ["--set", "data.degradation=on-the-fly", "--set"];
+    let views = ["--bank", "dataset/kernels.safetensors", "--data", "dataset/gt"];
+    for (run, data) in [("of-views", &views[..]), ("of-dataset", &["--data", "dataset"])] {
+        let train = [&["train", "config.toml", "-o", run][..], data, &live].concat();
+        succeed(folder, &[&train[..], &["iterations=2"]].concat());
+        let resume = [&train[..], &["iterations=3", "--resume"]].concat();
+        let path = folder.join("dataset/gt/scene0.npy");
+        let (kept, age) = (fs::read(&path).unwrap(), path.metadata().unwrap().modified().unwrap());
+        let options = io::WriteOptions { overwrite: true, ..Default::default() };
+        let other = LinearImage::from_planes(Array3::from_elem((3, 26, 30), 0.4)).unwrap();
+        io::write_image(&path, &other, &options).unwrap();
+        fs::File::options().write(true).open(&path).unwrap().set_modified(age).unwrap();
+        let said = fail(folder, &resume, 1);
+        assert!(said.contains("other data than the run learned from: scenes-sha256"), "{said}");
+        // The scenes themselves, wherever they lie and however old.
+        fs::write(&path, kept).unwrap();
+        succeed(folder, &resume);
+    }
 }
 
 #[test]
@@ -491,4 +522,50 @@ fn info_describes_a_checkpoint_of_a_run() {
         serde_json::from_str(&succeed(folder, &["info", "--json", "run/checkpoints/2"])).unwrap();
     assert_eq!((&object["kind"], &object["model"]["kind"]), (&"checkpoint".into(), &"model".into()));
     assert_eq!(object["iteration"], 2);
+}
+
+/// Learning rates that no network survives: of 10³⁰ the first step, and of 10⁵ the first weights' output.
+#[test]
+fn a_training_that_diverges_says_what_is_kept_and_keeps_nothing_useless() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let train = ["train", "config.toml", "--data", "dataset", "-o", "run", "--overwrite"];
+    let diverge = |rate: &str, more: &[&str]| {
+        let rate = format!("optimizer.learning-rate={rate}");
+        let said = fail(folder, &[&train[..], &["--set", &rate], more].concat(), 1);
+        assert!(said.contains("diverged") || said.contains("overflowed"), "{said}");
+        assert!(said.contains("a smaller optimizer.learning-rate"), "{said}");
+        assert!(!said.contains("the image holds"), "{said}");
+        let has_model = folder.join("run/model.safetensors").exists();
+        assert_eq!(has_model, folder.join("run/checkpoints").is_dir(), "{said}");
+        assert_eq!(said.contains("no checkpoint yet, begin it again"), !has_model, "{said}");
+        said
+    };
+    let often = ["--set", "checkpoint.every=1"];
+    assert!(diverge("1e30", &often).contains("iteration 1,"));
+    assert!(diverge("1e30", &["--set", "validation.every=1"]).contains("no checkpoint yet"));
+    // With the weights of a run to begin with, these are kept.
+    self::train(folder, "good", &["--set", "iterations=2"]);
+    let said = diverge("1e30", &["--init", "good/model.safetensors"]);
+    assert!(said.contains("--init run/checkpoints/0/model.safetensors"), "{said}");
+}
+
+#[test]
+fn a_model_that_has_diverged_is_blamed_and_not_the_capture() {
+    use udc::network::weights;
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    train(folder, "run", &["--set", "iterations=1", "--set", "architecture.condition=image"]);
+    let path = folder.join("run/model.safetensors");
+    let mut model = weights::read(&path).unwrap();
+    model.parameters.iter_mut().for_each(|p| p.values.fill(1e30));
+    weights::write(&path, &model, true).unwrap();
+    let model = ["--model", "run/model.safetensors"];
+    let restore = ["restore", "dataset/degraded/k01/scene3.npy", "--domain", "linear", "-o", "out.exr"];
+    let said = fail(folder, &[&restore[..], &model].concat(), 1);
+    assert!(said.contains("the network's output holds") && said.contains("weights have diverged"), "{said}");
+    let said = fail(folder, &[&["eval", "dataset", "-o", "report"][..], &model].concat(), 1);
+    assert!(said.contains("weights have diverged"), "{said}");
 }

@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use rand::Rng as _;
+use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 use udc::core::dataset::{CONFIG_FILE, Dataset, FormationConfig, Split};
 use udc::core::error::{Error, Result as CoreResult};
 use udc::core::fft::{Convolver, Otf};
-use udc::core::image::LinearImage;
+use udc::core::image::{Linear, LinearImage};
 use udc::core::io;
 use udc::core::kernel_code::KernelBank;
 use udc::core::provenance::Provenance;
@@ -75,6 +76,7 @@ impl Source {
     /// What is wrong between the data and how they are degraded, and need not be.
     pub(super) fn warnings(&self, config: &TrainConfig) -> Vec<String> {
         let formation = self.dataset().map_or(&config.data.formation, |dataset| &dataset.formation);
+        let x_max = self.dataset().is_none().then_some("data.formation.x-max");
         let lost_margin = match self {
             Self::OnTheFly(_, Some(_)) if formation.margin > 0 => Some(
                 "stored ground truths lack the margin that the dataset's scenes had: what is degraded on the fly lacks the \
@@ -84,7 +86,7 @@ impl Source {
             ),
             _ => None,
         };
-        formation.scale_warning().into_iter().chain(lost_margin).collect()
+        formation.scale_warning(x_max).into_iter().chain(lost_margin).collect()
     }
 
     /// The dataset, unless a folder of clean images was named.
@@ -110,14 +112,14 @@ impl Source {
                 images_sha256: Some(triplets_sha256(dataset)),
                 kernel_bank_sha256: bank_sha256(dataset).map(str::to_owned),
                 codes_sha256: dataset.config.is_none().then(|| codes_sha256(dataset)),
+                scenes_sha256: None,
                 tone_curve: dataset.formation.curve()?,
             },
             Self::OnTheFly(live, dataset) => DataIdentity {
-                images_sha256: Some(
-                    dataset.as_ref().map_or_else(|| names_sha256(&live.scenes), triplets_sha256),
-                ),
+                images_sha256: dataset.as_ref().map(triplets_sha256),
                 kernel_bank_sha256: Some(live.bank_sha256.clone()),
                 codes_sha256: None,
+                scenes_sha256: Some(contents_sha256(&live.scenes)?),
                 tone_curve: live.curve,
             },
         })
@@ -147,14 +149,11 @@ fn codes_sha256(dataset: &Dataset) -> String {
     hex(&hash.finalize())
 }
 
-/// SHA-256 of the names of images; their folder may move.
-fn names_sha256(images: &[PathBuf]) -> String {
-    let mut hash = Sha256::new();
-    for name in images.iter().filter_map(|path| path.file_name()) {
-        hash.update(name.as_encoded_bytes());
-        hash.update([0]);
-    }
-    hex(&hash.finalize())
+/// SHA-256 of the hashes of files in their order: they may move, and keep what they hold.
+fn contents_sha256(files: &[PathBuf]) -> CoreResult<String> {
+    let hashes: Vec<String> =
+        files.par_iter().map(|path| io::sha256_of_file(path)).collect::<CoreResult<_>>()?;
+    Ok(hex(&Sha256::digest(hashes.concat())))
 }
 
 impl OnTheFly {
@@ -165,6 +164,11 @@ impl OnTheFly {
         let declared: Vec<_> = scenes.iter().map(PathBuf::as_path).zip(margins).collect();
         let formation = config.data.formation.clone();
         common_margin(&declared, Some(formation.margin)).context("checking data.formation.margin")?;
+        for scene in &scenes {
+            let size = io::read_image_size::<Linear>(scene, None)?;
+            let of_scene = || format!("checking data.formation.margin with {}", scene.display());
+            formation.frame_size(size).with_context(of_scene)?;
+        }
         Self::new((scenes, false), (io::read_bank(bank)?, io::bank_sha256(bank)?), formation, config)
     }
 

@@ -129,23 +129,34 @@ impl FormationConfig {
         Self { margin: 0, boundary, ..self.clone() }
     }
 
-    /// What is wrong between the clipping and the noise's sensor, where they saturate at different irradiance.
+    /// What is wrong between the clipping and the noise's sensor, where they saturate at different irradiance; `x_max` is
+    /// what the user calls the former, nothing where a dataset says it.
     ///
     /// Either is right by itself; together they clip what the sensor records, or never reach x_max.
-    pub fn scale_warning(&self) -> Option<String> {
+    pub fn scale_warning(&self, x_max: Option<&str>) -> Option<String> {
         /// A converter that ends a little before or behind the full well is no other scale.
         const TOLERANCE: f64 = 1.1;
         let NoiseConfig::Sensor(sensor) = &self.noise else { return None };
-        let (saturation, x_max) = (sensor.saturation(), f64::from(self.x_max));
-        let consequence = match saturation / x_max {
-            ratio if ratio > TOLERANCE => "what it records above x-max is clipped",
-            ratio if ratio < 1.0 / TOLERANCE => "nothing above that is ever recorded",
+        let (saturation, highest, clipping) =
+            (sensor.saturation(), sensor.highest(), f64::from(self.x_max));
+        let consequence = match saturation / clipping {
+            ratio if ratio > TOLERANCE => "what it records above x-max is clipped".to_owned(),
+            ratio if ratio < 1.0 / TOLERANCE && highest > saturation => format!(
+                "nothing above that is ever recorded in the most sensitive channel, nor above {highest:.4} in the least"
+            ),
+            ratio if ratio < 1.0 / TOLERANCE => "nothing above that is ever recorded".to_owned(),
             _ => return None,
         };
+        let white = sensor.white_irradiance() * clipping / saturation;
+        let advice = match x_max {
+            Some(key) => format!(
+                "leave {key} out to take it from the sensor, or let the sensor have white-irradiance = {white:.4}"
+            ),
+            None => "to change it, make the dataset anew, without --x-max".to_owned(),
+        };
         Some(format!(
-            "x-max is {x_max}, and the sensor's shortest exposure saturates at an irradiance of {saturation:.4}: \
-             {consequence}; leave --x-max out to take it from the sensor, or set white-irradiance = {:.4} in its file",
-            sensor.white_irradiance() * x_max / saturation
+            "x-max is {clipping}, and the sensor's shortest exposure saturates at an irradiance of {saturation:.4}: \
+             {consequence}; {advice}"
         ))
     }
 }
@@ -212,14 +223,22 @@ mod tests {
             let noise = NoiseConfig::Sensor(SensorConfig::default());
             FormationConfig { x_max, noise, ..FormationConfig::default() }
         };
-        assert_eq!(config(16.0).scale_warning(), None);
-        let message = config(500.0).scale_warning().unwrap();
+        assert_eq!(config(16.0).scale_warning(Some("--x-max")), None);
+        let message = config(500.0).scale_warning(Some("--x-max")).unwrap();
         assert!(
-            message.contains("nothing above") && message.contains("white-irradiance = 31.25"),
+            message.contains("is ever recorded; leave --x-max out")
+                && message.contains("white-irradiance = 31.25"),
             "{message}"
         );
-        assert!(config(4.0).scale_warning().unwrap().contains("is clipped"));
-        assert_eq!(FormationConfig::default().scale_warning(), None);
+        let mut uneven = config(500.0);
+        let channel_gains = [0.7, 1.0, 0.8];
+        uneven.noise = NoiseConfig::Sensor(SensorConfig { channel_gains, ..SensorConfig::default() });
+        let message = uneven.scale_warning(Some("data.formation.x-max")).unwrap();
+        assert!(message.contains("most sensitive channel, nor above 22.8571 in the least"), "{message}");
+        assert!(message.contains("leave data.formation.x-max out"), "{message}");
+        assert!(!config(500.0).scale_warning(None).unwrap().contains("leave"));
+        assert!(config(4.0).scale_warning(None).unwrap().contains("is clipped"));
+        assert_eq!(FormationConfig::default().scale_warning(None), None);
     }
 
     #[test]

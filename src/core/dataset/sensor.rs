@@ -160,6 +160,13 @@ impl SensorConfig {
         self.white_of(self.exposures.last())
     }
 
+    /// The irradiance at which the least sensitive channel is full in the shortest exposure: nothing above is recorded.
+    pub fn highest(&self) -> f64 {
+        let largest = self.channel_gains.iter().copied().fold(0.0, f64::max);
+        let smallest = self.channel_gains.iter().copied().fold(f64::INFINITY, f64::min);
+        self.saturation() * largest / smallest
+    }
+
     /// [`saturation`](Self::saturation) as the x_max of an image formation.
     #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
     pub fn x_max(&self) -> f32 {

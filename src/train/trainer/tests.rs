@@ -322,6 +322,7 @@ fn a_training_that_overflows_leaves_its_last_checkpoint_as_it_was() {
             config: &config,
             data: &data,
             validation: None,
+            data_say_formation: false,
             measures: &[],
             identity,
             backend: Backend::default(),
