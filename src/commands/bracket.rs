@@ -1,5 +1,8 @@
 //! The flags that say how raw pictures are read, shared by `udc fuse` and `udc restore`.
 
+mod levels;
+mod shots;
+
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
@@ -10,16 +13,19 @@ use serde_json::{Value, json};
 use udc::core::bayer::BayerPattern;
 use udc::core::error::Error;
 use udc::core::io::{DomainTag, Encoding, Pixels, RawMetadata, expand_inputs, inspect_image, inspect_mosaic};
-use udc::psf::{Bracket, FuseConfig, Fused, MergeRule, Uneven, relative_times, show_time};
+use udc::psf::{Bracket, FuseConfig, Fused, MergeRule, SAME_TIME, Uneven, relative_times, show_time};
 
 use super::{Session, text_of};
+pub(crate) use levels::much_is_saturated;
+use levels::{check_floats, check_reachable};
+use shots::{Shot, exposures, gains_of_daylight, without_dark};
 
 #[derive(Args, Debug)]
 pub(crate) struct BracketArgs {
     /// Exposure times of a bracket, in the order of the files; only their ratios count [default: those in the files,
     /// else in `udc fuse` 1,1/4,1/16, with --psf 1,1/32,1/768]
     ///
-    /// Files of one time are averaged: 1,1,1,1/4,1/4,1/4. Seconds do as well as shares: 1/60,1/240,1/960 is the same bracket as 1,1/4,1/16. Irradiance 1 is white of the
+    /// Files of one time, within 1 %, are averaged: 1,1,1,1/4,1/4,1/4. Seconds do as well as shares: 1/60,1/240,1/960 is the same bracket as 1,1/4,1/16. Irradiance 1 is white of the
     /// longest exposure.
     #[arg(long, value_name = "T,T,…", value_delimiter = ',', value_parser = parse_fraction)]
     pub(crate) exposures: Option<Vec<f64>>,
@@ -39,7 +45,7 @@ pub(crate) struct BracketArgs {
     /// Greens on the wrong diagonal are noticed; red and blue exchanged look like another scene.
     #[arg(long, value_enum, value_name = "PATTERN")]
     pub(crate) bayer: Option<Bayer>,
-    /// Gains of red, green and blue [default: what a DNG says, else 1,1,1]
+    /// Gains of red, green and blue [default: what a DNG says, else those of its camera's daylight, else 1,1,1]
     #[arg(long, value_name = "R,G,B", value_delimiter = ',', value_parser = parse_fraction)]
     white_balance: Option<Vec<f64>>,
     /// Take the longest unsaturated exposure, or the mean of all weighted by time [default: longest]
@@ -86,16 +92,31 @@ pub(crate) struct Pictures {
     pub(crate) config: FuseConfig,
     /// What the first file says, where it is a camera's raw one.
     pub(crate) raw: Option<RawMetadata>,
+    /// What each picture tells of its exposure.
+    shots: Vec<Shot>,
     /// Pictures without light, where there are any.
     darks: Vec<Array3<f32>>,
     /// Their exposures in the unit of `times`, where all files tell theirs.
     dark_times: Option<Vec<f64>>,
+    dark_shots: Vec<Shot>,
     /// Whether files of dark frames tell times that contradict each other.
     darks_differ: bool,
 }
 
-/// Dark frames whose times differ by more, as a share, have collected another darkness.
-const DARK_TIMES_DIFFER: f64 = 0.01;
+impl Pictures {
+    /// The exposures of the files, none where no file tells its time.
+    ///
+    /// # Errors
+    /// When some files tell it and some do not.
+    pub(crate) fn told_times(&self) -> Result<Option<&[f64]>> {
+        if self.times.is_none() && self.shots.iter().any(|shot| shot.seconds.is_some()) {
+            bail!(
+                "not every picture says its exposure time: add --exposures T,T,… in the order of the files"
+            );
+        }
+        Ok(self.times.as_deref())
+    }
+}
 
 /// Reads `0.5`, `1/32`, `16383/65535`.
 pub(crate) fn parse_fraction(text: &str) -> std::result::Result<f64, String> {
@@ -163,7 +184,7 @@ impl BracketArgs {
         let dark_files = self.dark.as_deref().map_or(Ok(Vec::new()), expand_inputs)?;
         let mut raw: Option<RawMetadata> = None;
         let mut largest = None;
-        let (mut planes, mut times, mut isos) = (Vec::with_capacity(files.len()), Vec::new(), Vec::new());
+        let (mut planes, mut shots) = (Vec::with_capacity(files.len()), Vec::new());
         for (index, file) in files.iter().chain(&dark_files).enumerate() {
             session.progress.check()?;
             let (pixels, encoding) = self.read_picture(file, told, session)?;
@@ -179,18 +200,21 @@ impl BracketArgs {
                 );
             }
             planes.push(pixels.planes);
-            times.push(pixels.exposure_s);
-            isos.push(pixels.iso);
+            shots.push(Shot { seconds: pixels.exposure_s, iso: pixels.iso });
         }
-        if let (true, Some(Some(largest))) = (self.in_integers(raw.as_ref()), largest) {
+        let largest = largest.flatten();
+        for (flag, level) in [("--white", self.white), ("--black", self.black)] {
+            level.map_or(Ok(()), |level| check_reachable(flag, level, largest))?;
+        }
+        if let (true, Some(largest)) = (self.in_integers(raw.as_ref()), largest) {
             (config.white, config.black) = (config.white / largest, config.black / largest);
         }
         if let Some(raw) = &raw {
             config.white = self.white.map_or(raw.white, |_| config.white);
             config.black = self.black.map_or(raw.black, |_| config.black);
             config.bayer = config.bayer.or(raw.bayer);
-            if let (None, Some(gains)) = (&self.white_balance, raw.white_balance) {
-                config.white_balance = gains;
+            if self.white_balance.is_none() {
+                config.white_balance = gains_of(&files[0], raw, session).unwrap_or(config.white_balance);
             }
         }
         if self.white.is_none() && config.black >= config.white {
@@ -199,13 +223,20 @@ impl BracketArgs {
         }
         let darks = planes.split_off(files.len());
         let count = files.len();
-        let told: Vec<f64> = times[count..].iter().copied().flatten().collect();
-        let darks_differ = told.iter().any(|time| (time / told[0] - 1.0).abs() > DARK_TIMES_DIFFER);
-        let (times, dark_times) = match exposures(&times, &isos) {
+        if raw.is_none() && largest.is_none() {
+            if let Some(warning) = check_floats(&planes, self.white)? {
+                session.warn(format_args!("{}: {warning}", names_of(files)));
+            }
+        }
+        let times = exposures(&shots);
+        let dark_shots = shots.split_off(count);
+        let told: Vec<f64> = dark_shots.iter().filter_map(|shot| shot.seconds).collect();
+        let darks_differ = told.iter().any(|time| (time / told[0] - 1.0).abs() > SAME_TIME);
+        let (times, dark_times) = match times {
             Some(mut all) => (Some(all.drain(..count).collect()), Some(all)),
-            None => (exposures(&times[..count], &isos[..count]), None),
+            None => (exposures(&shots), None),
         };
-        Ok(Pictures { planes, times, config, raw, darks, dark_times, darks_differ })
+        Ok(Pictures { planes, times, config, raw, shots, darks, dark_times, dark_shots, darks_differ })
     }
 
     /// Puts pictures, their times and the dark frames together.
@@ -222,6 +253,12 @@ impl BracketArgs {
                 "the dark frames have different exposure times, and it is not known which pictures they belong to: give \
                  both --exposures and --dark-exposures, or dark frames of one time"
             );
+        }
+        if let (None, Some(dark_times)) = (&self.dark_exposures, &dark_times) {
+            let shots = [&pictures.shots[..], &pictures.dark_shots];
+            if let Some(reason) = without_dark([times, dark_times], &bracket.times(), shots) {
+                bail!("{reason}");
+            }
         }
         Ok(bracket.with_darks(std::mem::take(&mut pictures.darks), dark_times.as_deref())?)
     }
@@ -297,13 +334,12 @@ impl BracketArgs {
     }
 }
 
-/// What brightness grows with: the times, multiplied by the sensitivities where every file says its own.
-fn exposures(times: &[Option<f64>], isos: &[Option<f64>]) -> Option<Vec<f64>> {
-    let times: Option<Vec<f64>> = times.iter().copied().collect();
-    let isos: Option<Vec<f64>> = isos.iter().copied().collect();
-    Some(match isos {
-        Some(isos) => times?.iter().zip(isos).map(|(time, iso)| time * iso).collect(),
-        None => times?,
+/// The gains of a raw file, or those of daylight, as the user is told.
+fn gains_of(file: &Path, raw: &RawMetadata, session: &Session) -> Option<[f64; 3]> {
+    raw.white_balance.or_else(|| {
+        let (gains, warning) = gains_of_daylight(file, raw);
+        session.warn(warning);
+        gains
     })
 }
 

@@ -10,7 +10,7 @@ use ndarray::{Array2, Array3};
 use serde_json::json;
 
 use super::Session;
-use super::bracket::{BracketArgs, names_of};
+use super::bracket::{BracketArgs, Pictures, names_of};
 use super::capture::{info_of, note_what_is_lost, uncorrected};
 use super::domain::SceneDomainArgs;
 use super::psf::check_float_output;
@@ -74,8 +74,7 @@ impl FuseArgs {
         measure.as_ref().map_or(Ok(()), MeasureConfig::check)?;
 
         let mut pictures = self.bracket.read(&files, self.scene.told(), session).with_context(doing)?;
-        let given = self.bracket.exposures.clone().or_else(|| pictures.times.clone());
-        let times = given.map_or_else(|| self.default_times(files.len()), Ok).with_context(doing)?;
+        let times = self.times(&pictures).with_context(doing)?;
         let mask = self.mask.as_deref().map(read_mask).transpose()?;
         let mut bracket = self.bracket.join(&mut pictures, &times).with_context(doing)?;
         if let Some(mask) = &mask {
@@ -116,6 +115,17 @@ impl FuseArgs {
         let summary = Summary { output: &self.output, fused: &fused, measured: measured.as_ref() };
         summary.warnings().into_iter().for_each(|warning| session.warn(warning));
         session.say(if self.json { summary.json().to_string() } else { summary.text() })
+    }
+
+    /// The exposures of the flag, else of the files, else those that are published.
+    fn times(&self, pictures: &Pictures) -> Result<Vec<f64>> {
+        if let Some(times) = &self.bracket.exposures {
+            return Ok(times.clone());
+        }
+        match pictures.told_times()? {
+            Some(times) => Ok(times.to_vec()),
+            None => self.default_times(pictures.planes.len()),
+        }
     }
 
     /// The published exposures; a picture alone is the longest exposure.

@@ -4,7 +4,7 @@ use ndarray::{Array2, Array3};
 
 use super::darks::DarkFrames;
 
-use super::exposure_times::relative_times;
+use super::exposure_times::{self, SAME_TIME, relative_times};
 use crate::core::error::{Error, Result};
 
 /// Pictures of one scene, equal but for the exposure time.
@@ -30,8 +30,6 @@ pub(super) struct Exposure {
     pub(super) pictures: Vec<Array3<f32>>,
 }
 
-/// Times that differ by less, as a share, are one time: cameras round theirs, and lamps flicker more.
-const SAME_TIME: f64 = 1e-3;
 /// As many exposures as [`Fused::source`](super::Fused::source) can tell apart.
 const MOST_EXPOSURES: usize = 256;
 
@@ -39,14 +37,15 @@ impl Bracket {
     /// Puts pictures and exposure times together, in the same order.
     ///
     /// Only the ratios of the times matter, whatever their unit: the longest becomes 1, so that irradiance 1 is its white.
-    /// Pictures of one time, within a thousandth, are averaged.
+    /// Pictures of one time, within a hundredth ([`SAME_TIME`](super::SAME_TIME)), are averaged; the longest of their times
+    /// stands for them.
     ///
     /// # Shapes
     /// Each `[channels, height, width]` with 3 channels (RGB), 1 (a mosaic) or 4 (a packed mosaic).
     ///
     /// # Errors
     /// [`Error::Shape`] for pictures of different sizes or another number than there are times, or none;
-    /// [`Error::Config`] for times that are not positive, or more than 256 different ones.
+    /// [`Error::Config`] for times that are not positive, or further apart than 10⁹, or more than 256 different ones.
     pub fn new(pictures: Vec<Array3<f32>>, times: &[f64]) -> Result<Self> {
         check_times(times, pictures.len())?;
         check_pictures(&pictures)?;
@@ -129,12 +128,7 @@ fn check_times(times: &[f64], pictures: usize) -> Result<()> {
         let expected = format!("{} pictures, one for each exposure time", times.len());
         return Err(Error::shape("bracket", expected, format!("{pictures}")));
     }
-    for &time in times {
-        if !(time.is_finite() && time > 0.0) {
-            return Err(Error::config("exposures", format!("must be positive times, found {time}")));
-        }
-    }
-    Ok(())
+    exposure_times::check_times(times)
 }
 
 fn check_pictures(pictures: &[Array3<f32>]) -> Result<()> {

@@ -6,6 +6,7 @@ use ndarray::parallel::prelude::{
 use ndarray::{Array2, Array3, ArrayView2, Axis, Zip};
 
 use super::bracket::show_time;
+use super::exposure_times::SAME_TIME;
 use super::fuse::{BELOW_BLACK, FuseConfig, scaled_frames};
 use crate::core::error::{Error, Result};
 
@@ -29,8 +30,6 @@ struct Dark {
     hot: Array3<bool>,
 }
 
-/// Times that differ by less, as a share, are one time: what a sensor collects in the dark is not known better.
-const SAME_TIME: f64 = 0.01;
 /// A frame whose median lies above this share of white, or of which more than this share is saturated, has seen light.
 const BRIGHTEST_MEDIAN: f32 = 0.25;
 const MOST_SATURATED: f64 = 0.01;
@@ -101,9 +100,10 @@ impl Darks {
                 return Err(Error::config(
                     "dark",
                     format!(
-                        "no dark frame has the exposure time {} of the longest; take dark frames with each exposure \
-                         time of the pictures",
-                        show_time(*time)
+                        "no dark frame has the exposure time {} of the longest, they have {}; take dark frames with each \
+                         exposure time of the pictures",
+                        show_time(*time),
+                        own_times.iter().map(|time| show_time(*time)).collect::<Vec<_>>().join(", ")
                     ),
                 ));
             }

@@ -5,6 +5,33 @@ use ndarray::Array3;
 use super::bracket::show_time;
 use crate::core::error::{Error, Result};
 
+/// Times that differ by less, as a share, are one setting of the shutter: files round theirs (1/60 s is also 0.0167 s), the
+/// settings themselves lie a quarter apart, and what a sensor collects in the dark is not known better.
+pub const SAME_TIME: f64 = 0.01;
+
+/// The largest ratio of two times that is believed: a billion is 30 stops, from 1/8000 s to more than a day.
+const LARGEST_RATIO: f64 = 1e9;
+
+/// Refuses times that are not positive, or further apart than those of any bracket.
+pub(super) fn check_times(times: &[f64]) -> Result<()> {
+    for &time in times {
+        if !(time.is_finite() && time > 0.0) {
+            return Err(Error::config("exposures", format!("must be positive times, found {time}")));
+        }
+    }
+    let longest = times.iter().copied().fold(0.0, f64::max);
+    match times.iter().find(|time| longest / **time > LARGEST_RATIO) {
+        None => Ok(()),
+        Some(time) => {
+            let reason = format!(
+                "{longest:e} and {time:e} are further apart than the exposures of any bracket, a ratio of {LARGEST_RATIO:e}; \
+                 check the times, which all have one unit"
+            );
+            Err(Error::config("exposures", reason))
+        }
+    }
+}
+
 /// Ratios this close to a simple fraction are that fraction: four roundings of 64 bits, by which 1/60 and 1/240 may be
 /// off when they are written in seconds and divided.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;

@@ -23,8 +23,10 @@ const UNEVEN: f64 = 0.1;
 
 /// The exposures of a bracket, ready to be merged.
 pub(super) struct Frames {
-    /// One of each exposure time, longest first.
+    /// One of each exposure time, longest first; at least 1 where any of its pictures is saturated.
     pub(super) frames: Vec<Array3<f32>>,
+    /// The mean of the shortest exposure as it is where some of its pictures are saturated: at most as bright as the light.
+    pub(super) clipped: Option<Array3<f32>>,
     /// The exposure times.
     pub(super) times: Vec<f64>,
     /// The places of the pictures that were averaged, from 1.
@@ -43,10 +45,11 @@ impl Frames {
         let pictures = exposures.into_iter().flat_map(|exposure| exposure.pictures).collect();
         let mut pictures = scaled_frames(pictures, config)?;
         check_finite(&mut pictures, valid.as_ref(), &numbers.concat())?;
-        check_black(&pictures)?;
+        check_black(&pictures, config)?;
         let darks = darks.map(|darks| Darks::of(darks, &times, valid.as_ref(), config)).transpose()?;
         let mut pictures = pictures.into_iter();
         let (mut frames, mut uneven) = (Vec::with_capacity(times.len()), Vec::new());
+        let mut clipped = None;
         for (exposure, numbers) in numbers.iter().enumerate() {
             let mut group: Vec<Array3<f32>> = pictures.by_ref().take(numbers.len()).collect();
             if let Some(darks) = &darks {
@@ -56,9 +59,11 @@ impl Frames {
             let pairs = numbers[1..].iter().map(|&number| [numbers[0], number]);
             check_motion(&motions, pairs, config.max_motion_px)?;
             uneven.extend(unequal(&group, numbers, config.saturation));
-            frames.push(average(group, config.saturation));
+            let (frame, mean) = average(group, config.saturation);
+            frames.push(frame);
+            clipped = mean;
         }
-        Ok(Self { frames, times, numbers, valid, darks, uneven })
+        Ok(Self { frames, clipped, times, numbers, valid, darks, uneven })
     }
 
     /// The first picture of each exposure.
@@ -87,20 +92,22 @@ fn unequal(group: &[Array3<f32>], numbers: &[usize], saturation: f64) -> Vec<Une
     group.iter().zip(numbers).skip(1).filter_map(compare).collect()
 }
 
-/// The mean of pictures, of each pixel and channel over those that are not saturated there; where all are, over all.
-fn average(mut group: Vec<Array3<f32>>, saturation: f64) -> Array3<f32> {
+/// The mean of pictures, at least 1 where any of them is saturated; and the mean as it is, where there are several.
+///
+/// The mean of those that happen to be unsaturated would be one of low noise alone: too dark near white, and the more so the
+/// more pictures there are.
+fn average(mut group: Vec<Array3<f32>>, saturation: f64) -> (Array3<f32>, Option<Array3<f32>>) {
     if group.len() == 1 {
-        return group.remove(0);
+        return (group.remove(0), None);
     }
     let mut mean = Array3::<f32>::zeros(group[0].dim());
-    Zip::indexed(&mut mean).par_for_each(|place, mean| {
+    let mut frame = mean.clone();
+    Zip::indexed(&mut mean).and(&mut frame).par_for_each(|place, mean, value| {
         let values = || group.iter().map(|picture| f64::from(picture[place]));
-        let unsaturated = || values().filter(|value| *value < saturation);
-        let count = unsaturated().count();
-        let sum: f64 = if count > 0 { unsaturated().sum() } else { values().sum() };
         #[expect(clippy::cast_possible_truncation, reason = "a mean of 32-bit values")]
-        let value = (sum / if count > 0 { count } else { group.len() } as f64) as f32;
-        *mean = value;
+        let of_all = (values().sum::<f64>() / group.len() as f64) as f32;
+        *mean = of_all;
+        *value = if values().any(|value| value >= saturation) { of_all.max(1.0) } else { of_all };
     });
-    mean
+    (frame, Some(mean))
 }

@@ -145,7 +145,7 @@ impl Fused {
 /// # Equation
 /// With `v = (value − black) / (white − black)`, the irradiance of a pixel and channel is v/t of the longest
 /// exposure with v < 0.99, t being its time as a share of the longest. Where all are saturated the shortest is taken as it is, and
-/// counted. Pictures of one time are averaged first, over those that are not saturated. A dark frame is levelled like
+/// counted. Pictures of one time are averaged first; where any of them is saturated, the mean counts as saturated. A dark frame is levelled like
 /// its pictures and subtracted from them; v is compared with 0.99 before. Mosaics are merged before they are demosaiced, so that a saturated neighbour spoils nothing.
 ///
 /// # Errors
@@ -171,6 +171,9 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
     check_motion(&motion, numbers.windows(2).map(|pair| [pair[0], pair[1]]), config.max_motion_px)?;
 
     let (mut merged, source) = merge(&frames, &times, &exposures.counts(), config);
+    if let Some(clipped) = &exposures.clipped {
+        take_clipped(&mut merged, &source, [&frames[frames.len() - 1], clipped], &times, config.saturation);
+    }
     let is_good = |place| exposures.is_good(source[place], place);
     let shortest = frames.last().expect("a bracket has at least one exposure");
     let full = |channel: usize, plane: ArrayView2<'_, f32>| {
@@ -233,6 +236,22 @@ fn merge(
     (merged, source)
 }
 
+/// Where all exposures are saturated, takes the mean of the shortest one's pictures as it is.
+fn take_clipped(
+    merged: &mut Array3<f32>,
+    source: &Array3<u8>,
+    [shortest, clipped]: [&Array3<f32>; 2],
+    times: &[f64],
+    saturation: f64,
+) {
+    let last = times.len() - 1;
+    Zip::from(merged).and(source).and(shortest).and(clipped).par_for_each(|value, &source, &frame, &mean| {
+        if usize::from(source) == last && f64::from(frame) >= saturation {
+            *value = quotient(f64::from(mean), times[last]);
+        }
+    });
+}
+
 /// Applies the gains of the white balance to planes or to a mosaic.
 fn balance(merged: &mut Array3<f32>, config: &FuseConfig) {
     if config.white_balance.iter().all(|gain| (gain - 1.0).abs() < f64::EPSILON) {
@@ -293,14 +312,24 @@ pub(super) fn check_finite(
 /// Values below black by this share of the range are not noise: a sensor's read noise is a tenth of that.
 pub(super) const BELOW_BLACK: f32 = 0.01;
 
+/// What a value that sits at black may read below it, as a share of the range between black and white: what 32 bits round,
+/// and half a digital step of 16 bits, since black levels are often means and no integers.
+fn rounding_of_black(config: &FuseConfig) -> f32 {
+    const OF_FLOATS: f64 = 1.0 / 1_048_576.0;
+    const HALF_A_STEP: f64 = 0.5 / 65535.0;
+    #[expect(clippy::cast_possible_truncation, reason = "pictures are kept in 32 bit")]
+    let rounding = (OF_FLOATS + HALF_A_STEP / (config.white - config.black)) as f32;
+    rounding
+}
+
 /// Refuses a black level that an exposure mostly stays below, where noise alone puts half of it: three quarters of
-/// the longest, or half of any by more than noise.
-pub(super) fn check_black(frames: &[Array3<f32>]) -> Result<()> {
+/// the longest by more than rounding, or half of any by more than noise.
+pub(super) fn check_black(frames: &[Array3<f32>], config: &FuseConfig) -> Result<()> {
     let share_below = |frame: &Array3<f32>, level: f32| {
         frame.iter().filter(|v| **v < level).count() as f64 / frame.len() as f64
     };
     let darkest = frames.iter().map(|frame| share_below(frame, -BELOW_BLACK)).fold(0.0, f64::max);
-    let longest = share_below(&frames[0], 0.0);
+    let longest = share_below(&frames[0], -rounding_of_black(config));
     if longest > 0.75 || darkest > 0.5 {
         let percent = 100.0 * longest.max(darkest);
         return Err(Error::config(

@@ -30,7 +30,7 @@ pub use alignment::Motion;
 pub use background::Background;
 pub use bracket::{Bracket, show_time};
 pub use display::DisplayConfig;
-pub use exposure_times::relative_times;
+pub use exposure_times::{SAME_TIME, relative_times};
 pub use frames::Uneven;
 pub use fuse::{FuseConfig, Fused, MergeRule, fuse};
 pub use measure::{MeasureConfig, MeasuredPsf, Normalization, measure_psf};

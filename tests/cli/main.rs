@@ -29,6 +29,7 @@ mod perceptual_weights;
 mod photograph;
 mod psf_files;
 mod raw;
+mod raw_brackets;
 mod restore;
 mod resume;
 mod run_folder;

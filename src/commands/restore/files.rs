@@ -13,7 +13,7 @@ use udc::psf::fuse;
 
 use super::RestoreArgs;
 use crate::commands::Session;
-use crate::commands::bracket::{names_of, warnings_of};
+use crate::commands::bracket::{much_is_saturated, names_of, warnings_of};
 use crate::commands::capture::{info_of, uncorrected};
 use crate::commands::destination::{Destination, Unplaced, identity, without_repeats};
 use crate::commands::domain::DomainArg;
@@ -141,7 +141,7 @@ impl RestoreArgs {
         };
         let fused =
             session.timed(format_args!("fusing {}", job.name()), || fuse(bracket, &pictures.config))?;
-        for warning in warnings_of(&fused) {
+        for warning in much_is_saturated(&fused).into_iter().chain(warnings_of(&fused)) {
             session.warn(format_args!("{}: {warning}", job.name()));
         }
         let raw = pictures.raw.as_ref();

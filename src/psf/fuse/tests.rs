@@ -132,7 +132,7 @@ fn refuses_a_black_level_above_the_shorter_exposures() {
     let config = FuseConfig { black: 0.1, ..FuseConfig::default() };
     assert!(fuse(bracket(&scene), &config).unwrap_err().to_string().starts_with("black: lies above"));
     let noise = Array3::from_shape_fn((3, 20, 24), |(c, y, x)| 0.002 * ((c * 480 + y * 24 + x) as f32).sin());
-    assert!(check_black(&[noise.clone(), noise]).is_ok());
+    assert!(check_black(&[noise.clone(), noise], &config).is_ok());
 }
 
 #[test]
@@ -268,15 +268,121 @@ fn exposures_are_weighted_by_the_time_of_all_their_pictures() {
     assert_eq!(fused.averaged, [2, 8]);
 }
 
+/// The mean of those that are not would be of low noise alone. Without a shorter exposure, it is the mean of all.
 #[test]
-fn pictures_that_are_saturated_are_left_out_of_the_mean() {
-    let mut pictures = [0.6, 0.7, 0.8].map(|v| Array3::from_elem((3, 4, 4), v));
+fn where_one_picture_is_saturated_the_shorter_exposure_is_taken() {
+    let mut pictures = [0.6, 0.7, 0.8, 0.18].map(|v| Array3::from_elem((3, 4, 4), v));
     pictures[2][[1, 2, 2]] = 1.0;
-    pictures.iter_mut().for_each(|picture| picture[[0, 0, 0]] = 1.0);
-    let fused = fuse(Bracket::new(pictures.to_vec(), &[1.0; 3]).unwrap(), &FuseConfig::default()).unwrap();
-    let value = |place| fused.image.planes()[place];
-    assert!((value([2, 2, 2]) - 0.7).abs() < 1e-6 && (value([1, 2, 2]) - 0.65).abs() < 1e-6);
-    assert_eq!((value([0, 0, 0]), fused.saturated), (1.0, vec![1, 0, 0]));
+    pictures[..3].iter_mut().for_each(|picture| picture[[0, 0, 0]] = 1.0);
+    for merge in [MergeRule::Longest, MergeRule::Weighted] {
+        let config = FuseConfig { merge, ..FuseConfig::default() };
+        let fused = fuse(Bracket::new(pictures.to_vec(), &[1.0, 1.0, 1.0, 0.25]).unwrap(), &config).unwrap();
+        let value = |place| fused.image.planes()[place];
+        assert!((value([1, 2, 2]) - 0.72).abs() < 1e-6 && (value([0, 0, 0]) - 0.72).abs() < 1e-6);
+        assert_eq!(fused.saturated, [0, 0, 0]);
+        let alone = fuse(Bracket::new(pictures[..3].to_vec(), &[1.0; 3]).unwrap(), &config).unwrap();
+        let value = |place| alone.image.planes()[place];
+        assert!((value([2, 2, 2]) - 0.7).abs() < 1e-6);
+        assert!((value([1, 2, 2]) - 2.3 / 3.0).abs() < 1e-6 && (value([0, 0, 0]) - 1.0).abs() < 1e-6);
+        assert_eq!(alone.saturated, [1, 1, 0]);
+    }
+}
+
+/// Light of 0.9 to 1.05 of white, in rows of one value each, and pictures of it by a sensor with noise.
+fn near_white() -> Array3<f32> {
+    Array3::from_shape_fn((3, 31, 4096), |(_, y, _)| 0.9 + 0.005 * y as f32)
+}
+
+fn noisy(scene: &Array3<f32>, count: usize, deviation: f32) -> Vec<Array3<f32>> {
+    let picture = |k| {
+        let mut noise = noise(&format!("near white {k}"), deviation);
+        scene.mapv(|v| (v + noise()).min(1.0))
+    };
+    (0..count).map(picture).collect()
+}
+
+/// The quarter is free of noise, so that each value deviates by at most σ, and a row's mean by σ / √(3 · 4096); five of those for
+/// each of both biases.
+#[test]
+fn averaging_more_pictures_does_not_bias_light_near_white() {
+    const DEVIATION: f32 = 0.015;
+    let scene = near_white();
+    let worst_bias = |count: usize| {
+        let mut pictures = noisy(&scene, count, DEVIATION);
+        pictures.push(expose(&scene, 0.25));
+        let times = [&vec![1.0; count][..], &[0.25]].concat();
+        let fused = fuse(Bracket::new(pictures, &times).unwrap(), &FuseConfig::default()).unwrap();
+        let planes = fused.image.planes();
+        let bias_of = |y: usize| {
+            let mean = |planes: ndarray::ArrayView3<'_, f32>| {
+                let row = planes.index_axis(Axis(1), y);
+                row.iter().map(|v| f64::from(*v)).sum::<f64>() / row.len() as f64
+            };
+            (mean(planes) / mean(scene.view()) - 1.0).abs()
+        };
+        (0..31).map(bias_of).fold(0.0, f64::max)
+    };
+    let (one, eight) = (worst_bias(1), worst_bias(8));
+    let tolerance = 10.0 * f64::from(DEVIATION) / (3.0 * 4096.0_f64).sqrt();
+    assert!(eight <= one + tolerance, "{eight} with eight files, {one} with one");
+}
+
+/// As above, of the ratio of the two exposures, whose truth is 1/4.
+#[test]
+fn averaging_more_pictures_does_not_bias_the_exposures_found() {
+    let scene = near_white();
+    let error = |count: usize| {
+        let mut pictures = noisy(&scene, count, 0.015);
+        pictures.push(expose(&scene, 0.25));
+        let times = [&vec![1.0; count][..], &[0.25]].concat();
+        let config = FuseConfig { estimate_exposures: true, ..FuseConfig::default() };
+        let fused = fuse(Bracket::new(pictures, &times).unwrap(), &config).unwrap();
+        (fused.times[1] / 0.25 - 1.0).abs()
+    };
+    let (one, eight) = (error(1), error(8));
+    assert!(eight <= one && eight < 0.01, "{eight} with eight files, {one} with one");
+}
+
+/// A negative whose photosites sit at their level reads just below zero once 32 bits have rounded it, and half a step below where
+/// the level is a mean.
+#[test]
+fn a_night_at_its_black_level_is_no_wrong_black_level() {
+    let night = |offset: f64| {
+        let config = FuseConfig {
+            black: (512.0 + offset) / 65535.0,
+            white: 16383.0 / 65535.0,
+            ..FuseConfig::default()
+        };
+        let picture = Array3::from_elem((3, 20, 24), (512.0 / 65535.0) as f32);
+        fuse(Bracket::single(picture).unwrap(), &config).map(|fused| fused.image)
+    };
+    for offset in [0.0, 1e-4, 0.25, 0.5] {
+        assert!(night(offset).unwrap().planes().iter().all(|v| v.abs() < 1e-4), "{offset}");
+    }
+    assert!(night(1.0).unwrap_err().to_string().starts_with("black: lies above 100 %"));
+}
+
+/// 1/60 s and 0.0167 s are one setting of a shutter.
+#[test]
+fn times_that_files_round_are_one_time() {
+    let pictures = [0.4, 0.5, 0.1].map(|v| Array3::from_elem((3, 4, 4), v));
+    let times = [1.0 / 60.0, 0.0167, 1.0 / 240.0];
+    let fused = fuse(Bracket::new(pictures.to_vec(), &times).unwrap(), &FuseConfig::default()).unwrap();
+    assert_eq!(fused.averaged, [2, 1]);
+    assert!((fused.image.planes()[[0, 0, 0]] - 0.45).abs() < 1e-6);
+    // A third of a stop is another time.
+    let times = [1.0 / 60.0, 1.0 / 80.0, 1.0 / 240.0];
+    assert_eq!(Bracket::new(pictures.to_vec(), &times).unwrap().times().len(), 3);
+}
+
+#[test]
+fn times_further_apart_than_any_bracket_are_refused() {
+    let picture = || Array3::from_elem((3, 4, 4), 0.5);
+    for times in [&[1e308, 1.0, 1e-308][..], &[1.0, 1e-30]] {
+        let said = Bracket::new(vec![picture(); times.len()], times).unwrap_err().to_string();
+        assert!(said.starts_with("exposures") && said.contains("further apart"), "{said}");
+    }
+    assert!(Bracket::new(vec![picture(); 2], &[1.0, 1e-9]).is_ok());
 }
 
 #[test]

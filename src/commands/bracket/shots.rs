@@ -1,0 +1,88 @@
+//! What files tell of their exposures: times, sensitivities, the white of their light.
+
+use std::path::Path;
+
+use udc::core::io::RawMetadata;
+use udc::psf::SAME_TIME;
+
+/// The exposure of a file, as far as it tells.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Shot {
+    pub(super) seconds: Option<f64>,
+    pub(super) iso: Option<f64>,
+}
+
+/// Chromaticity (x, y) of daylight, D65 as sRGB has it.
+const DAYLIGHT: [f64; 2] = [0.3127, 0.3290];
+
+/// What brightness grows with: the times, multiplied by the sensitivities where every file says its own.
+pub(super) fn exposures(shots: &[Shot]) -> Option<Vec<f64>> {
+    let times: Option<Vec<f64>> = shots.iter().map(|shot| shot.seconds).collect();
+    let isos: Option<Vec<f64>> = shots.iter().map(|shot| shot.iso).collect();
+    Some(match isos {
+        Some(isos) => times?.iter().zip(isos).map(|(time, iso)| time * iso).collect(),
+        None => times?,
+    })
+}
+
+/// What to say of a picture that no dark frame was taken like, where there is one: `exposures` are those of the pictures and of the
+/// dark frames, `of_bracket` the different ones as shares of the longest.
+pub(super) fn without_dark(
+    exposures: [&[f64]; 2],
+    of_bracket: &[f64],
+    [shots, darks]: [&[Shot]; 2],
+) -> Option<String> {
+    let [times, dark_times] = exposures;
+    let longest = times.iter().copied().fold(0.0, f64::max);
+    let has_dark = |time: f64| dark_times.iter().any(|dark| (dark / longest / time - 1.0).abs() <= SAME_TIME);
+    let time = of_bracket.iter().copied().find(|time| !has_dark(*time))?;
+    let distance = |index: &usize| (times[*index] / longest / time - 1.0).abs();
+    let picture = (0..times.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+    let mut found: Vec<String> = darks.iter().map(Shot::show).collect();
+    found.sort();
+    found.dedup();
+    let wanted = shots[picture].show();
+    Some(format!(
+        "no dark frame fits picture {} of {wanted}: they have {}; take dark frames with the exposure time and ISO of each \
+         picture",
+        picture + 1,
+        found.join(", ")
+    ))
+}
+
+impl Shot {
+    fn show(&self) -> String {
+        let iso = self.iso.map_or(String::new(), |iso| format!(" at ISO {iso}"));
+        let seconds = match self.seconds {
+            None => return format!("an unknown time{iso}"),
+            Some(seconds) => seconds,
+        };
+        let inverse = 1.0 / seconds;
+        if seconds < 1.0 && (inverse - inverse.round()).abs() < SAME_TIME * inverse {
+            format!("1/{} s{iso}", inverse.round())
+        } else {
+            format!("{seconds} s{iso}")
+        }
+    }
+}
+
+/// The gains for a raw file that says nothing of its white, those of daylight where its colours tell them, and what the user is
+/// to be told.
+pub(super) fn gains_of_daylight(file: &Path, raw: &RawMetadata) -> (Option<[f64; 3]>, String) {
+    let file = file.display();
+    match raw.color.as_ref().and_then(|color| color.gains_of(DAYLIGHT)) {
+        Some(gains @ [red, green, blue]) => (
+            Some(gains),
+            format!(
+                "{file} says no white balance; taken as under daylight (D65), {red:.3},{green:.3},{blue:.3}: give \
+                 --white-balance R,G,B for another light"
+            ),
+        ),
+        None => (
+            None,
+            format!(
+                "{file} says no white balance; light stays in the camera's own colours: give --white-balance R,G,B"
+            ),
+        ),
+    }
+}
