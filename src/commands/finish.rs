@@ -87,7 +87,8 @@ pub(crate) struct FinishArgs {
     format: FormatArg,
     /// Keep the images that are there and go on with the others
     ///
-    /// An EXR says how it was made, and is refused if that was otherwise; other formats are kept as they are.
+    /// An EXR says how it was made, and is refused if that was otherwise or of files with other contents (SHA-256), wherever
+    /// they lie; other formats are kept as they are.
     #[arg(long)]
     resume: bool,
     /// Bits of PNG and TIFF [default: 8 for PNG, 16 for TIFF]
@@ -256,20 +257,25 @@ impl Stages for Finishing<'_> {
     }
 
     fn describe(&self, job: &Job) -> Value {
-        let text = |path: &Option<PathBuf>| path.as_deref().map(text_of);
         let mut finish = json!(self.config_of(job));
         if self.is_automatic(job) {
             finish["curve"] = json!("automatic");
         }
         json!({
-            "input": text_of(&job.input), "ccm": text(&job.ccm), "reference": text(&job.reference),
             "domain": self.args.domain.map(DomainArg::name), "tone": self.curve, "finish": finish,
             "orientation": self.args.orientation, "saturation": self.args.saturation,
             "baseline-exposure-ev": self.args.baseline_exposure,
         })
     }
 
+    fn identify(&self, job: &Job) -> Result<Value> {
+        let [input, ccm, reference] = job.sha256()?;
+        Ok(json!({ "input-sha256": input, "ccm-sha256": ccm, "reference-sha256": reference }))
+    }
+
     fn read(&self, job: &Job) -> Result<Self::Input> {
+        // Before the pixels, so that they are not older than it.
+        job.sha256()?;
         let read = || AnyImage::read(&job.input, self.args.domain, self.session);
         let (image, said) = self.session.timed(format_args!("reading {}", job.input.display()), read)?;
         let mut look = self.look(job, &said.unwrap_or_default())?;
@@ -309,6 +315,15 @@ impl Stages for Finishing<'_> {
 
     fn write(&self, job: &Job, Finished { planes, look, curve }: Finished) -> Result<()> {
         let mut described = self.describe(job);
+        // Where the files lay; what they are is told by their contents.
+        let text = |path: &Option<PathBuf>| path.as_deref().map(text_of);
+        described["input"] = json!(text_of(&job.input));
+        described["ccm"] = json!(text(&job.ccm));
+        described["reference"] = json!(text(&job.reference));
+        let [input, ccm, reference] = job.sha256()?;
+        described["input-sha256"] = json!(input);
+        described["ccm-sha256"] = json!(ccm);
+        described["reference-sha256"] = json!(reference);
         described["look"] = json!(look);
         described["curve"] = json!(curve);
         let pixels = Pixels {
