@@ -12,7 +12,9 @@ use serde_json::{Value, json};
 
 use udc::core::bayer::BayerPattern;
 use udc::core::error::Error;
-use udc::core::io::{DomainTag, Encoding, Pixels, RawMetadata, expand_inputs, inspect_image, inspect_mosaic};
+use udc::core::io::{
+    DomainTag, Encoding, Pixels, RawMetadata, expand_inputs, inspect_image, inspect_mosaic, sha256_of_file,
+};
 use udc::psf::{Bracket, FuseConfig, Fused, MergeRule, SAME_TIME, Uneven, relative_times, show_time};
 
 use super::{Session, text_of};
@@ -263,15 +265,28 @@ impl BracketArgs {
         Ok(bracket.with_darks(std::mem::take(&mut pictures.darks), dark_times.as_deref())?)
     }
 
-    /// What is to be written about dark frames in files that are made with them.
+    /// What the flags say of dark frames, their files aside.
     pub(crate) fn describe_darks(&self) -> Option<Value> {
-        let files = self.dark.as_ref()?;
+        self.dark.as_ref()?;
         let of_longest = |times: &Vec<f64>| {
             let pictures = self.exposures.as_deref().unwrap_or_default();
             relative_times(&[pictures, times].concat()).split_off(pictures.len())
         };
-        let files: Vec<String> = files.iter().map(|file| text_of(file)).collect();
-        Some(json!({"files": files, "exposures": self.dark_exposures.as_ref().map(of_longest)}))
+        Some(json!({"exposures": self.dark_exposures.as_ref().map(of_longest)}))
+    }
+
+    /// Where the dark frames lie, as the flags name them.
+    pub(crate) fn dark_files(&self) -> Option<Vec<String>> {
+        Some(self.dark.as_ref()?.iter().map(|file| text_of(file)).collect())
+    }
+
+    /// SHA-256 of the dark frames in their order, which are read for it; what is no file, such as a pipe, has none.
+    pub(crate) fn darks_sha256(&self) -> Result<Option<Vec<Option<String>>>> {
+        let Some(named) = &self.dark else { return Ok(None) };
+        let of_file = |file: &PathBuf| file.is_file().then(|| sha256_of_file(file)).transpose();
+        let found: Vec<Option<String>> =
+            expand_inputs(named)?.iter().map(of_file).collect::<std::result::Result<_, _>>()?;
+        Ok(Some(found))
     }
 
     fn read_picture(

@@ -64,6 +64,9 @@ pub(super) fn note_what_is_lost(path: &Path, info: &CaptureInfo, session: &Sessi
         let numbers: Vec<String> = matrix.iter().flatten().map(|value| format!("{value:.4}")).collect();
         flags.push(format!("--ccm with a file of `ccm: {}`", numbers.join(" ")));
     }
+    if let Some(stops) = info.baseline_exposure_ev.filter(|stops| *stops != 0.0) {
+        flags.push(format!("--baseline-exposure {stops}"));
+    }
     if !flags.is_empty() {
         session.note(format_args!(
             "{} cannot carry what is known of the capture: write .exr, or give `udc finish` {}",

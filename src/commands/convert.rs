@@ -7,8 +7,10 @@ use clap::Args;
 use serde_json::json;
 
 use super::Session;
+use super::capture::note_what_is_lost;
 use super::domain::DomainArg;
-use udc::core::io::{DomainTag, Format, PixelOptions, check_output, read_pixels, write_pixels};
+use udc::core::image::CHANNELS;
+use udc::core::io::{DomainTag, Format, PixelOptions, Pixels, check_output, read_pixels, write_pixels};
 use udc::core::provenance::Provenance;
 use udc::network::weights;
 
@@ -77,6 +79,7 @@ impl ConvertArgs {
         let options =
             PixelOptions { half: self.half, overwrite: session.overwrite, clip, ..PixelOptions::default() };
         write_pixels(&self.output, &pixels, options).with_context(doing)?;
+        self.note_what_is_lost(&pixels, session);
         if pixels.raw.is_some() {
             session.warn(format_args!(
                 "{output} holds the values of the raw file as they are stored, black level and mosaic included; \
@@ -90,6 +93,14 @@ impl ConvertArgs {
         }
         let (channels, height, width) = pixels.planes.dim();
         session.say(format_args!("{output}: {width} × {height}, {channels} channels"))
+    }
+
+    /// Says what the output cannot carry of the capture. Linear integers clip at 1 wherever they are read.
+    fn note_what_is_lost(&self, pixels: &Pixels, session: &Session) {
+        let Some(mut info) = pixels.capture.clone() else { return };
+        let is_implied = !self.writes_floats() && pixels.domain == Some(DomainTag::Linear);
+        info.saturation = info.saturation.filter(|levels| !(is_implied && *levels == [1.0; CHANNELS]));
+        note_what_is_lost(&self.output, &info, session);
     }
 
     /// Whether the output no longer shows that its values were integers, which are asked for their domain.

@@ -10,10 +10,10 @@ use clap::{Args, ValueEnum};
 use ndarray::Array3;
 use serde_json::{Value, json};
 
-use udc::core::capture::is_level;
+use udc::core::capture::{CaptureInfo, is_exposure, is_level};
 use udc::core::error::Error;
 use udc::core::image::CHANNELS;
-use udc::core::io::{DomainTag, Format, PixelOptions, Pixels, read_capture_info, read_pixels, write_pixels};
+use udc::core::io::{DomainTag, Format, PixelOptions, Pixels, read_pixels, write_pixels};
 use udc::core::orientation::Orientation;
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
@@ -76,6 +76,10 @@ pub(crate) struct FinishArgs {
     /// Light at which red, green and blue of the capture clip; what is clipped is made neutral [default: what the file says]
     #[arg(long, value_name = "R,G,B", value_delimiter = ',', num_args = 1, value_parser = parse_level)]
     saturation: Option<Vec<f32>>,
+    /// Stops by which the camera wants its captures brightened, which the automatic exposure respects [default: what the file
+    /// says, else 0]
+    #[arg(long, value_name = "EV", value_parser = parse_exposure, allow_negative_numbers = true)]
+    baseline_exposure: Option<f64>,
     #[command(flatten)]
     style: StyleArgs,
     /// Format of the files in an output folder
@@ -83,7 +87,8 @@ pub(crate) struct FinishArgs {
     format: FormatArg,
     /// Keep the images that are there and go on with the others
     ///
-    /// An EXR says how it was made, and is refused if that was otherwise; other formats are kept as they are.
+    /// An EXR says how it was made, and is refused if that was otherwise or of files with other contents (SHA-256), wherever
+    /// they lie; other formats are kept as they are.
     #[arg(long)]
     resume: bool,
     /// Bits of PNG and TIFF [default: 8 for PNG, 16 for TIFF]
@@ -118,9 +123,14 @@ fn parse_orientation(text: &str) -> Result<Orientation, String> {
     number.and_then(Orientation::from_exif).ok_or_else(|| "write a number from 1 to 8".to_owned())
 }
 
+fn parse_exposure(text: &str) -> Result<f64, String> {
+    let stops = text.trim().parse().ok().filter(|stops| is_exposure(*stops));
+    stops.ok_or_else(|| "write a number of stops from -10 to 10".to_owned())
+}
+
 fn parse_level(text: &str) -> Result<f32, String> {
     let level = text.trim().parse().ok().filter(|level| is_level(*level));
-    level.ok_or_else(|| "write three positive numbers, red, green and blue: 1.9,1,1.6".to_owned())
+    level.ok_or_else(|| "write three numbers from 1e-6 to 1e9, for red, green and blue: 1.9,1,1.6".to_owned())
 }
 
 impl FinishArgs {
@@ -129,6 +139,12 @@ impl FinishArgs {
             return Err(misuse(
                 "finish",
                 &format!("--saturation takes three levels, red, green and blue; found {count}"),
+            ));
+        }
+        if self.baseline_exposure.is_some() && (self.reference.is_some() || self.style.says_curve()) {
+            return Err(misuse(
+                "finish",
+                "--baseline-exposure belongs to the automatic exposure: leave out --reference and the flags of the curve",
             ));
         }
         let curve = ToneCurve::new(self.alpha, self.x_max)?;
@@ -182,14 +198,17 @@ impl Finishing<'_> {
         job.reference.is_none() && !self.args.style.says_curve()
     }
 
-    /// The look that the file of an image says, and the flags that override it.
-    fn look(&self, job: &Job) -> Result<Look> {
-        let said = read_capture_info(&job.input)?.unwrap_or_default();
+    /// The look that is said of the capture, and the flags that override it.
+    fn look(&self, job: &Job, said: &CaptureInfo) -> Result<Look> {
         let mut look = Look {
             ccm: said.color_matrix().filter(|_| !self.args.no_ccm).map(ColorMatrix::of),
             saturation: said.saturation,
             #[expect(clippy::cast_possible_truncation, reason = "a few stops")]
-            baseline_exposure_ev: said.baseline_exposure_ev.map(|stops| stops as f32),
+            baseline_exposure_ev: self
+                .args
+                .baseline_exposure
+                .or(said.baseline_exposure_ev)
+                .map(|stops| stops as f32),
             orientation: self.args.orientation.or(said.orientation).unwrap_or_default(),
             reference_means: None,
         };
@@ -238,22 +257,28 @@ impl Stages for Finishing<'_> {
     }
 
     fn describe(&self, job: &Job) -> Value {
-        let text = |path: &Option<PathBuf>| path.as_deref().map(text_of);
         let mut finish = json!(self.config_of(job));
         if self.is_automatic(job) {
             finish["curve"] = json!("automatic");
         }
         json!({
-            "input": text_of(&job.input), "ccm": text(&job.ccm), "reference": text(&job.reference),
             "domain": self.args.domain.map(DomainArg::name), "tone": self.curve, "finish": finish,
             "orientation": self.args.orientation, "saturation": self.args.saturation,
+            "baseline-exposure-ev": self.args.baseline_exposure,
         })
     }
 
+    fn identify(&self, job: &Job) -> Result<Value> {
+        let [input, ccm, reference] = job.sha256()?;
+        Ok(json!({ "input-sha256": input, "ccm-sha256": ccm, "reference-sha256": reference }))
+    }
+
     fn read(&self, job: &Job) -> Result<Self::Input> {
+        // Before the pixels, so that they are not older than it.
+        job.sha256()?;
         let read = || AnyImage::read(&job.input, self.args.domain, self.session);
-        let image = self.session.timed(format_args!("reading {}", job.input.display()), read)?;
-        let mut look = self.look(job)?;
+        let (image, said) = self.session.timed(format_args!("reading {}", job.input.display()), read)?;
+        let mut look = self.look(job, &said.unwrap_or_default())?;
         if let (Some(ccm), Some(path)) = (&look.ccm, &job.ccm)
             && ccm.looks_transposed()
         {
@@ -290,6 +315,15 @@ impl Stages for Finishing<'_> {
 
     fn write(&self, job: &Job, Finished { planes, look, curve }: Finished) -> Result<()> {
         let mut described = self.describe(job);
+        // Where the files lay; what they are is told by their contents.
+        let text = |path: &Option<PathBuf>| path.as_deref().map(text_of);
+        described["input"] = json!(text_of(&job.input));
+        described["ccm"] = json!(text(&job.ccm));
+        described["reference"] = json!(text(&job.reference));
+        let [input, ccm, reference] = job.sha256()?;
+        described["input-sha256"] = json!(input);
+        described["ccm-sha256"] = json!(ccm);
+        described["reference-sha256"] = json!(reference);
         described["look"] = json!(look);
         described["curve"] = json!(curve);
         let pixels = Pixels {

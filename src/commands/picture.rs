@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 
+use udc::core::capture::CaptureInfo;
 use udc::core::image::{Linear, LinearImage, ToneMapped, ToneMappedImage};
 use udc::core::io::{DomainTag, Format, Pixels, WriteOptions, image_of, read_pixels, write_image};
 use udc::core::tone::ToneCurve;
@@ -18,9 +19,13 @@ pub(crate) enum AnyImage {
 }
 
 impl AnyImage {
-    /// Reads an image as `domain`, or as what the file says, or as linear; integers must be told. Warns of what the file
-    /// says against it.
-    pub(crate) fn read(path: &Path, domain: Option<DomainArg>, session: &Session) -> Result<Self> {
+    /// Reads an image as `domain`, or as what the file says, or as linear, with what is known of its capture; integers must
+    /// be told. Warns of what the file says against it.
+    pub(crate) fn read(
+        path: &Path,
+        domain: Option<DomainArg>,
+        session: &Session,
+    ) -> Result<(Self, Option<CaptureInfo>)> {
         Self::of(path, read_pixels(path)?, domain, session)
     }
 
@@ -30,16 +35,18 @@ impl AnyImage {
         mut pixels: Pixels,
         domain: Option<DomainArg>,
         session: &Session,
-    ) -> Result<Self> {
+    ) -> Result<(Self, Option<CaptureInfo>)> {
         if let Some(contradiction) = pixels.tell(path, domain.map(DomainTag::from))? {
             session.warn(contradiction);
         }
-        match pixels.domain {
-            Some(DomainTag::ToneMapped) => Ok(Self::ToneMapped(image_of::<ToneMapped>(path, pixels)?)),
+        let info = pixels.capture.take();
+        let image = match pixels.domain {
+            Some(DomainTag::ToneMapped) => Self::ToneMapped(image_of::<ToneMapped>(path, pixels)?),
             Some(DomainTag::Linear | DomainTag::Display | DomainTag::Srgb) | None => {
-                Ok(Self::Linear(image_of::<Linear>(path, pixels)?))
+                Self::Linear(image_of::<Linear>(path, pixels)?)
             }
-        }
+        };
+        Ok((image, info))
     }
 
     pub(crate) fn domain(&self) -> OutputDomainArg {

@@ -6,10 +6,11 @@ mod field;
 mod files;
 
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use anyhow::Result;
 use clap::{ArgGroup, Args, ValueEnum};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
 use udc::core::capture::CaptureInfo;
 use udc::core::io::WriteOptions;
@@ -86,8 +87,8 @@ pub(crate) struct RestoreArgs {
     format: FormatArg,
     /// Keep the images that are there and go on with the others
     ///
-    /// An EXR says how it was made, and is refused if that was otherwise or of a capture with other contents (SHA-256),
-    /// wherever that lies; other formats are kept as they are.
+    /// An EXR says how it was made, and is refused if that was otherwise or of a capture or dark frames with other contents
+    /// (SHA-256), wherever those lie; other formats are kept as they are.
     #[arg(long)]
     resume: bool,
     /// What the network multiplies
@@ -124,7 +125,7 @@ impl RestoreArgs {
         self.raw.config()?;
         let mut jobs = self.jobs(session)?;
         let engine = Engine::new(&self, &jobs, session)?;
-        let restoration = Restoration { args: &self, engine, session };
+        let restoration = Restoration { args: &self, engine, session, darks_sha256: OnceLock::new() };
         if self.resume {
             jobs = remaining(&restoration, jobs, session)?;
         }
@@ -151,6 +152,28 @@ struct Restoration<'a> {
     args: &'a RestoreArgs,
     engine: Engine,
     session: &'a Session,
+    /// SHA-256 of the dark frames, when they were first asked for.
+    darks_sha256: OnceLock<Option<Vec<Option<String>>>>,
+}
+
+impl Restoration<'_> {
+    fn darks_sha256(&self) -> Result<Option<&[Option<String>]>> {
+        if self.darks_sha256.get().is_none() {
+            // Set by whoever comes first: the reader, or the check of what is there.
+            let _ = self.darks_sha256.set(self.args.raw.darks_sha256()?);
+        }
+        Ok(self.darks_sha256.get().and_then(Option::as_deref))
+    }
+
+    /// The contents that an image is made of.
+    fn contents(&self, job: &Job) -> Result<Map<String, Value>> {
+        let mut contents = Map::new();
+        contents.insert("inputs-sha256".to_owned(), json!(job.inputs_sha256()?));
+        if let Some(darks) = self.darks_sha256()? {
+            contents.insert("dark-sha256".to_owned(), json!(darks));
+        }
+        Ok(contents)
+    }
 }
 
 impl Stages for Restoration<'_> {
@@ -189,7 +212,7 @@ impl Stages for Restoration<'_> {
     }
 
     fn identify(&self, job: &Job) -> Result<Value> {
-        Ok(json!({ "inputs-sha256": job.inputs_sha256()? }))
+        self.contents(job).map(Value::Object)
     }
 
     fn prepare(&self) {
@@ -198,7 +221,7 @@ impl Stages for Restoration<'_> {
 
     fn read(&self, job: &Job) -> Result<Capture> {
         // Before the pixels, so that they are not older than it.
-        job.inputs_sha256()?;
+        self.contents(job)?;
         let capture = self.args.read_capture(job, self.session)?;
         let domain = self.args.output_domain.unwrap_or(capture.pixels.domain());
         check_domain_of_output(&job.output, domain)?;
@@ -220,7 +243,12 @@ impl Stages for Restoration<'_> {
         // Where files lay; what they are is told by their contents.
         described["how"] = self.engine.describe_with_place();
         described["inputs"] = job.inputs.iter().map(|input| text_of(input)).collect();
-        described["inputs-sha256"] = json!(job.inputs_sha256()?);
+        if let Some(files) = self.args.raw.dark_files() {
+            described["dark-files"] = json!(files);
+        }
+        for (name, contents) in self.contents(job)? {
+            described[name] = contents;
+        }
         let options = WriteOptions {
             half: self.args.half,
             overwrite: self.session.overwrite,

@@ -7,11 +7,14 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::Session;
+use super::capture::note_what_is_lost;
 use super::destination::{Destination, OutputFolder, Unplaced, without_repeats};
 use super::domain::DomainArg;
 use super::picture::AnyImage;
 use super::queue::{Stages, run_all};
-use udc::core::io::{DomainTag, WriteOptions, expand_inputs, read_capture_info, read_image_told};
+use udc::core::capture::CaptureInfo;
+use udc::core::image::{Linear, ToneMapped};
+use udc::core::io::{DomainTag, WriteOptions, expand_inputs, image_of, read_pixels};
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
 
@@ -96,8 +99,8 @@ struct Mapping<'a> {
 
 impl Stages for Mapping<'_> {
     type Job = Job;
-    type Input = AnyImage;
-    type Output = AnyImage;
+    type Input = (AnyImage, Option<CaptureInfo>);
+    type Output = (AnyImage, Option<CaptureInfo>);
 
     fn doing(&self, job: &Job) -> String {
         format!("tone mapping {}", job.input.display())
@@ -114,32 +117,37 @@ impl Stages for Mapping<'_> {
         })
     }
 
-    fn read(&self, job: &Job) -> Result<AnyImage> {
+    fn read(&self, job: &Job) -> Result<Self::Input> {
         let (told, path) = (self.args.domain.map(DomainTag::from), &job.input);
-        let (image, contradiction) = if self.args.inverse {
-            let (image, contradiction) = read_image_told(path, Some(DomainTag::ToneMapped))?;
-            (AnyImage::ToneMapped(image), contradiction)
+        let told = if self.args.inverse { Some(DomainTag::ToneMapped) } else { told };
+        let mut pixels = read_pixels(path)?;
+        pixels.tell(path, told)?.into_iter().for_each(|contradiction| self.session.warn(contradiction));
+        let info = pixels.capture.take();
+        let image = if self.args.inverse {
+            AnyImage::ToneMapped(image_of::<ToneMapped>(path, pixels)?)
         } else {
-            let (image, contradiction) = read_image_told(path, told)?;
-            (AnyImage::Linear(image), contradiction)
+            AnyImage::Linear(image_of::<Linear>(path, pixels)?)
         };
-        contradiction.into_iter().for_each(|contradiction| self.session.warn(contradiction));
-        Ok(image)
+        Ok((image, info))
     }
 
-    fn compute(&self, _: &Job, image: AnyImage) -> Result<AnyImage> {
-        Ok(match image {
+    fn compute(&self, _: &Job, (image, info): Self::Input) -> Result<Self::Output> {
+        let image = match image {
             AnyImage::Linear(image) => AnyImage::ToneMapped(self.curve.tone_map(&image)),
             AnyImage::ToneMapped(image) => AnyImage::Linear(self.curve.inverse_tone_map(&image)),
-        })
+        };
+        Ok((image, info))
     }
 
-    fn write(&self, job: &Job, image: AnyImage) -> Result<()> {
+    fn write(&self, job: &Job, (image, info): Self::Output) -> Result<()> {
+        if let Some(info) = &info {
+            note_what_is_lost(&job.output, info, self.session);
+        }
         let options = WriteOptions {
             half: self.args.half,
             overwrite: self.session.overwrite,
             provenance: Some(Provenance::new("tonemap", &self.describe(job))),
-            capture: read_capture_info(&job.input)?,
+            capture: info,
         };
         let domain = image.domain();
         image.write(&job.output, domain, self.curve, &options)?;

@@ -13,15 +13,19 @@ use crate::core::error::{Error, Result};
 pub struct ClaheConfig {
     /// The height to which a tile's histogram is cut, in multiples of its mean.
     pub clip_limit: f64,
-    /// Rows and columns of tiles.
-    pub grid: [usize; 2],
+    /// Rows and columns of tiles. Without, there are 8 × 8, but fewer in small pictures: each tile gets as many pixels as its
+    /// histogram has bins. Pictures of fewer than that have no local contrast, and stay as they are.
+    pub grid: Option<[usize; 2]>,
 }
 
 impl Default for ClaheConfig {
     fn default() -> Self {
-        Self { clip_limit: 1.0, grid: [8, 8] }
+        Self { clip_limit: 1.0, grid: None }
     }
 }
+
+/// Tiles on each side of a picture that is large enough for them.
+const USUAL_SIDE: usize = 8;
 
 /// Grids beyond this have more tiles than any use.
 const LARGEST_GRID: usize = 1024;
@@ -35,11 +39,20 @@ impl ClaheConfig {
             let reason = format!("must be a positive number, found {}", self.clip_limit);
             return Err(Error::config("clip-limit", reason));
         }
-        if self.grid.iter().any(|side| !(1..=LARGEST_GRID).contains(side)) {
-            let reason = format!("must have 1 to {LARGEST_GRID} tiles a side, found {:?}", self.grid);
+        if let Some(grid) = self.grid
+            && grid.iter().any(|side| !(1..=LARGEST_GRID).contains(side))
+        {
+            let reason = format!("must have 1 to {LARGEST_GRID} tiles a side, found {grid:?}");
             return Err(Error::config("grid", reason));
         }
         Ok(())
+    }
+
+    /// The grid of a picture of these sides; none of one that is too small for any.
+    fn grid_of(&self, [height, width]: [usize; 2]) -> Option<[usize; 2]> {
+        let grids = (1..=USUAL_SIDE).rev().map(|side| [side.min(height), side.min(width)]);
+        let is_filled = |[rows, columns]: &[usize; 2]| height * width >= CODES * rows * columns;
+        self.grid.or_else(|| grids.into_iter().find(is_filled))
     }
 }
 
@@ -48,9 +61,13 @@ impl ClaheConfig {
 /// With `eight_bit` every intermediate value is an 8-bit code, as in programs that work in 8 bits; otherwise only the
 /// histograms are, and lightness between two codes is mapped between their values.
 pub(super) fn equalize(planes: &mut Array3<f32>, config: &ClaheConfig, eight_bit: bool) {
+    let (_, height, width) = planes.dim();
+    let Some(grid) = config.grid_of([height, width]) else { return };
     let mut lab = to_lab(planes, eight_bit);
     let lightness = lab.index_axis(Axis(0), 0);
-    let tiles = Tiles::new(lightness, config);
+    let is_usual = config.grid.is_some() || grid == [USUAL_SIDE; 2];
+    let remainder = if is_usual { Remainder::AtWholeSteps } else { Remainder::Evenly };
+    let tiles = Tiles::new(lightness, grid, config.clip_limit, remainder);
     let mapped = tiles.map(lightness);
     let keep = |v: f32| if eight_bit { v.round_ties_even() } else { v };
     lab.index_axis_mut(Axis(0), 0).assign(&mapped.mapv(keep));
@@ -112,8 +129,7 @@ impl Tiles {
     /// the histogram is cut at `max(⌊limit·n/256⌋, 1)`; what is cut off is given back evenly, the remainder to codes at
     /// equal distances. A code's value is the cumulative sum · 255/n, rounded (Zuiderveld, "Contrast limited adaptive
     /// histogram equalization", Graphics Gems IV, 1994).
-    fn new(lightness: ArrayView2<'_, f32>, config: &ClaheConfig) -> Self {
-        let grid = config.grid;
+    fn new(lightness: ArrayView2<'_, f32>, grid: [usize; 2], clip_limit: f64, remainder: Remainder) -> Self {
         let sides = [lightness.nrows(), lightness.ncols()];
         let divides = (0..2).all(|axis| sides[axis].is_multiple_of(grid[axis]));
         let padded =
@@ -128,7 +144,7 @@ impl Tiles {
                     histogram[usize::from(lightness_code(row[mirrored(x, sides[1])]))] += 1;
                 }
             }
-            table_of(&mut histogram, size[0] * size[1], config.clip_limit)
+            table_of(&mut histogram, size[0] * size[1], clip_limit, remainder)
         };
         Self { grid, size, tables: (0..grid[0] * grid[1]).into_par_iter().map(table).collect() }
     }
@@ -186,7 +202,22 @@ fn look_up(table: &[f32; CODES], lightness: f32) -> f32 {
     table[below] * (1.0 - share) + table[above] * share
 }
 
-fn table_of(histogram: &mut [u32; CODES], pixels: usize, clip_limit: f64) -> [f32; CODES] {
+/// How the remainder of what was cut off is given back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Remainder {
+    /// At distances of whole codes from the first, as OpenCV does: more than half of them go to the dark codes alone, which
+    /// brightens even tiles of a few hundred pixels, and is nothing in those of photographs.
+    AtWholeSteps,
+    /// Over all codes.
+    Evenly,
+}
+
+fn table_of(
+    histogram: &mut [u32; CODES],
+    pixels: usize,
+    clip_limit: f64,
+    remainder: Remainder,
+) -> [f32; CODES] {
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -201,7 +232,12 @@ fn table_of(histogram: &mut [u32; CODES], pixels: usize, clip_limit: f64) -> [f3
     let (each, rest) = (excess / 256, excess as usize % CODES);
     histogram.iter_mut().for_each(|count| *count += each);
     let step = (CODES / rest.max(1)).max(1);
-    histogram.iter_mut().step_by(step).take(rest).for_each(|count| *count += 1);
+    match remainder {
+        Remainder::AtWholeSteps => {
+            histogram.iter_mut().step_by(step).take(rest).for_each(|count| *count += 1);
+        }
+        Remainder::Evenly => (0..rest).for_each(|i| histogram[(2 * i + 1) * CODES / (2 * rest)] += 1),
+    }
     let scale = 255.0 / pixels as f32;
     let mut sum = 0;
     histogram.map(|count| {
@@ -230,7 +266,7 @@ mod tests {
         let mut histogram = [0; CODES];
         histogram[40] = 2000;
         histogram[41] = 560;
-        let table = table_of(&mut histogram, 2560, 1.0);
+        let table = table_of(&mut histogram, 2560, 1.0, Remainder::AtWholeSteps);
         assert_eq!(histogram.iter().sum::<u32>(), 2560);
         assert!(table.windows(2).all(|pair| pair[0] <= pair[1]));
         assert_eq!(table[255], 255.0);
@@ -242,7 +278,7 @@ mod tests {
         let mut histogram = [0; CODES];
         histogram[10] = 60;
         histogram[200] = 40;
-        let table = table_of(&mut histogram, 100, 1e6);
+        let table = table_of(&mut histogram, 100, 1e6, Remainder::Evenly);
         assert_eq!((table[9], table[10], table[199], table[200]), (0.0, 153.0, 153.0, 255.0));
     }
 
@@ -257,8 +293,37 @@ mod tests {
     fn pictures_smaller_than_the_grid_are_equalised_too() {
         for (height, width) in [(1, 1), (3, 5), (8, 9), (17, 2)] {
             let mut planes = Array3::from_shape_fn((3, height, width), |(_, y, x)| (y + x) as f32 / 25.0);
-            equalize(&mut planes, &ClaheConfig::default(), true);
+            equalize(&mut planes, &ClaheConfig { grid: Some([8, 8]), ..ClaheConfig::default() }, true);
             assert!(planes.iter().all(|v| (0.0..=1.0).contains(v)), "{height} × {width}");
+        }
+    }
+
+    #[test]
+    fn small_pictures_have_fewer_tiles_unless_told() {
+        let of = |sides| ClaheConfig::default().grid_of(sides);
+        assert_eq!(of([3000, 4000]), Some([8, 8]));
+        assert_eq!(of([128, 128]), Some([8, 8]));
+        assert_eq!(of([127, 128]), Some([7, 7]));
+        assert_eq!(of([30, 40]), Some([2, 2]));
+        assert_eq!(of([16, 16]), Some([1, 1]));
+        assert_eq!(of([4000, 1]), Some([8, 1]));
+        assert_eq!((of([15, 17]), of([1, 1]), of([30, 1])), (None, None, None));
+        let given = ClaheConfig { grid: Some([8, 8]), ..ClaheConfig::default() };
+        assert_eq!(given.grid_of([1, 1]), Some([8, 8]));
+    }
+
+    /// A cut at the mean leaves an even picture as it is, but for a pixel or two of a tile of 256: as many codes, and half as
+    /// many again where display values rise faster than lightness.
+    #[test]
+    fn an_even_picture_of_any_size_stays_even_and_as_bright() {
+        for (height, width) in [(1, 1), (30, 1), (15, 17), (16, 16), (20, 20), (30, 40), (200, 3), (96, 128)]
+        {
+            for value in [0.2, 0.5, 0.8] {
+                let mut planes = Array3::from_elem((3, height, width), value);
+                equalize(&mut planes, &ClaheConfig::default(), true);
+                let worst = planes.iter().map(|v| (v - value).abs()).fold(0.0, f32::max);
+                assert!(worst < 4.0 / 255.0, "{height} × {width} of {value}: off by {worst}");
+            }
         }
     }
 

@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
 use crate::core::io::{read_array, read_text};
-use crate::core::matrix3::Matrix3;
+use crate::core::matrix3::{Matrix3, is_singular};
 
 /// A colour correction matrix: row i holds what output channel i takes of red, green and blue.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -58,7 +58,8 @@ impl ColorMatrix {
 /// `key: nine numbers`, row by row.
 ///
 /// # Errors
-/// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it does not hold nine numbers.
+/// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it does not hold nine numbers, or those of a singular
+/// matrix, which takes colours away that nothing brings back.
 pub fn read_color_matrix(path: &Path) -> Result<ColorMatrix> {
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
     let numbers = match extension.as_deref() {
@@ -76,9 +77,13 @@ pub fn read_color_matrix(path: &Path) -> Result<ColorMatrix> {
     if let Some(bad) = nine.iter().find(|v| !v.is_finite() || v.abs() > 1e3) {
         return Err(Error::format(path, format!("holds {bad}, which is no coefficient of a colour matrix")));
     }
-    #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
-    let row = |i: usize| [nine[3 * i] as f32, nine[3 * i + 1] as f32, nine[3 * i + 2] as f32];
-    Ok(ColorMatrix([row(0), row(1), row(2)]))
+    let matrix: Matrix3 = [0, 1, 2].map(|i| [0, 1, 2].map(|j| nine[3 * i + j]));
+    if is_singular(&matrix) {
+        let reason = "holds a singular matrix: its rows depend on one another, so that colours are lost; a colour matrix has \
+                      an inverse, and rows that sum to about one";
+        return Err(Error::format(path, reason));
+    }
+    Ok(ColorMatrix::of(matrix))
 }
 
 /// The numbers behind the key that has nine, on its line or below it; text without keys is read as a whole.
@@ -201,6 +206,10 @@ mod tests {
         assert!(message("a.toml", "ccm = 3").contains("no array"));
         assert!(message("a.toml", "ccm = [1,").contains("line 1"));
         assert!(message("a.txt", "ccm: nan 0 0 0 1 0 0 0 1").contains("NaN"));
+        for singular in ["0 0 0 0 0 0 0 0 0", "1 2 3 2 4 6 0 1 1", "1e-3 0 0 0 1e-3 0 0 0 0"] {
+            let said = read("a.txt", &format!("ccm: {singular}")).unwrap_err().to_string();
+            assert!(said.contains("a.txt") && said.contains("singular"), "{said}");
+        }
     }
 
     #[test]

@@ -231,7 +231,7 @@ mod tests {
         assert!(finish(ramp(), &Look::default(), &config).unwrap_err().to_string().starts_with("clip"));
         let config = FinishConfig { curve: Curve::Gamma { gamma: 0.0, max: 6.0 }, ..FinishConfig::default() };
         assert!(finish(ramp(), &Look::default(), &config).unwrap_err().to_string().starts_with("gamma"));
-        let clahe = Some(ClaheConfig { grid: [0, 8], ..ClaheConfig::default() });
+        let clahe = Some(ClaheConfig { grid: Some([0, 8]), ..ClaheConfig::default() });
         assert!(
             finish(ramp(), &Look::default(), &FinishConfig { clahe, ..FinishConfig::default() }).is_err()
         );

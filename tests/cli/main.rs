@@ -27,6 +27,7 @@ mod negatives;
 #[path = "../common/perceptual_weights.rs"]
 mod perceptual_weights;
 mod photograph;
+mod pictures;
 mod psf_files;
 mod raw;
 mod raw_brackets;

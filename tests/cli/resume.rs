@@ -184,3 +184,72 @@ fn a_psf_and_a_model_are_known_by_whatever_path_they_are_named() {
     io::write_psf(&folder.join("psf.exr"), &Psf::from_energy(energy).unwrap(), &options).unwrap();
     assert!(fail(folder, &[&wiener("psf.exr")[..], &["--resume"]].concat(), 1).contains("other settings"));
 }
+
+/// Replaces a file by another image under the same name, of the same size and age.
+fn replace(path: &Path, phase: f32) {
+    let age = path.metadata().unwrap().modified().unwrap();
+    write_image(path, 32, phase);
+    fs::File::options().write(true).open(path).unwrap().set_modified(age).unwrap();
+}
+
+#[test]
+fn a_picture_that_was_replaced_is_not_taken_for_finished() {
+    let scratch = scratch(2, 32);
+    let folder = scratch.path();
+    fs::write(folder.join("ccm.txt"), "ccm: 1 0 0 0 1 0 0 0 1").unwrap();
+    write_image(&folder.join("phone.exr"), 32, 0.7);
+    let finish = |inputs: &'static str, more: &[&'static str]| {
+        let flags = ["--ccm", "ccm.txt", "--reference", "phone.exr", "--format", "exr", "-o", "out/"];
+        [&["finish", inputs][..], &flags, more].concat()
+    };
+    succeed(folder, &finish("images", &[]));
+    assert!(succeed(folder, &finish("images", &["--resume"])).contains("2 of 2 images are there"));
+    // Known by whatever path it is named.
+    let said = succeed(folder, &finish("./images/../images", &["--resume"]));
+    assert!(said.contains("2 of 2 images are there"), "{said}");
+    fs::rename(folder.join("images"), folder.join("moved")).unwrap();
+    assert!(succeed(folder, &finish("moved", &["--resume"])).contains("2 of 2 images are there"));
+    let provenance = io::read_provenance(&folder.join("out/view0_01.exr")).unwrap().unwrap();
+    assert!(provenance.config["input"].as_str().unwrap().contains("images"), "where it lay is still told");
+    let refused = || {
+        let said = fail(folder, &finish("moved", &["--resume"]), 1);
+        assert!(said.contains("was made with other settings or of other files"), "{said}");
+        succeed(folder, &finish("moved", &["--overwrite"]));
+    };
+    replace(&folder.join("moved/view1_01.exr"), 0.5);
+    refused();
+    replace(&folder.join("phone.exr"), 0.9);
+    refused();
+    fs::write(folder.join("ccm.txt"), "ccm: 1 0 0 0 1 0 0 0 2").unwrap();
+    refused();
+    assert!(succeed(folder, &finish("moved", &["--resume"])).contains("2 of 2 images are there"));
+}
+
+#[test]
+fn a_dark_frame_that_was_replaced_is_not_taken_for_the_same() {
+    let scratch = scratch(1, 32);
+    let folder = scratch.path();
+    let write_dark = |level: f32| {
+        let planes = Array3::from_shape_fn((3, 32, 32), |(_, y, _)| level + y as f32 * 1e-5);
+        let options = WriteOptions { overwrite: true, ..WriteOptions::default() };
+        io::write_image(&folder.join("dark.exr"), &LinearImage::from_planes(planes).unwrap(), &options)
+            .unwrap();
+    };
+    write_dark(0.01);
+    restore(folder, "images", &["--dark", "dark.exr"]);
+    assert!(
+        restore(folder, "images", &["--dark", "dark.exr", "--resume"]).contains("1 of 1 images are there")
+    );
+    // The same frame by another path is the same.
+    let said = restore(folder, "images", &["--dark", "./images/../dark.exr", "--resume"]);
+    assert!(said.contains("1 of 1 images are there"), "{said}");
+    let provenance = io::read_provenance(&folder.join("out/view0_01.exr")).unwrap().unwrap();
+    assert_eq!(provenance.config["dark-files"][0], "dark.exr");
+    assert_eq!(provenance.config["dark-sha256"][0].as_str().unwrap().len(), 64);
+    write_dark(0.02);
+    let resume = [&["restore", "images"][..], &RESTORE, &["out/", "--resume", "--dark", "dark.exr"]].concat();
+    let said = fail(folder, &resume, 1);
+    assert!(said.contains("was made with other settings or of other files"), "{said}");
+    let said = fail(folder, &resume[..resume.len() - 2], 1);
+    assert!(said.contains("was made with other settings"), "without dark frames it is another image: {said}");
+}

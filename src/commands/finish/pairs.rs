@@ -1,10 +1,11 @@
 //! Finds the colour matrix and the reference picture of every image, by name.
 
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use anyhow::{Result, bail};
 
-use udc::core::io::{expand_inputs, is_hidden, list_folder};
+use udc::core::io::{expand_inputs, is_hidden, list_folder, sha256_of_file};
 
 use super::FinishArgs;
 use crate::commands::Session;
@@ -19,6 +20,23 @@ pub(super) struct Job {
     pub(super) ccm: Option<PathBuf>,
     pub(super) reference: Option<PathBuf>,
     pub(super) output: PathBuf,
+    /// SHA-256 of the files, when they were first asked for.
+    sha256: OnceLock<[Option<String>; 3]>,
+}
+
+impl Job {
+    /// SHA-256 of the input, its colour matrix and its reference picture, which are read for it once; what is no file, such
+    /// as a pipe, has none.
+    pub(super) fn sha256(&self) -> Result<&[Option<String>; 3]> {
+        if let Some(found) = self.sha256.get() {
+            return Ok(found);
+        }
+        let of = |path: Option<&PathBuf>| {
+            path.filter(|path| path.is_file()).map(|path| sha256_of_file(path)).transpose()
+        };
+        let found = [of(Some(&self.input))?, of(self.ccm.as_ref())?, of(self.reference.as_ref())?];
+        Ok(self.sha256.get_or_init(|| found))
+    }
 }
 
 /// Where something that belongs to images is looked for.
@@ -49,7 +67,13 @@ impl FinishArgs {
         let results: Vec<Unplaced> = files.iter().map(|file| Unplaced::of_file(file)).collect();
         let outputs = destination.place(&results, in_folder)?;
         let with_companions = files.into_iter().zip(ccms).zip(references).zip(outputs);
-        let job = |(((input, ccm), reference), output)| Job { input, ccm, reference, output };
+        let job = |(((input, ccm), reference), output)| Job {
+            input,
+            ccm,
+            reference,
+            output,
+            sha256: OnceLock::new(),
+        };
         Ok(with_companions.map(job).collect())
     }
 

@@ -28,7 +28,7 @@ pub(super) struct StyleArgs {
     /// Height to which CLAHE cuts the histograms [default: 1]
     #[arg(long, value_name = "L")]
     clip_limit: Option<f64>,
-    /// Tiles of CLAHE on each side [default: 8]
+    /// Tiles of CLAHE on each side [default: 8, fewer in pictures that are smaller than 128 × 128]
     #[arg(long, value_name = "N")]
     grid: Option<usize>,
     /// Leave out CLAHE
@@ -66,7 +66,7 @@ impl StyleArgs {
         let default_clahe = ClaheConfig::default();
         let clahe = ClaheConfig {
             clip_limit: self.clip_limit.unwrap_or(default_clahe.clip_limit),
-            grid: self.grid.map_or(default_clahe.grid, |side| [side; 2]),
+            grid: self.grid.map(|side| [side; 2]).or(default_clahe.grid),
         };
         FinishConfig {
             clip: if self.no_clip { None } else { self.clip.or(default.clip) },

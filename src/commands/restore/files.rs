@@ -111,8 +111,7 @@ impl RestoreArgs {
             let read = || read_pixels(file);
             let pixels = session.timed(format_args!("reading {}", job.name()), read)?;
             if pixels.raw.is_none() {
-                let info = pixels.capture.clone();
-                let pixels = AnyImage::of(file, pixels, self.domain, session)?;
+                let (pixels, info) = AnyImage::of(file, pixels, self.domain, session)?;
                 return Ok(Capture { pixels, info });
             }
         }

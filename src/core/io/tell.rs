@@ -5,6 +5,7 @@ use std::path::Path;
 use super::{DomainTag, Pixels, check_domain};
 use crate::core::color::srgb_decode;
 use crate::core::error::{Error, Result};
+use crate::core::image::CHANNELS;
 
 impl Pixels {
     /// Whether only the user knows what the values are: integers that are no camera's raw ones, of a file that does not
@@ -40,7 +41,8 @@ impl Pixels {
         Err(Error::format(path, reason))
     }
 
-    /// Takes the user's word for the domain; values of sRGB are decoded to linear light in `[0, 1]`.
+    /// Takes the user's word for the domain; values of sRGB are decoded to linear light in `[0, 1]`. What is then linear and
+    /// was sRGB or integers clips at 1, which [`capture`](Self::capture) says unless the file says more.
     ///
     /// Returns what the file's colour tags say against it, to be warned of; they change nothing. A file made for viewing
     /// may be told anew.
@@ -62,6 +64,9 @@ impl Pixels {
         if told == DomainTag::Srgb {
             self.decode_srgb(path)?;
         }
+        if told == DomainTag::Srgb || (told == DomainTag::Linear && self.is_integer && self.raw.is_none()) {
+            self.capture.get_or_insert_default().saturation.get_or_insert([1.0; CHANNELS]);
+        }
         let found: Vec<String> = self.color_tags.iter().filter_map(|tag| tag.contradiction(told)).collect();
         Ok((!found.is_empty()).then(|| {
             let done =
@@ -82,5 +87,30 @@ impl Pixels {
         self.planes.par_mapv_inplace(|value| srgb_decode(f64::from(value)) as f32);
         self.domain = Some(DomainTag::Linear);
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::capture::CaptureInfo;
+    use ndarray::Array3;
+
+    fn told(is_integer: bool, domain: DomainTag, capture: Option<CaptureInfo>) -> Option<[f32; 3]> {
+        let planes = Array3::from_elem((3, 2, 2), 0.5);
+        let mut pixels = Pixels { is_integer, capture, ..Pixels::of_planes(planes) };
+        pixels.tell(Path::new("a.png"), Some(domain)).unwrap();
+        pixels.capture.and_then(|capture| capture.saturation)
+    }
+
+    #[test]
+    fn srgb_and_integers_that_are_light_clip_at_one() {
+        assert_eq!(told(true, DomainTag::Srgb, None), Some([1.0; 3]));
+        assert_eq!(told(false, DomainTag::Srgb, None), Some([1.0; 3]));
+        assert_eq!(told(true, DomainTag::Linear, None), Some([1.0; 3]));
+        assert_eq!(told(false, DomainTag::Linear, None), None, "floats may hold any light");
+        assert_eq!(told(true, DomainTag::ToneMapped, None), None, "1 is no light there");
+        let said = CaptureInfo { saturation: Some([1.9, 1.0, 1.6]), ..CaptureInfo::default() };
+        assert_eq!(told(false, DomainTag::Srgb, Some(said)), Some([1.9, 1.0, 1.6]));
     }
 }
