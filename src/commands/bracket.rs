@@ -299,10 +299,11 @@ impl BracketArgs {
             Some(pattern) => inspect_mosaic(file, pattern.into())?,
             None => inspect_image(file)?,
         };
-        let is_raw = self.is_raw() || read.0.raw.is_some();
-        if is_raw && told == Some(DomainTag::Srgb) {
+        let is_raw = read.0.raw.is_some() || self.declares_raw(&read.0, &read.1);
+        if (is_raw || self.is_raw()) && told == Some(DomainTag::Srgb) {
             bail!(
-                "{} is raw, as its levels, mosaic or gains say, and --domain says srgb: leave one of them out",
+                "{}: levels, dark frames, a mosaic and gains are of raw pictures, whose values are linear, and --domain says \
+                 srgb: leave one of them out",
                 file.display()
             );
         }
@@ -310,7 +311,14 @@ impl BracketArgs {
             session.warn(contradiction);
         }
         if !is_raw {
-            read.0.check_told(file)?;
+            self.check_told(file, &read.0)?;
+        } else if let (None, None, Some(found)) =
+            (told, &read.0.raw, read.0.contradictions(DomainTag::Linear))
+        {
+            session.warn(format!(
+                "{}: {found}; as --white, --black or --bayer have it, the values are taken for linear light",
+                file.display()
+            ));
         }
         if let Some(tag @ (DomainTag::ToneMapped | DomainTag::Display)) = read.0.domain {
             let reason =
@@ -318,6 +326,27 @@ impl BracketArgs {
             return Err(Error::format(file, reason).into());
         }
         Ok(read)
+    }
+
+    /// Whether the flags make a file that is no camera's own a raw one: their levels do not of three channels of integers,
+    /// which are a picture for the screen unless 16 bits with a white level of their own say that they are demosaicked.
+    fn declares_raw(&self, pixels: &Pixels, encoding: &Encoding) -> bool {
+        let is_picture = pixels.is_integer && pixels.planes.dim().0 == 3 && self.bayer.is_none();
+        let is_demosaicked =
+            self.white.is_some() && largest_integer(&encoding.sample_type) != Some(f64::from(u8::MAX));
+        self.is_raw() && (!is_picture || is_demosaicked)
+    }
+
+    /// Asks what the values of a picture are, where neither it nor the user says it.
+    fn check_told(&self, file: &Path, pixels: &Pixels) -> Result<()> {
+        if pixels.must_be_told() && self.is_raw() {
+            bail!(
+                "{} does not say whether its values are linear or sRGB, and levels or gains of three colours do not either: \
+                 add --domain linear to apply them, or leave them out and add --domain srgb",
+                file.display()
+            );
+        }
+        Ok(pixels.check_told_light(file)?)
     }
 
     /// Whether the levels of the flags are the file's own integers.

@@ -10,7 +10,7 @@ use udc::core::io::{self, WriteOptions};
 use udc::core::provenance::Provenance;
 use udc::demo;
 
-use super::domain::DomainArg;
+use super::domain::LightDomainArg;
 use super::{Cli, Session, is_broken_pipe};
 
 /// Run the whole pipeline on built-in scenes and write a page of results
@@ -27,7 +27,7 @@ pub(crate) struct DemoArgs {
     hdri: Option<PathBuf>,
     /// What the panoramas hold, as in `udc crop`
     #[arg(long, value_enum, value_name = "DOMAIN", requires = "hdri")]
-    domain: Option<DomainArg>,
+    domain: Option<LightDomainArg>,
     /// Seed of the scenes, the noise and the training
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     seed: u64,
@@ -173,7 +173,7 @@ impl Demo<'_> {
         Ok(())
     }
 
-    fn crop(&self, panoramas: &Path, domain: Option<DomainArg>) -> Result<()> {
+    fn crop(&self, panoramas: &Path, domain: Option<LightDomainArg>) -> Result<()> {
         let panoramas = std::path::absolute(panoramas)?;
         let (size, margin) = (self.extent.frame_px.to_string(), MARGIN.to_string());
         let panoramas = panoramas.to_string_lossy();

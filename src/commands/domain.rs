@@ -15,6 +15,15 @@ pub(super) enum DomainArg {
     Srgb,
 }
 
+/// What the values of an image are, in commands that need linear light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum LightDomainArg {
+    /// Proportional to light
+    Linear,
+    /// Encoded by the curve of sRGB, as the pictures of most cameras and programs; decoded to linear light
+    Srgb,
+}
+
 /// What is written: the domains of light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum OutputDomainArg {
@@ -27,8 +36,10 @@ pub(super) enum OutputDomainArg {
 pub(super) struct SceneDomainArgs {
     /// What the images hold: srgb is decoded to linear light; pictures of integers must be told [default: what the file
     /// says, else linear]
+    ///
+    /// Tone-mapped images become linear by `udc tonemap --inverse`.
     #[arg(long, value_enum, value_name = "DOMAIN")]
-    pub(super) domain: Option<DomainArg>,
+    pub(super) domain: Option<LightDomainArg>,
 }
 
 impl SceneDomainArgs {
@@ -38,6 +49,13 @@ impl SceneDomainArgs {
 }
 
 impl DomainArg {
+    /// The name that files and flags have for it.
+    pub(super) fn name(self) -> &'static str {
+        DomainTag::from(self).name()
+    }
+}
+
+impl LightDomainArg {
     /// The name that files and flags have for it.
     pub(super) fn name(self) -> &'static str {
         DomainTag::from(self).name()
@@ -57,6 +75,15 @@ impl From<DomainArg> for DomainTag {
             DomainArg::Linear => Self::Linear,
             DomainArg::ToneMapped => Self::ToneMapped,
             DomainArg::Srgb => Self::Srgb,
+        }
+    }
+}
+
+impl From<LightDomainArg> for DomainTag {
+    fn from(domain: LightDomainArg) -> Self {
+        match domain {
+            LightDomainArg::Linear => Self::Linear,
+            LightDomainArg::Srgb => Self::Srgb,
         }
     }
 }

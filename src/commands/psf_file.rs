@@ -26,7 +26,8 @@ pub(super) struct PsfFileArgs {
     /// What a PSF's file holds; pictures of integers must be told [default: what the file says, else linear]
     #[arg(long, value_enum, value_name = "DOMAIN", alias = "psf-domain")]
     domain: Option<PsfDomainArg>,
-    /// Move a PSF whose peak is not at the centre, index N // 2, there: by whole pixels, all colours together
+    /// Move a PSF whose peak is not at the centre, index N // 2, there: by whole pixels, all colours together, or rolled
+    /// where it begins with its centre, as ifftshift writes it
     #[arg(long)]
     recenter: bool,
 }
@@ -40,7 +41,8 @@ pub(super) struct PsfAmongImagesArgs {
     /// What a PSF's file holds; pictures of integers must be told [default: what the file says, else linear]
     #[arg(long, value_enum, value_name = "DOMAIN", requires = PSF_FILES)]
     psf_domain: Option<PsfDomainArg>,
-    /// Move a PSF whose peak is not at the centre, index N // 2, there: by whole pixels, all colours together
+    /// Move a PSF whose peak is not at the centre, index N // 2, there: by whole pixels, all colours together, or rolled
+    /// where it begins with its centre, as ifftshift writes it
     #[arg(long, requires = PSF_FILES)]
     recenter: bool,
 }
@@ -92,8 +94,20 @@ fn read(path: &Path, options: PsfOptions, session: &Session) -> Result<Psf> {
 
 fn tell(reading: &PsfReading, session: &Session) {
     if let Some(moved) = reading.moved {
-        let by = show_shift(moved);
-        session.note(format_args!("{}: its peak was moved to the centre, {by}", reading.path.display()));
+        let (path, by) = (reading.path.display(), show_shift(moved.by));
+        if moved.is_rolled {
+            session.note(format_args!(
+                "{path}: it is in the layout of a Fourier transform, which begins with the centre; it was rolled to the \
+                 middle, {by}, and nothing was lost"
+            ));
+        } else {
+            session.note(format_args!("{path}: its peak was moved to the centre, {by}"));
+        }
+        if let Some(lost) = moved.lost_in_words() {
+            session.warn(format!(
+                "{path}: {lost} of its light left the frame as its peak was moved to the centre"
+            ));
+        }
     }
     reading.warnings().into_iter().for_each(|warning| session.warn(warning));
 }

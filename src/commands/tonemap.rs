@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::Session;
 use super::capture::note_what_is_lost;
 use super::destination::{Destination, OutputFolder, Unplaced, without_repeats};
-use super::domain::DomainArg;
+use super::domain::LightDomainArg;
 use super::picture::AnyImage;
 use super::queue::{Stages, run_all};
 use udc::core::capture::CaptureInfo;
@@ -38,8 +38,10 @@ pub(crate) struct TonemapArgs {
     inverse: bool,
     /// What the inputs hold: srgb is decoded to linear light first; pictures of integers must be told [default: what the file
     /// says, else linear; with --inverse tone-mapped]
+    ///
+    /// Tone-mapped images are for --inverse, which takes them for that whatever their format.
     #[arg(long, value_enum, value_name = "DOMAIN")]
-    domain: Option<DomainArg>,
+    domain: Option<LightDomainArg>,
     /// Irradiance that is mapped to one half
     #[arg(long, value_name = "A", default_value_t = ToneCurve::default().alpha)]
     alpha: f32,
@@ -113,7 +115,7 @@ impl Stages for Mapping<'_> {
     fn describe(&self, job: &Job) -> Value {
         json!({
             "input": job.input.to_string_lossy(), "inverse": self.args.inverse, "tone": self.curve,
-            "domain": self.args.domain.map(DomainArg::name),
+            "domain": self.args.domain.map(LightDomainArg::name),
         })
     }
 

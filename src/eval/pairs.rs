@@ -8,6 +8,8 @@ use crate::core::image::{Linear, ToneMapped, ToneMappedImage};
 use crate::core::io::{self, DomainTag, Format};
 use crate::core::tone::ToneCurve;
 
+use super::tone::curve_of_file;
+
 /// A restored image and its ground truth, of one name but perhaps of two formats.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FilePair {
@@ -64,13 +66,16 @@ fn images_by_stem(folder: &Path) -> Result<BTreeMap<String, PathBuf>> {
     Ok(named)
 }
 
-/// Reads an image of either domain and returns it tone-mapped.
+/// Reads an image of either domain and returns it tone-mapped by `curve`.
 ///
-/// The file's own declaration decides; where it has none, or is made for viewing, `domain` does, sRGB being decoded to linear
-/// light first. Without either, Radiance files are linear. Says too what the file's colour tags say against it.
+/// A tone-mapped file that says another curve is mapped back by its own first; one that says none is taken as it is.
+///
+/// The file's own declaration of its domain decides; where it has none, or is made for viewing, `domain` does, sRGB being
+/// decoded to linear light first. Without either, Radiance files are linear. Says too what the file's colour tags say against it.
 ///
 /// # Errors
-/// Those of [`io::read_image`]; [`Error::Format`] when nothing says what the values are.
+/// Those of [`io::read_image`]; [`Error::Format`] when nothing says what the values are, or the file is made for
+/// viewing and `domain` does not say what to take it for.
 pub fn read_tone_mapped(
     path: &Path,
     domain: Option<DomainTag>,
@@ -83,10 +88,19 @@ pub fn read_tone_mapped(
     pixels.check_told(path)?;
     let image = match pixels.domain.or((encoding.format == Format::Hdr).then_some(DomainTag::Linear)) {
         Some(DomainTag::Linear | DomainTag::Srgb) => curve.tone_map(&io::image_of::<Linear>(path, pixels)?),
-        Some(DomainTag::ToneMapped) => io::image_of::<ToneMapped>(path, pixels)?,
+        Some(DomainTag::ToneMapped) => {
+            let own = curve_of_file(path, pixels.provenance.as_ref())?;
+            let image = io::image_of::<ToneMapped>(path, pixels)?;
+            match own.filter(|own| own != curve) {
+                Some(own) => curve.tone_map_in_place(own.inverse_tone_map_in_place(image)),
+                None => image,
+            }
+        }
         Some(DomainTag::Display) => {
-            pixels.domain = Some(DomainTag::ToneMapped);
-            io::image_of::<ToneMapped>(path, pixels)?
+            let reason = "is made for viewing, as `udc finish` writes images, and its values are neither light nor tone-mapped \
+                          light: give the image as it was before `udc finish`, or add --domain linear, --domain tone-mapped \
+                          or --domain srgb to take the values for that";
+            return Err(Error::format(path, reason));
         }
         None => {
             let reason = "does not say whether its values are linear, tone-mapped or sRGB: add --domain linear, --domain \

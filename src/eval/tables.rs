@@ -159,7 +159,8 @@ impl Evaluation {
         let tone = self.tone.map_or(String::new(), |tone| {
             let ToneCurve { alpha, x_max } = tone.curve;
             format!(
-                " Linear ones are mapped by x / (x + {alpha}) of x up to {x_max}, as {} said.",
+                " Linear ones are mapped by x / (x + {alpha}) of x up to {x_max}, as {} said; tone-mapped ones that say another \
+                 curve are mapped back by it first, and those that say none are taken as they are.",
                 tone.said_by
             )
         });

@@ -54,7 +54,7 @@ impl ToneSource {
         }
         let mut first: Option<(&Path, ToneCurve)> = None;
         for path in pairs.iter().flat_map(|pair| [&pair.restored, &pair.ground_truth]) {
-            let Some(curve) = curve_of_file(path)? else { continue };
+            let Some(curve) = curve_of_file(path, io::read_provenance(path)?.as_ref())? else { continue };
             let curve = given(curve)?;
             match first {
                 Some((other, known)) if known != curve => {
@@ -76,7 +76,11 @@ impl ToneSource {
 
     /// The curve and who said it, as results hold it.
     pub fn to_json(&self) -> Value {
-        json!({"alpha": self.curve.alpha, "x-max": self.curve.x_max, "said-by": self.said_by})
+        json!({
+            "alpha": self.curve.alpha, "x-max": self.curve.x_max, "said-by": self.said_by,
+            "tone-mapped-files": "mapped back by the curve that they say, if another, then by this one; those that say none \
+                are taken as they are",
+        })
     }
 }
 
@@ -92,10 +96,9 @@ fn disagreement(first: (&Path, ToneCurve), second: (&Path, ToneCurve)) -> Error 
     Error::config("tone curve", reason)
 }
 
-/// What a file says of its curve, or else the dataset that it is of.
-fn curve_of_file(path: &Path) -> Result<Option<ToneCurve>> {
-    let provenance = io::read_provenance(path)?;
-    match provenance.as_ref().and_then(curve_of_provenance) {
+/// What a file of this provenance says of its curve, or else the dataset that it is of.
+pub(super) fn curve_of_file(path: &Path, provenance: Option<&Provenance>) -> Result<Option<ToneCurve>> {
+    match provenance.and_then(curve_of_provenance) {
         Some(curve) => Ok(Some(curve)),
         None => curve_of_dataset(path),
     }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::core::dataset::DatasetConfig;
+use crate::core::dataset::{CONFIG_FILE, DatasetConfig};
 use crate::core::error::{Error, Result};
 use crate::core::field::PsfField;
 use crate::core::image::{CHANNELS, Linear};
@@ -150,6 +150,10 @@ impl Synthesis {
     ) -> Result<()> {
         let names: Vec<_> = (0..self.bank.len()).map(|index| self.bank.kernel_name(index)).collect();
         let formation = self.formation()?;
+        if let (Some(first), false) = (self.scenes.first(), root.join(CONFIG_FILE).is_file()) {
+            // A header does not show all that is wrong; nothing is begun that cannot go on.
+            io::read_image_told::<Linear>(&first.path, self.told)?;
+        }
         let folder = DatasetFolder::prepare(root, self, existing)?;
         folder.create_image_folders(&names)?;
         let bar = progress.bar((self.scenes.len() * names.len()) as u64, "images");

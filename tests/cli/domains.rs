@@ -408,3 +408,94 @@ fn a_damaged_profile_says_nothing_and_the_picture_is_read() {
         warnings("a.png", &cut, "srgb");
     }
 }
+
+/// What is said on stderr of a run that succeeds.
+fn said(folder: &Path, args: &[&str]) -> String {
+    let output = udc(folder, args);
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "udc {args:?} failed: {stderr}");
+    stderr
+}
+
+/// Levels say where black and white are, not that a JPEG is linear: it has been for the screen since the camera made it.
+#[test]
+fn levels_and_gains_do_not_make_a_jpeg_raw() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    for name in ["a.jpg", "a.png"] {
+        write_grey(&folder.join(name), true);
+    }
+    for flags in [&["--white", "255"][..], &["--black", "0"], &["--white-balance", "1,1,1"]] {
+        for name in ["a.jpg", "a.png"] {
+            let fuse = [&["fuse", name, "-o", "out.exr"], flags].concat();
+            let asked = fail(folder, &fuse, 1);
+            assert!(asked.contains(name) && asked.contains("add --domain linear to apply them"), "{asked}");
+            let refused = fail(folder, &[&fuse[..], &["--domain", "srgb"]].concat(), 1);
+            assert!(refused.contains("levels") && refused.contains("--domain says srgb"), "{refused}");
+            assert!(!folder.join("out.exr").exists());
+            succeed(folder, &[&fuse[..], &["--domain", "linear", "--overwrite"]].concat());
+            fs::remove_file(folder.join("out.exr")).unwrap();
+        }
+    }
+    // 16 bits, as demosaicked raw pictures have, of a white that is said; the tag that speaks against it is named.
+    write_grey(&folder.join("b.png"), false);
+    let tagged = with_chunk(&fs::read(folder.join("b.png")).unwrap(), b"sRGB", &[0]);
+    fs::write(folder.join("tagged.png"), tagged).unwrap();
+    let fuse = |name: &str| said(folder, &["fuse", name, "-o", "out.exr", "--white", "65535", "--overwrite"]);
+    assert_eq!(fuse("b.png"), "");
+    let warned = fuse("tagged.png");
+    assert!(warned.contains("sRGB chunk says sRGB") && warned.contains("taken for linear light"), "{warned}");
+    let asked = fail(folder, &["fuse", "b.png", "-o", "no.exr", "--white-balance", "2,1,2"], 1);
+    assert!(asked.contains("--domain linear"), "gains alone are no white level: {asked}");
+}
+
+#[test]
+fn commands_that_need_linear_light_offer_no_other_domain_and_begin_nothing() {
+    let scratch = scratch("in8.png");
+    let folder = scratch.path();
+    let before = io::list_folder(folder).unwrap();
+    for command in [
+        &["synth", "in8.png", "--psf", "psf.exr", "-o", "out"][..],
+        &["crop", "in8.png", "--views", "1", "--size", "8", "-o", "out"],
+        &["tonemap", "in8.png", "-o", "out.exr"],
+        &["fuse", "in8.png", "-o", "out.exr"],
+    ] {
+        let asked = fail(folder, command, 1);
+        assert!(!asked.contains("--domain tone-mapped"), "{asked}");
+        assert!(asked.contains("udc tonemap --inverse"), "{asked}");
+        let refused = fail(folder, &[command, &["--domain", "tone-mapped"]].concat(), 2);
+        assert!(refused.contains("linear, srgb"), "{refused}");
+    }
+    assert_eq!(io::list_folder(folder).unwrap(), before);
+    // The advice holds.
+    succeed(folder, &["tonemap", "--inverse", "in8.png", "-o", "light.exr"]);
+    succeed(folder, &["synth", "light.exr", "--psf", "psf.exr", "--split", "train", "-o", "out"]);
+}
+
+#[test]
+fn a_first_scene_that_cannot_be_used_leaves_no_dataset_behind() {
+    let scratch = scratch("in8.png");
+    let mut planes = Array3::from_elem((3, 12, 12), 0.5);
+    planes[[1, 2, 3]] = f32::NAN;
+    io::write_pixels(&scratch.path().join("nan.npy"), &Pixels::of_planes(planes), PixelOptions::default())
+        .unwrap();
+    let synth = ["synth", "nan.npy", "--psf", "psf.exr", "--split", "train", "-o", "out"];
+    let message = fail(scratch.path(), &synth, 1);
+    assert!(message.contains("nan.npy"), "{message}");
+    assert!(!scratch.path().join("out").exists());
+}
+
+#[test]
+fn srgb_said_of_a_linear_file_is_answered_by_leaving_it_out() {
+    let scratch = scratch("in8.png");
+    let folder = scratch.path();
+    succeed(folder, &["convert", "in8.png", "linear.exr", "--domain", "linear"]);
+    for command in
+        [&["finish", "linear.exr", "-o", "out.png"][..], &["tonemap", "linear.exr", "-o", "out.exr"]]
+    {
+        let message = fail(folder, &[command, &["--domain", "srgb"]].concat(), 1);
+        assert!(message.contains("leave out the flag that says srgb (--domain)"), "{message}");
+        assert!(!message.contains("udc tonemap`"), "{message}");
+        succeed(folder, command);
+    }
+}

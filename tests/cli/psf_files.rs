@@ -162,3 +162,35 @@ fn flags_of_psf_files_without_a_psf_file_are_refused() {
     let synth = ["synth", "views", "--bank", "bank.safetensors", "-o", "out", "--recenter"];
     assert!(fail(scratch.path(), &synth, 2).contains("--psf"));
 }
+
+/// As `numpy.fft.ifftshift` writes it, the centre comes first: zeros behind the move would leave a quarter of the light.
+#[test]
+fn a_psf_in_fft_layout_is_rolled_by_recenter_and_one_that_would_lose_its_light_is_refused() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    let whole = spot(0, 0);
+    let corner = Array3::from_shape_fn((3, 16, 16), |(c, y, x)| whole[[c, (y + 8) % 16, (x + 8) % 16]]);
+    write(&folder.join("whole.npy"), whole);
+    write(&folder.join("corner.npy"), corner);
+    let codes =
+        |psf: &str, bank: &str| ["codes", psf, "--angles=0", "--dim", "1", "-o", bank].map(str::to_owned);
+    let run = |args: &[String], more: &[&str]| {
+        let args: Vec<&str> = args.iter().map(String::as_str).chain(more.iter().copied()).collect();
+        said(folder, &args)
+    };
+    run(&codes("whole.npy", "whole.safetensors"), &[]);
+    let warned = run(&codes("corner.npy", "corner.safetensors"), &[]);
+    assert!(warned.contains("--recenter to roll it to the middle, which loses nothing"), "{warned}");
+    let noted = run(&codes("corner.npy", "rolled.safetensors"), &["--recenter"]);
+    assert!(noted.contains("was rolled to the middle") && noted.contains("nothing was lost"), "{noted}");
+    let psf = |bank: &str| io::read_bank(&folder.join(bank)).unwrap().psfs[0].clone();
+    assert_eq!(psf("rolled.safetensors"), psf("whole.safetensors"));
+
+    let mut haze = spot(-7, 0);
+    haze.slice_mut(s![.., 10.., ..]).fill(1e-3);
+    write(&folder.join("edge.npy"), haze);
+    let info = ["info", "--psf", "edge.npy"];
+    assert!(succeed(folder, &info).contains("--recenter is no help"));
+    let refused = fail(folder, &[&info[..], &["--recenter"]].concat(), 1);
+    assert!(refused.contains("edge.npy") && refused.contains("crop the PSF around its peak"), "{refused}");
+}

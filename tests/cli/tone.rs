@@ -122,3 +122,45 @@ fn a_dataset_says_the_curve_of_its_ground_truth() {
     assert_eq!(found["definition"]["tone"]["x-max"], 500.0);
     assert!(found["definition"]["tone"]["said-by"].as_str().unwrap().contains("nobody"), "{found}");
 }
+
+/// The files that are compared are of φ(0.5), as `udc tonemap --alpha 0.5` writes them: their own α says how to undo it.
+#[test]
+fn flags_decide_the_curve_of_tone_mapped_files_too() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    let (own, asked) = (ToneCurve { alpha: 0.5, x_max: 16.0 }, ToneCurve { alpha: 0.25, x_max: 16.0 });
+    fs::create_dir_all(folder.join("restored")).unwrap();
+    let provenance = Provenance::new("tonemap", &serde_json::json!({"tone": {"alpha": 0.5, "x-max": 16.0}}));
+    let options = WriteOptions { provenance: Some(provenance), ..WriteOptions::default() };
+    io::write_image(&folder.join("restored/a.exr"), &own.tone_map(&light(1.1)), &options).unwrap();
+    let synth = serde_json::json!({"formation": {"alpha": 0.25, "x-max": 16.0}});
+    write(&folder.join("gt/a.exr"), &light(1.0), "synth", &synth);
+    let eval = |output: &str, flags: &[&str]| {
+        succeed(folder, &[&EVAL[..], &["-o", output], flags].concat());
+        results(folder, output)
+    };
+    let found = eval("results", &["--alpha", "0.25"]);
+    // The round trip through φ moves no value by half a step of 8 bits, but for ties.
+    let close = |found: &Value, curve: ToneCurve| {
+        let psnr = found["mean"]["psnr"].as_f64().unwrap();
+        assert!((psnr - psnr_under(curve)).abs() < 0.05, "{psnr} for {}", psnr_under(curve));
+    };
+    close(&found, asked);
+    let says = found["definition"]["tone"]["tone-mapped-files"].as_str().unwrap();
+    assert!(says.contains("mapped back by the curve that they say"), "{says}");
+    close(&eval("other", &["--alpha", "0.5", "--x-max", "16"]), own);
+}
+
+#[test]
+fn a_finished_image_is_not_compared_with_light() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    write_folders(folder, (0.25, 16.0), Some((0.25, 16.0)));
+    fs::rename(folder.join("restored"), folder.join("plain")).unwrap();
+    fs::create_dir(folder.join("restored")).unwrap();
+    succeed(folder, &["finish", "plain/a.exr", "-o", "restored/a.exr"]);
+    let refused = fail(folder, &[&EVAL[..], &["-o", "results"]].concat(), 1);
+    assert!(refused.contains("restored/a.exr") && refused.contains("before `udc finish`"), "{refused}");
+    assert!(refused.contains("--domain"), "{refused}");
+    succeed(folder, &[&EVAL[..], &["-o", "results", "--domain", "srgb"]].concat());
+}

@@ -281,6 +281,9 @@ pub fn read_image_told<D: Domain>(
 ) -> Result<(Image<D>, Option<String>)> {
     let mut pixels = read_pixels(path)?;
     let contradiction = pixels.tell(path, told)?;
+    if D::NAME == Linear::NAME {
+        pixels.check_told_light(path)?;
+    }
     Ok((image_of(path, pixels)?, contradiction))
 }
 
@@ -386,12 +389,9 @@ fn write_contents(path: &Path, contents: &Contents<'_>, options: PixelOptions) -
 fn check_domain(path: &Path, declared: Option<DomainTag>, needed: &str) -> Result<()> {
     let Some(tag) = declared.filter(|tag| tag.name() != needed) else { return Ok(()) };
     let found = tag.name();
-    let convert_by = |command: &str| {
-        format!("pass `--domain {found}` to a command that has it, or convert the file with `{command}`")
-    };
     let advice = match tag {
-        DomainTag::Linear => convert_by("udc tonemap"),
-        DomainTag::ToneMapped => convert_by("udc tonemap --inverse"),
+        DomainTag::Linear => "convert the file with `udc tonemap`".to_owned(),
+        DomainTag::ToneMapped => "convert the file with `udc tonemap --inverse`".to_owned(),
         DomainTag::Display | DomainTag::Srgb => format!(
             "use the image as it was before `udc finish`, or pass `--domain {needed}` to a command that has it to take \
              the values for that"

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::{DomainTag, WriteOptions, check_cooked, check_domain, read_pixels, to_rgb, write_image};
 use crate::core::error::{Error, Result};
 use crate::core::image::{Domain as _, Image, Linear};
-use crate::core::psf::{Psf, PsfFaults, recenter};
+use crate::core::psf::{Move, Psf, PsfFaults, recenter};
 
 /// How a PSF is read.
 #[derive(Clone, Copy, Debug)]
@@ -33,8 +33,8 @@ pub struct PsfReading {
     pub psf: Psf,
     /// What is wrong with the file as a PSF.
     pub faults: PsfFaults,
-    /// Rows down and columns to the right by which it was moved to bring its peak to the centre.
-    pub moved: Option<(isize, isize)>,
+    /// How it was moved to bring its peak to the centre.
+    pub moved: Option<Move>,
     /// What the file says of its colours against what the user says.
     pub contradiction: Option<String>,
 }
@@ -59,7 +59,7 @@ pub fn read_psf(path: &Path) -> Result<Psf> {
 ///
 /// # Errors
 /// As [`read_image`](super::read_image) of linear values; [`Error::Format`] when a value is not finite, a channel holds no
-/// light, or moving the peak to the centre leaves none.
+/// light, or moving the peak to the centre would lose much of it.
 pub fn inspect_psf(path: &Path, options: PsfOptions) -> Result<PsfReading> {
     let mut pixels = read_pixels(path)?;
     let contradiction = pixels.tell(path, options.domain)?;
@@ -70,7 +70,7 @@ pub fn inspect_psf(path: &Path, options: PsfOptions) -> Result<PsfReading> {
     let planes = to_rgb(path, pixels.planes)?;
     let in_file = |error: Error| Error::format(path, error.to_string());
     let mut faults = PsfFaults::of(&planes).map_err(in_file)?;
-    let (planes, moved) = if options.recenter { recenter(planes) } else { (planes, None) };
+    let (planes, moved) = if options.recenter { recenter(planes).map_err(in_file)? } else { (planes, None) };
     if moved.is_some() {
         faults.shifts = PsfFaults::of(&planes).map_err(in_file)?.shifts;
     }

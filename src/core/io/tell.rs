@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{DomainTag, Pixels, check_domain};
+use super::{DomainTag, Pixels};
 use crate::core::color::srgb_decode;
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
@@ -21,6 +21,16 @@ impl Pixels {
     /// [`Error::Format`] that asks for it.
     pub fn check_told(&self, path: &Path) -> Result<()> {
         self.check_told_by(path, "--domain linear, --domain tone-mapped or --domain srgb")
+    }
+
+    /// As [`check_told`](Self::check_told), where linear light is needed.
+    ///
+    /// # Errors
+    /// [`Error::Format`] that asks for it.
+    pub fn check_told_light(&self, path: &Path) -> Result<()> {
+        let flags =
+            "--domain linear or --domain srgb (a tone-mapped one becomes linear by `udc tonemap --inverse`)";
+        self.check_told_by(path, flags)
     }
 
     /// As [`check_told`](Self::check_told), of a file that is told by these flags.
@@ -58,7 +68,7 @@ impl Pixels {
             ));
         }
         if self.raw.is_none() && self.domain != Some(DomainTag::Display) {
-            check_domain(path, self.domain, told.name())?;
+            check_told_domain(path, self.domain, told)?;
         }
         self.domain = Some(told);
         if told == DomainTag::Srgb {
@@ -67,13 +77,18 @@ impl Pixels {
         if told == DomainTag::Srgb || (told == DomainTag::Linear && self.is_integer && self.raw.is_none()) {
             self.capture.get_or_insert_default().saturation.get_or_insert([1.0; CHANNELS]);
         }
-        let found: Vec<String> = self.color_tags.iter().filter_map(|tag| tag.contradiction(told)).collect();
-        Ok((!found.is_empty()).then(|| {
+        Ok(self.contradictions(told).map(|found| {
             let done =
                 if told == DomainTag::Srgb { "decoded by the curve of sRGB" } else { "taken as they are" };
-            let (path, found, told) = (path.display(), found.join(", and "), told.name());
+            let (path, told) = (path.display(), told.name());
             format!("{path}: {found}; as --domain {told} has it, the values are {done}")
         }))
+    }
+
+    /// What the file's colour tags say against values of `domain`.
+    pub fn contradictions(&self, domain: DomainTag) -> Option<String> {
+        let found: Vec<String> = self.color_tags.iter().filter_map(|tag| tag.contradiction(domain)).collect();
+        (!found.is_empty()).then(|| found.join(", and "))
     }
 
     fn decode_srgb(&mut self, path: &Path) -> Result<()> {
@@ -88,6 +103,24 @@ impl Pixels {
         self.domain = Some(DomainTag::Linear);
         Ok(())
     }
+}
+
+/// Refuses a file that says another domain than the user.
+fn check_told_domain(path: &Path, declared: Option<DomainTag>, told: DomainTag) -> Result<()> {
+    let Some(tag) = declared.filter(|tag| *tag != told) else { return Ok(()) };
+    let (found, told) = (tag.name(), told.name());
+    let else_by = match tag {
+        DomainTag::ToneMapped => ", or make linear light of the file by `udc tonemap --inverse`",
+        DomainTag::Linear if told == DomainTag::ToneMapped.name() => {
+            ", or tone-map the file by `udc tonemap` (without --inverse)"
+        }
+        _ => "",
+    };
+    let reason = format!(
+        "holds {found} values where {told} ones are needed, as the file itself says: leave out the flag that says {told} \
+         (--domain){else_by}"
+    );
+    Err(Error::format(path, reason))
 }
 
 #[cfg(test)]

@@ -1,12 +1,9 @@
-//! Finds what is wrong with an energy map that is to be a PSF, and moves a peak that is off the centre there.
+//! Finds what is wrong with an energy map that is to be a PSF.
 
-use ndarray::{Array2, Array3, ArrayView2, Axis, s};
+use ndarray::{Array3, Axis};
 
+use super::place::{LOSS_TOLERANCE, MOST_LOSS, Move, locate, show_share, show_shift};
 use crate::core::error::{Error, Result};
-
-/// Values this close to the brightest, as a share of it, are as bright: the rounding of half floats is 2⁻¹¹, and a core
-/// that saturates is as level.
-const LEVEL: f64 = 1e-3;
 
 /// A sum this close to one is one: each half float is off by at most 2⁻¹¹ of itself, and so is their sum.
 const SUM_TOLERANCE: f64 = 1.0 / (1 << 11) as f64;
@@ -27,6 +24,8 @@ pub struct PsfFaults {
     pub sums: [f64; 3],
     /// The energy below zero, as a share of that above.
     pub negative_shares: [f64; 3],
+    /// How the peak of all channels together would come to the centre; none where it is there.
+    pub recentring: Option<Move>,
     /// Whether the peak was moved to the centre, as far as all channels can be moved together.
     pub recentered: bool,
 }
@@ -35,7 +34,8 @@ impl PsfFaults {
     /// Looks at an energy map, `[3, height, width]`.
     ///
     /// The peak is the brightest pixel of the brightest 3 × 3 neighbourhood, so that a lone hot pixel does not pass for one;
-    /// the centre's pixel, if none there is brighter by more than a thousandth.
+    /// the centre's pixel, if none there is brighter by more than a thousandth. Of several as bright it is the point of
+    /// balance.
     ///
     /// # Errors
     /// [`Error::Unsupported`] naming the first pixel that is NaN or infinite; [`Error::Shape`] unless there are three
@@ -48,7 +48,7 @@ impl PsfFaults {
         }
         check_finite(planes)?;
         let of_channel = |channel: usize| planes.index_axis(Axis(0), channel);
-        let shift = |channel: usize| shift_of(&of_channel(channel).mapv(f64::from).view());
+        let shift = |channel: usize| locate(&of_channel(channel).mapv(f64::from)).0;
         let part = |channel: usize, is_counted: fn(f64) -> bool| {
             of_channel(channel).iter().map(|&v| f64::from(v)).filter(|&v| is_counted(v)).sum::<f64>()
         };
@@ -61,6 +61,7 @@ impl PsfFaults {
             shifts: [0, 1, 2].map(shift),
             sums: [0, 1, 2].map(|channel| part(channel, |_| true)),
             negative_shares: [0, 1, 2].map(negative),
+            recentring: Move::of(planes),
             recentered: false,
         })
     }
@@ -79,16 +80,26 @@ impl PsfFaults {
         let is_off = |channel: usize| self.shifts[channel] != (0, 0);
         let found = by_channel(is_off, |channel| format!("lies {}", show_shift(self.shifts[channel])))?;
         let centre = format!("the centre (row {}, column {})", height / 2, width / 2);
-        Some(if self.recentered {
-            format!(
+        Some(match self.recentring {
+            _ if self.recentered => format!(
                 "its colours lie apart: with the peak of all at {centre}, that of {found}; --recenter moves all colours \
                  together"
-            )
-        } else {
-            format!(
-                "its peak is off {centre}: {found}; every image would be shifted by as much, add --recenter to move it \
-                 there"
-            )
+            ),
+            None => format!(
+                "its colours lie apart: with the peak of all at {centre}, that of {found}; every image would be fringed by \
+                 as much, and --recenter, which moves all colours together, cannot mend it: measure or align each colour"
+            ),
+            Some(how) => {
+                let apart = if self.shifts.iter().all(|shift| *shift == self.shifts[0]) {
+                    ""
+                } else {
+                    "; colours that lie apart stay so"
+                };
+                format!(
+                    "its peak is off {centre}: {found}; every image would be shifted by as much, {}{apart}",
+                    advise(how)
+                )
+            }
         })
     }
 
@@ -107,6 +118,25 @@ impl PsfFaults {
     }
 }
 
+/// What mends a peak that is off the centre.
+fn advise(how: Move) -> String {
+    let lost = show_share(how.lost);
+    if how.is_rolled {
+        "as in the layout of a Fourier transform, which begins with the centre: add --recenter to roll it to the middle, \
+         which loses nothing"
+            .to_owned()
+    } else if how.lost > MOST_LOSS {
+        format!(
+            "and --recenter is no help, since {lost} of its light would leave the frame: crop the PSF around its peak, or \
+             measure it again with the peak in the middle"
+        )
+    } else if how.lost > LOSS_TOLERANCE {
+        format!("add --recenter to move it there, where {lost} of its light leaves the frame and is lost")
+    } else {
+        "add --recenter to move it there".to_owned()
+    }
+}
+
 /// What is said of the channels that are off: of all at once where it is the same.
 fn by_channel(is_off: impl Fn(usize) -> bool, say: impl Fn(usize) -> String) -> Option<String> {
     let said: Vec<(usize, String)> = (0..3).filter(|&c| is_off(c)).map(|c| (c, say(c))).collect();
@@ -120,17 +150,6 @@ fn by_channel(is_off: impl Fn(usize) -> bool, say: impl Fn(usize) -> String) -> 
             .collect::<Vec<_>>()
             .join(", "),
     )
-}
-
-/// Pixels down or up and right or left, in words; nothing for none.
-pub fn show_shift((down, right): (isize, isize)) -> String {
-    let part = |pixels: isize, ahead: &str, back: &str| {
-        (pixels != 0)
-            .then(|| format!("{} px {}", pixels.unsigned_abs(), if pixels > 0 { ahead } else { back }))
-    };
-    let parts = [part(down, "down", "up"), part(right, "right", "left")];
-    let parts: Vec<String> = parts.into_iter().flatten().collect();
-    parts.join(" and ")
 }
 
 fn show_number(value: f64) -> String {
@@ -147,72 +166,11 @@ fn check_finite(planes: &Array3<f32>) -> Result<()> {
     }
 }
 
-/// From the centre to the peak, rows down and columns to the right.
-fn shift_of(plane: &ArrayView2<'_, f64>) -> (isize, isize) {
-    let (height, width) = plane.dim();
-    let centre = (height / 2, width / 2);
-    let spot = brightest_spot(plane);
-    let inside = |(place, _): &((usize, usize), &f64)| spot[*place];
-    let highest = plane.indexed_iter().filter(inside).map(|(_, v)| *v).fold(f64::NEG_INFINITY, f64::max);
-    let offset = |index: usize, origin: usize| index.cast_signed() - origin.cast_signed();
-    let from_centre = |(y, x): (usize, usize)| (offset(y, centre.0), offset(x, centre.1));
-    let is_as_bright = |value: f64| value >= highest - LEVEL * highest.abs();
-    if spot[centre] && is_as_bright(plane[centre]) {
-        return (0, 0);
-    }
-    let peaks = plane.indexed_iter().filter(inside).filter(|(_, value)| **value >= highest);
-    peaks.map(|(place, _)| from_centre(place)).min_by_key(|(dy, dx)| dy * dy + dx * dx).unwrap_or((0, 0))
-}
-
-/// The pixels of the 3 × 3 neighbourhoods that hold as much light as the brightest.
-fn brightest_spot(plane: &ArrayView2<'_, f64>) -> Array2<bool> {
-    let (height, width) = plane.dim();
-    let around = |y: usize, x: usize| {
-        (y.saturating_sub(1)..(y + 2).min(height), x.saturating_sub(1)..(x + 2).min(width))
-    };
-    let sums = Array2::from_shape_fn((height, width), |(y, x)| {
-        let (rows, columns) = around(y, x);
-        plane.slice(s![rows, columns]).sum()
-    });
-    let highest = sums.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let mut spot = Array2::from_elem((height, width), false);
-    for ((y, x), &sum) in sums.indexed_iter() {
-        if sum >= highest - LEVEL * highest.abs() {
-            let (rows, columns) = around(y, x);
-            spot.slice_mut(s![rows, columns]).fill(true);
-        }
-    }
-    spot
-}
-
-/// Moves the peak to the centre by whole pixels, all channels together, with zeros behind; returns by how much it moved,
-/// rows down and columns to the right.
-///
-/// The peak is that of the sum of the channels, each divided by its own light, so that colours that lie apart stay so.
-pub fn recenter(planes: Array3<f32>) -> (Array3<f32>, Option<(isize, isize)>) {
-    let (_, height, width) = planes.dim();
-    let mut light = Array2::<f64>::zeros((height, width));
-    for plane in planes.outer_iter() {
-        let sum: f64 = plane.iter().map(|&v| f64::from(v.max(0.0))).sum();
-        let weight = if sum > 0.0 { 1.0 / sum } else { 0.0 };
-        light.zip_mut_with(&plane, |light, &value| *light += weight * f64::from(value));
-    }
-    let (down, right) = shift_of(&light.view());
-    if (down, right) == (0, 0) {
-        return (planes, None);
-    }
-    let moved = Array3::from_shape_fn(planes.dim(), |(channel, y, x)| {
-        let from = (y.checked_add_signed(down), x.checked_add_signed(right));
-        match from {
-            (Some(y), Some(x)) => planes.get([channel, y, x]).copied().unwrap_or(0.0),
-            _ => 0.0,
-        }
-    });
-    (moved, Some((-down, -right)))
-}
-
 #[cfg(test)]
 mod tests {
+    use ndarray::{Array2, s};
+
+    use super::super::place::recenter;
     use super::*;
 
     /// A Gaussian spot of unit sum around a pixel.
@@ -275,25 +233,105 @@ mod tests {
         assert!(said.contains("NaN at row 4, column 5 in green"), "{said}");
     }
 
+    fn by(how: Option<Move>) -> Option<(isize, isize)> {
+        how.map(|how| how.by)
+    }
+
     /// What leaves the frame is lost, what comes in is dark; the rest is the same to the bit.
     #[test]
     fn recentering_moves_by_whole_pixels() {
         let planes = spot(20, (12.0, 7.0));
-        let (moved, by) = recenter(planes.clone());
-        assert_eq!(by, Some((-2, 3)));
+        let (moved, how) = recenter(planes.clone()).unwrap();
+        assert_eq!(by(how), Some((-2, 3)));
         assert_eq!(moved.slice(s![.., ..18, 3..]), planes.slice(s![.., 2.., ..17]));
         assert!(moved.slice(s![.., 18.., ..]).iter().all(|&v| v == 0.0));
         assert_eq!(PsfFaults::of(&moved).unwrap().shifts, [(0, 0); 3]);
-        let (same, by) = recenter(moved.clone());
-        assert_eq!((same, by), (moved, None));
+        let (same, how) = recenter(moved.clone()).unwrap();
+        assert_eq!((same, how), (moved, None));
+    }
+
+    /// As `numpy.fft.ifftshift` writes it: the centre, index N // 2, comes to row 0 and column 0.
+    fn with_centre_first(planes: &Array3<f32>) -> Array3<f32> {
+        let (_, height, width) = planes.dim();
+        Array3::from_shape_fn(planes.dim(), |(channel, y, x)| {
+            planes[[channel, (y + height / 2) % height, (x + width / 2) % width]]
+        })
+    }
+
+    #[test]
+    fn a_psf_in_the_layout_of_a_fourier_transform_is_rolled_and_loses_nothing() {
+        // A point between pixels has a core whose four pixels lie in all four corners.
+        for (size, at) in [(20, 0.0), (21, 0.0), (20, 1.0), (21, -2.0), (64, -0.5)] {
+            let middle = (size / 2) as f64;
+            let whole = spot(size, (middle, middle + at));
+            let corner = with_centre_first(&whole);
+            let said = PsfFaults::of(&corner).unwrap().describe().unwrap();
+            assert!(said.contains("--recenter to roll it"), "{size}: {said}");
+            let (rolled, how) = recenter(corner).unwrap();
+            assert!(how.is_some_and(|how| how.is_rolled && how.lost == 0.0), "{size}, {at}: {how:?}");
+            let expected = recenter(whole.clone()).unwrap().0;
+            assert!((rolled.sum() - whole.sum()).abs() < 1e-5, "{size}, {at}");
+            let difference = (&rolled - &expected).mapv(f32::abs);
+            assert!(difference.iter().all(|&v| v < 1e-3), "{size}, {at}: the tails alone may differ");
+        }
+        let mut level = Array3::zeros((3, 20, 20));
+        level.slice_mut(s![.., 9..11, 9..11]).fill(0.25);
+        let corner = with_centre_first(&level);
+        assert!(
+            PsfFaults::of(&corner).unwrap().describe().is_some(),
+            "four equal corners balance in the middle"
+        );
+        assert_eq!(recenter(corner).unwrap().0, level);
+    }
+
+    #[test]
+    fn recentering_that_would_cut_off_light_is_refused_and_not_advised() {
+        // Nine rows leave the frame as row 1 comes to row 10: 160 pixels of 0.001.
+        let mut planes = spot(20, (1.0, 10.0));
+        planes.slice_mut(s![.., 12.., ..]).fill(1e-3);
+        let said = PsfFaults::of(&planes).unwrap().describe().unwrap();
+        assert!(said.contains("--recenter is no help") && said.contains("crop the PSF"), "{said}");
+        let refused = recenter(planes).unwrap_err().to_string();
+        assert!(
+            refused.contains("would lose") && refused.contains("crop the PSF around its peak"),
+            "{refused}"
+        );
+
+        // Moved two pixels down, row 19 leaves the frame and row 0 does not.
+        for (row, lost) in [(0, 0.0), (19, 0.01 / 1.01)] {
+            let mut planes = spot(20, (8.0, 10.0));
+            planes.slice_mut(s![.., row, 10]).fill(0.01);
+            let said = PsfFaults::of(&planes).unwrap().describe().unwrap();
+            assert_eq!(said.contains("to move it there, where 1.0 % of its light"), lost > 0.0, "{said}");
+            let how = recenter(planes).unwrap().1.unwrap();
+            assert!((how.lost - lost).abs() < 1e-4, "{how:?}");
+        }
+    }
+
+    /// A grating's two orders, of one brightness: their middle is the centre.
+    #[test]
+    fn a_symmetric_double_peak_around_the_centre_is_no_fault() {
+        for (size, columns) in [(21, [9, 11]), (21, [4, 16]), (20, [8, 12])] {
+            let mut planes = Array3::zeros((3, size, size));
+            columns.map(|column| planes.slice_mut(s![.., size / 2, column]).fill(0.5_f32));
+            assert_eq!(PsfFaults::of(&planes).unwrap().describe(), None, "{columns:?} of {size}");
+            assert_eq!(recenter(planes.clone()).unwrap(), (planes, None));
+        }
+        let mut planes = Array3::zeros((3, 21, 21));
+        [12, 14].map(|column| planes.slice_mut(s![.., 10, column]).fill(0.5_f32));
+        assert_eq!(PsfFaults::of(&planes).unwrap().shifts, [(0, 3); 3]);
+        let (moved, how) = recenter(planes).unwrap();
+        assert_eq!((by(how), moved[[0, 10, 9]], moved[[0, 10, 11]]), (Some((0, -3)), 0.5, 0.5));
     }
 
     #[test]
     fn colours_that_lie_apart_stay_apart() {
         let mut planes = spot(21, (10.0, 10.0));
         planes.index_axis_mut(Axis(0), 2).assign(&spot(21, (10.0, 11.0)).index_axis(Axis(0), 2));
-        let (kept, by) = recenter(planes.clone());
-        assert_eq!((by, &kept), (None, &planes));
+        let (kept, how) = recenter(planes.clone()).unwrap();
+        assert_eq!((how, &kept), (None, &planes));
+        let before = PsfFaults::of(&planes).unwrap().describe().unwrap();
+        assert!(before.contains("blue lies 1 px right") && before.contains("cannot mend it"), "{before}");
         let said = PsfFaults { recentered: true, ..PsfFaults::of(&kept).unwrap() }.describe().unwrap();
         assert!(said.contains("blue lies 1 px right") && said.contains("apart"), "{said}");
     }
