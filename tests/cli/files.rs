@@ -287,7 +287,10 @@ fn tonemap_refuses_an_image_that_is_mapped_already() {
     let folder = tempfile::tempdir().unwrap();
     succeed(folder.path(), &["tonemap", &fixture("hwc_f4.npy"), "-o", "mapped.exr"]);
     let message = refused(folder.path(), &["tonemap", "mapped.exr", "-o", "twice.exr"]);
-    assert!(message.contains("--domain tone-mapped") && message.contains("--inverse"), "{message}");
+    assert!(
+        message.contains("holds tone-mapped values") && message.contains("`udc tonemap --inverse`"),
+        "{message}"
+    );
 }
 
 #[test]

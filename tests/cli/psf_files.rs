@@ -172,8 +172,9 @@ fn a_psf_in_fft_layout_is_rolled_by_recenter_and_one_that_would_lose_its_light_i
     let corner = Array3::from_shape_fn((3, 16, 16), |(c, y, x)| whole[[c, (y + 8) % 16, (x + 8) % 16]]);
     write(&folder.join("whole.npy"), whole);
     write(&folder.join("corner.npy"), corner);
-    let codes =
-        |psf: &str, bank: &str| ["codes", psf, "--angles=0", "--dim", "1", "-o", bank].map(str::to_owned);
+    let codes = |psf: &str, bank: &str| {
+        ["codes", psf, "--angles=-3,0,3", "--dim", "2", "-o", bank].map(str::to_owned)
+    };
     let run = |args: &[String], more: &[&str]| {
         let args: Vec<&str> = args.iter().map(String::as_str).chain(more.iter().copied()).collect();
         said(folder, &args)
@@ -183,7 +184,7 @@ fn a_psf_in_fft_layout_is_rolled_by_recenter_and_one_that_would_lose_its_light_i
     assert!(warned.contains("--recenter to roll it to the middle, which loses nothing"), "{warned}");
     let noted = run(&codes("corner.npy", "rolled.safetensors"), &["--recenter"]);
     assert!(noted.contains("was rolled to the middle") && noted.contains("nothing was lost"), "{noted}");
-    let psf = |bank: &str| io::read_bank(&folder.join(bank)).unwrap().psfs[0].clone();
+    let psf = |bank: &str| io::read_bank(&folder.join(bank)).unwrap().psfs;
     assert_eq!(psf("rolled.safetensors"), psf("whole.safetensors"));
 
     let mut haze = spot(-7, 0);

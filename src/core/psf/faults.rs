@@ -313,12 +313,12 @@ mod tests {
     fn a_symmetric_double_peak_around_the_centre_is_no_fault() {
         for (size, columns) in [(21, [9, 11]), (21, [4, 16]), (20, [8, 12])] {
             let mut planes = Array3::zeros((3, size, size));
-            columns.map(|column| planes.slice_mut(s![.., size / 2, column]).fill(0.5_f32));
+            columns.iter().for_each(|&column| planes.slice_mut(s![.., size / 2, column]).fill(0.5_f32));
             assert_eq!(PsfFaults::of(&planes).unwrap().describe(), None, "{columns:?} of {size}");
             assert_eq!(recenter(planes.clone()).unwrap(), (planes, None));
         }
         let mut planes = Array3::zeros((3, 21, 21));
-        [12, 14].map(|column| planes.slice_mut(s![.., 10, column]).fill(0.5_f32));
+        [12, 14].iter().for_each(|&column| planes.slice_mut(s![.., 10, column]).fill(0.5_f32));
         assert_eq!(PsfFaults::of(&planes).unwrap().shifts, [(0, 3); 3]);
         let (moved, how) = recenter(planes).unwrap();
         assert_eq!((by(how), moved[[0, 10, 9]], moved[[0, 10, 11]]), (Some((0, -3)), 0.5, 0.5));

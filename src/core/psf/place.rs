@@ -115,32 +115,36 @@ pub(super) fn locate(plane: &Array2<f64>) -> ((isize, isize), bool) {
     // The corner at row 0, column 0 comes to the centre.
     let at = |(y, x): (usize, usize)| [wrap(y, -half(height), height), wrap(x, -half(width), width)];
     let rolled = Array2::from_shape_fn((height, width), |place| plane[at(place)]);
-    let (down, right) = shift_of(&rolled.view());
+    let peaks = Peaks::of(&rolled.view());
+    let (down, right) = peaks.shift();
     let is_near = down.abs().max(right.abs()) <= CORNER_REACH;
-    if is_near && is_gathered(&rolled, (down, right)) {
+    if is_near && is_gathered(&rolled, peaks.balance) {
         let offset = |by: isize, length: usize| wrap(0, by, length).cast_signed() - half(length);
         return ((offset(down, height), offset(right, width)), true);
     }
-    (shift_of(&plane.view()), false)
+    (Peaks::of(&plane.view()).shift(), false)
 }
 
 /// Whether a point this far from the centre has most of the light around it, on all sides.
-fn is_gathered(plane: &Array2<f64>, (down, right): (isize, isize)) -> bool {
+fn is_gathered(plane: &Array2<f64>, point: [f64; 2]) -> bool {
     let (height, width) = plane.dim();
-    let middle = ((height / 2).cast_signed() + down, (width / 2).cast_signed() + right);
-    let value = |dy: isize, dx: isize| {
-        let (y, x) = (usize::try_from(middle.0 + dy).ok()?, usize::try_from(middle.1 + dx).ok()?);
+    let centre = [height, width].map(|length| (length / 2).cast_signed());
+    #[expect(clippy::cast_possible_truncation, reason = "pixels of a frame")]
+    let twice = point.map(|offset| (2.0 * offset).round() as isize);
+    let value = |[dy, dx]: [isize; 2]| {
+        let (y, x) = (usize::try_from(centre[0] + dy).ok()?, usize::try_from(centre[1] + dx).ok()?);
         plane.get((y, x)).map(|value| value.max(0.0))
     };
     let reach = [height, width].map(|length| (length / 4).cast_signed());
     let (mut inside, mut around, mut paired) = (0.0, 0.0, 0.0);
     for dy in -reach[0]..=reach[0] {
         for dx in -reach[1]..=reach[1] {
-            let here = value(dy, dx).unwrap_or(0.0);
-            inside += here;
-            if (dy, dx) != (0, 0) {
-                around += here;
-                paired += here.min(value(-dy, -dx).unwrap_or(0.0));
+            let (here, mirrored) = ([dy, dx], [twice[0] - dy, twice[1] - dx]);
+            let light = value(here).unwrap_or(0.0);
+            inside += light;
+            if here != mirrored {
+                around += light;
+                paired += light.min(value(mirrored).unwrap_or(0.0));
             }
         }
     }
@@ -168,25 +172,39 @@ fn loss(planes: &Array3<f32>, (down, right): (isize, isize)) -> f64 {
     planes.outer_iter().map(of_plane).fold(0.0, f64::max)
 }
 
-/// From the centre to the peak, rows down and columns to the right: to the point of balance of peaks that are as bright.
-fn shift_of(plane: &ArrayView2<'_, f64>) -> (isize, isize) {
-    let (height, width) = plane.dim();
-    let centre = (height / 2, width / 2);
-    let spot = brightest_spot(plane);
-    let inside = |(place, _): &((usize, usize), &f64)| spot[*place];
-    let highest = plane.indexed_iter().filter(inside).map(|(_, v)| *v).fold(f64::NEG_INFINITY, f64::max);
-    let is_as_bright = |value: f64| value >= highest - LEVEL * highest.abs();
-    if spot[centre] && is_as_bright(plane[centre]) {
-        return (0, 0);
+/// The brightest pixels.
+struct Peaks {
+    /// Whether the centre is one.
+    hold_centre: bool,
+    /// From the centre to their point of balance, rows down and columns to the right.
+    balance: [f64; 2],
+}
+
+impl Peaks {
+    fn of(plane: &ArrayView2<'_, f64>) -> Self {
+        let (height, width) = plane.dim();
+        let centre = (height / 2, width / 2);
+        let spot = brightest_spot(plane);
+        let inside = |(place, _): &((usize, usize), &f64)| spot[*place];
+        let highest = plane.indexed_iter().filter(inside).map(|(_, v)| *v).fold(f64::NEG_INFINITY, f64::max);
+        let is_as_bright = |value: f64| value >= highest - LEVEL * highest.abs();
+        let peaks = plane.indexed_iter().filter(inside).filter(|(_, value)| is_as_bright(**value));
+        let (mut count, mut sums) = (0.0, [0.0, 0.0]);
+        for ((y, x), _) in peaks {
+            count += 1.0;
+            sums = [sums[0] + y as f64, sums[1] + x as f64];
+        }
+        let offset = |sum: f64, centre: usize| sum / f64::max(count, 1.0) - centre as f64;
+        Self {
+            hold_centre: spot[centre] && is_as_bright(plane[centre]),
+            balance: [offset(sums[0], centre.0), offset(sums[1], centre.1)],
+        }
     }
-    let peaks = plane.indexed_iter().filter(inside).filter(|(_, value)| is_as_bright(**value));
-    let (mut count, mut sums) = (0.0, [0.0, 0.0]);
-    for ((y, x), _) in peaks {
-        count += 1.0;
-        sums = [sums[0] + y as f64, sums[1] + x as f64];
+
+    /// From the centre to the peak in whole pixels: none where the centre is as bright.
+    fn shift(&self) -> (isize, isize) {
+        if self.hold_centre { (0, 0) } else { (nearest(self.balance[0]), nearest(self.balance[1])) }
     }
-    let offset = |sum: f64, centre: usize| nearest(sum / f64::max(count, 1.0) - centre as f64);
-    (offset(sums[0], centre.0), offset(sums[1], centre.1))
 }
 
 /// The nearest integer, of two the one nearer to zero.
