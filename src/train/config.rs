@@ -452,7 +452,10 @@ mod tests {
         let message = message("", &["iterations=2", kind]);
         assert!(message.starts_with(&format!("--set {kind}: ")) && message.contains("sigma"), "{message}");
         let message = self::message("", &["data.formation.noise=gaussian"]);
-        assert!(message.contains("is a section") && message.contains("data.formation.noise.kind"), "{message}");
+        assert!(
+            message.contains("is a section") && message.contains("data.formation.noise.kind"),
+            "{message}"
+        );
     }
 
     #[test]

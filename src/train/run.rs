@@ -146,7 +146,8 @@ impl Job<'_> {
         let begins_with_weights = initial.is_some();
         // What kept the weights that a run began with had computed nothing yet.
         let has_steps = |checkpoint: &&Checkpoint| checkpoint.state.iteration > 0;
-        let kept = checkpoint.as_ref().filter(has_steps).and_then(|checkpoint| checkpoint.instruction_sets.clone());
+        let kept =
+            checkpoint.as_ref().filter(has_steps).and_then(|checkpoint| checkpoint.instruction_sets.clone());
         let instruction_sets = kept.unwrap_or_else(InstructionSets::current);
         let (trainer, best) = match checkpoint {
             Some(Checkpoint { state, best, .. }) => {
@@ -393,7 +394,12 @@ impl Run {
     /// Adds to what a training ended by which checkpoint there is to go back to.
     fn point_back(&self, error: Error) -> Error {
         let Error::Diverged(what) = error else { return error };
-        let last = self.checkpoints.iterations().unwrap_or_default().last().map(|&last| self.checkpoints.model(last));
+        let last = self
+            .checkpoints
+            .iterations()
+            .unwrap_or_default()
+            .last()
+            .map(|&last| self.checkpoints.model(last));
         Error::Diverged(match last {
             Some(model) => format!(
                 "{what}; the run's last checkpoint is kept, a new run can begin with --init {}, or with that of an earlier \

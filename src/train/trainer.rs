@@ -89,7 +89,14 @@ impl Trainer {
         keep_freed_memory();
         let sampler = Sampler::new(config.seed, items, config.data.shuffle);
         let loss = Loss::new(&config.loss)?;
-        Ok(Self { config: config.clone(), device: backend.device().autodiff(), sampler, loss, recent: Vec::new(), state })
+        Ok(Self {
+            config: config.clone(),
+            device: backend.device().autodiff(),
+            sampler,
+            loss,
+            recent: Vec::new(),
+            state,
+        })
     }
 
     /// Number of steps done.
@@ -200,8 +207,8 @@ impl State {
     /// which weights.
     fn first_overflow(&self) -> Option<(&'static str, &str)> {
         let Moments { first, second } = &self.moments;
-        let arrays = self
-            .parameters.iter().zip(first).zip(second).flat_map(|((parameter, first), second)| {
+        let arrays =
+            self.parameters.iter().zip(first).zip(second).flat_map(|((parameter, first), second)| {
                 let name = parameter.name.as_str();
                 let values: [(_, &[f32], f32); 3] = [
                     ("mean squared gradient", second, f32::MAX),
@@ -246,8 +253,7 @@ fn overflowed(iteration: u64, what: &str, name: &str, gradient_norm: f64) -> Err
 }
 
 /// What to do when a training cannot go on.
-pub(super) const ADVICE: &str =
-    "take a smaller optimizer.learning-rate, or set optimizer.clip-norm";
+pub(super) const ADVICE: &str = "take a smaller optimizer.learning-rate, or set optimizer.clip-norm";
 
 fn diverged(iteration: u64, when: &str, loss: f64) -> Error {
     Error::Diverged(format!("the training diverged: loss {loss} {when} iteration {iteration}; {ADVICE}"))

@@ -137,8 +137,7 @@ impl FormationConfig {
         /// A converter that ends a little before or behind the full well is no other scale.
         const TOLERANCE: f64 = 1.1;
         let NoiseConfig::Sensor(sensor) = &self.noise else { return None };
-        let (saturation, highest, clipping) =
-            (sensor.saturation(), sensor.highest(), f64::from(self.x_max));
+        let (saturation, highest, clipping) = (sensor.saturation(), sensor.highest(), f64::from(self.x_max));
         let consequence = match saturation / clipping {
             ratio if ratio > TOLERANCE => "what it records above x-max is clipped".to_owned(),
             ratio if ratio < 1.0 / TOLERANCE && highest > saturation => format!(

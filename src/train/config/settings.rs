@@ -46,7 +46,9 @@ fn apply(table: &mut toml::Table, setting: &str) -> Result<()> {
     let parsed = format!("value = {text}").parse::<toml::Table>().ok();
     let value = parsed.and_then(|mut table| table.remove("value")).unwrap_or_else(|| text.into());
     if let Some(key) = inside.filter(|_| !value.is_table()) {
-        return Err(wrong(format!("{path} is a section; set a key of it, such as {key}, or a table in {{ }}")));
+        return Err(wrong(format!(
+            "{path} is a section; set a key of it, such as {key}, or a table in {{ }}"
+        )));
     }
     let mut parts: Vec<&str> = path.split('.').collect();
     let last = parts.pop().expect("splitting gives a part");
