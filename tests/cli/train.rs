@@ -506,7 +506,7 @@ fn names_what_is_wrong_with_a_configuration() {
     assert!(message.contains("CONFIG"), "{message}");
 }
 
-/// Learning rates that no network survives: of 10³⁰ the first step, and of 10⁵ the first weights' output.
+/// A learning rate that no network survives.
 #[test]
 fn a_training_that_diverges_says_what_is_kept_and_keeps_nothing_useless() {
     let folder = tempfile::tempdir().unwrap();
