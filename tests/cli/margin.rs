@@ -206,7 +206,8 @@ fn training_on_the_fly_learns_from_the_middle_of_views_with_a_margin() {
     assert!(said.contains("data.formation.margin") && said.contains("margin of 8"), "{said}");
     // Found before anything is written; the scene without what it says of its margin.
     fs::create_dir(folder.join("plain")).unwrap();
-    write_scene(folder, "plain/view", 30, None);
+    write_scene(folder, "view", 30, None);
+    fs::rename(folder.join("scenes/view.exr"), folder.join("plain/view.exr")).unwrap();
     let plain = [&train[..], &["plain", "--bank", "bank.safetensors", "-o", "none"]].concat();
     let said = fail(folder, &[&plain[..], &["--set", "data.formation.margin=30"]].concat(), 1);
     assert!(said.contains("more than twice the margin of 30 pixels"), "{said}");

@@ -524,7 +524,7 @@ fn info_describes_a_checkpoint_of_a_run() {
     assert_eq!(object["iteration"], 2);
 }
 
-/// Learning rates that no network survives: of 10³⁰ the first step, and of 10⁵ the first weights' output.
+/// A learning rate that no network survives.
 #[test]
 fn a_training_that_diverges_says_what_is_kept_and_keeps_nothing_useless() {
     let folder = tempfile::tempdir().unwrap();
