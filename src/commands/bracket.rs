@@ -15,12 +15,12 @@ use udc::core::error::Error;
 use udc::core::io::{
     DomainTag, Encoding, Pixels, RawMetadata, expand_inputs, inspect_image, inspect_mosaic, sha256_of_file,
 };
-use udc::psf::{Bracket, FuseConfig, Fused, MergeRule, SAME_TIME, Uneven, relative_times, show_time};
+use udc::psf::{Bracket, FuseConfig, Fused, MergeRule, Uneven, relative_times, show_time};
 
 use super::{Session, text_of};
 pub(crate) use levels::much_is_saturated;
 use levels::{check_floats, check_reachable};
-use shots::{Shot, exposures, gains_of_daylight, without_dark};
+use shots::{Shot, differ, exposures, exposures_of_darks, gains_of_daylight, is_in_doubt, without_dark};
 
 #[derive(Args, Debug)]
 pub(crate) struct BracketArgs {
@@ -109,11 +109,17 @@ impl Pictures {
     /// The exposures of the files, none where no file tells its time.
     ///
     /// # Errors
-    /// When some files tell it and some do not.
+    /// When some files tell it and some do not, or some tell different sensitivities and some none.
     pub(crate) fn told_times(&self) -> Result<Option<&[f64]>> {
         if self.times.is_none() && self.shots.iter().any(|shot| shot.seconds.is_some()) {
             bail!(
                 "not every picture says its exposure time: add --exposures T,T,… in the order of the files"
+            );
+        }
+        if self.times.is_some() && is_in_doubt(&self.shots) {
+            bail!(
+                "not every picture says its ISO, and those that do say different ones: add --exposures T,T,… in the order of \
+                 the files"
             );
         }
         Ok(self.times.as_deref())
@@ -225,19 +231,16 @@ impl BracketArgs {
         }
         let darks = planes.split_off(files.len());
         let count = files.len();
-        if raw.is_none() && largest.is_none() {
-            if let Some(warning) = check_floats(&planes, self.white)? {
-                session.warn(format_args!("{}: {warning}", names_of(files)));
-            }
+        if raw.is_none()
+            && largest.is_none()
+            && let Some(warning) = check_floats(&planes, self.white)?
+        {
+            session.warn(format_args!("{}: {warning}", names_of(files)));
         }
-        let times = exposures(&shots);
         let dark_shots = shots.split_off(count);
         let told: Vec<f64> = dark_shots.iter().filter_map(|shot| shot.seconds).collect();
-        let darks_differ = told.iter().any(|time| (time / told[0] - 1.0).abs() > SAME_TIME);
-        let (times, dark_times) = match times {
-            Some(mut all) => (Some(all.drain(..count).collect()), Some(all)),
-            None => (exposures(&shots), None),
-        };
+        let darks_differ = differ(&told);
+        let (times, dark_times) = (exposures(&shots), exposures_of_darks(&shots, &dark_shots));
         Ok(Pictures { planes, times, config, raw, shots, darks, dark_times, dark_shots, darks_differ })
     }
 

@@ -244,3 +244,24 @@ fn times_that_are_rounded_differently_are_one_time() {
         fail(scratch.path(), &["fuse", "a.dng", "b.dng", "--exposures", "1,1e-30", "-o", "refused.exr"], 1);
     assert!(said.contains("further apart than the exposures of any bracket"), "{said}");
 }
+
+#[test]
+fn sensitivities_count_though_dark_frames_do_not_say_theirs_and_are_asked_for_where_some_pictures_do_not() {
+    let scratch = scratch();
+    let seconds = Some((1, 60));
+    for (name, light, iso) in [
+        ("a.dng", 0.8, Some(400)),
+        ("b.dng", 0.2, Some(100)),
+        ("c.dng", 0.2, None),
+        ("dark.dng", 0.001, None),
+    ] {
+        let said = grey(Said { seconds, iso, ..Said::default() });
+        write_negative(&scratch.path().join(name), light, said);
+    }
+    let said = succeed(scratch.path(), &["fuse", "a.dng", "b.dng", "--dark", "dark.dng", "-o", "out.exr"]);
+    assert!(said.contains("from 1,") && said.contains("from 1/4"), "{said}");
+    for command in [&["fuse", "-o", "refused.exr"][..], &[&["restore", "--bracket"][..], &HOW].concat()] {
+        let said = fail(scratch.path(), &[command, &["--overwrite", "a.dng", "b.dng", "c.dng"]].concat(), 1);
+        assert!(said.contains("not every picture says its ISO") && said.contains("--exposures"), "{said}");
+    }
+}

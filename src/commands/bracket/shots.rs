@@ -25,6 +25,27 @@ pub(super) fn exposures(shots: &[Shot]) -> Option<Vec<f64>> {
     })
 }
 
+/// The exposures of dark frames in the unit of the pictures'; those that do not say their sensitivity have that of the pictures,
+/// where it is one.
+pub(super) fn exposures_of_darks(shots: &[Shot], darks: &[Shot]) -> Option<Vec<f64>> {
+    exposures(shots)?;
+    let isos: Option<Vec<f64>> = shots.iter().map(|shot| shot.iso).collect();
+    let Some(isos) = isos else { return darks.iter().map(|dark| dark.seconds).collect() };
+    let of_all = (!differ(&isos)).then_some(isos[0]);
+    darks.iter().map(|dark| Some(dark.seconds? * dark.iso.or(of_all)?)).collect()
+}
+
+/// Whether only some files tell their sensitivities, and tell different ones, so that times alone are not exposures.
+pub(super) fn is_in_doubt(shots: &[Shot]) -> bool {
+    let told: Vec<f64> = shots.iter().filter_map(|shot| shot.iso).collect();
+    told.len() < shots.len() && differ(&told)
+}
+
+/// Whether any value differs from the first as two settings do.
+pub(super) fn differ(values: &[f64]) -> bool {
+    values.iter().any(|value| (value / values[0] - 1.0).abs() > SAME_TIME)
+}
+
 /// What to say of a picture that no dark frame was taken like, where there is one: `exposures` are those of the pictures and of the
 /// dark frames, `of_bracket` the different ones as shares of the longest.
 pub(super) fn without_dark(
@@ -58,7 +79,7 @@ impl Shot {
             Some(seconds) => seconds,
         };
         let inverse = 1.0 / seconds;
-        if seconds < 1.0 && (inverse - inverse.round()).abs() < SAME_TIME * inverse {
+        if seconds < 0.6 && (inverse - inverse.round()).abs() < SAME_TIME * inverse {
             format!("1/{} s{iso}", inverse.round())
         } else {
             format!("{seconds} s{iso}")

@@ -126,7 +126,9 @@ impl RestoreArgs {
             self.raw.read(&job.inputs, self.domain.map(DomainTag::from), session)
         })?;
         let bracket = if self.is_bracket() {
-            let Some(times) = self.raw.exposures.clone().or_else(|| pictures.times.clone()) else {
+            let given = self.raw.exposures.clone();
+            let told = || Ok::<_, anyhow::Error>(pictures.told_times()?.map(<[f64]>::to_vec));
+            let Some(times) = given.map_or_else(told, |times| Ok(Some(times)))? else {
                 bail!(
                     "not every picture says its exposure time: add --exposures T,T,… in the order of the files"
                 );
