@@ -99,7 +99,8 @@ impl ConvertArgs {
     fn note_what_is_lost(&self, pixels: &Pixels, session: &Session) {
         let Some(mut info) = pixels.capture.clone() else { return };
         let is_implied = !self.writes_floats() && pixels.domain == Some(DomainTag::Linear);
-        info.saturation = info.saturation.filter(|levels| !(is_implied && *levels == [1.0; CHANNELS]));
+        let is_one = |levels: &[f32; CHANNELS]| levels.iter().all(|level| (level - 1.0).abs() < f32::EPSILON);
+        info.saturation = info.saturation.filter(|levels| !(is_implied && is_one(levels)));
         note_what_is_lost(&self.output, &info, session);
     }
 
