@@ -13,8 +13,8 @@ use crate::core::error::{Error, Result};
 pub struct ClaheConfig {
     /// The height to which a tile's histogram is cut, in multiples of its mean.
     pub clip_limit: f64,
-    /// Rows and columns of tiles. Without, there are 8 × 8, but fewer in small pictures: each tile gets as many pixels as its
-    /// histogram has bins. Pictures of fewer than that have no local contrast, and stay as they are.
+    /// Rows and columns of tiles. Without, there are 8 × 8, as is usual; but where these would have fewer than 64 pixels, so
+    /// few that each gets as many as its histogram has bins. Pictures of fewer than that stay as they are.
     pub grid: Option<[usize; 2]>,
 }
 
@@ -26,6 +26,9 @@ impl Default for ClaheConfig {
 
 /// Tiles on each side of a picture that is large enough for them.
 const USUAL_SIDE: usize = 8;
+
+/// Pixels of a tile below which the histogram's bins are mostly empty, and what is given back to them brightens the picture.
+const FEW_PIXELS: usize = 64;
 
 /// Grids beyond this have more tiles than any use.
 const LARGEST_GRID: usize = 1024;
@@ -50,8 +53,10 @@ impl ClaheConfig {
 
     /// The grid of a picture of these sides; none of one that is too small for any.
     fn grid_of(&self, [height, width]: [usize; 2]) -> Option<[usize; 2]> {
+        let pixels = height * width;
+        let least = if pixels >= FEW_PIXELS * USUAL_SIDE * USUAL_SIDE { FEW_PIXELS } else { CODES };
         let grids = (1..=USUAL_SIDE).rev().map(|side| [side.min(height), side.min(width)]);
-        let is_filled = |[rows, columns]: &[usize; 2]| height * width >= CODES * rows * columns;
+        let is_filled = |[rows, columns]: &[usize; 2]| pixels >= least * rows * columns;
         self.grid.or_else(|| grids.into_iter().find(is_filled))
     }
 }

@@ -37,7 +37,7 @@ impl Bracket {
     /// Puts pictures and exposure times together, in the same order.
     ///
     /// Only the ratios of the times matter, whatever their unit: the longest becomes 1, so that irradiance 1 is its white.
-    /// Pictures of one time, within a hundredth ([`SAME_TIME`](super::SAME_TIME)), are averaged; the longest of their times
+    /// Pictures of one time, within a hundredth ([`SAME_TIME`]), are averaged; the longest of their times
     /// stands for them.
     ///
     /// # Shapes
