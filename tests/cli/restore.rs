@@ -688,8 +688,18 @@ fn finds_the_angle_and_treats_highlights_as_told() {
 #[test]
 fn interpolates_codes_over_the_field() {
     let scratch = scratch();
-    let turned = udc::codes::rotate(&psf(), 8.0).unwrap();
-    io::write_psf(&scratch.path().join("turned.exr"), &turned, &WriteOptions::default()).unwrap();
+    // A streak, whose codes change much with the angle.
+    let streak = |(c, y, x): (usize, usize, usize)| {
+        let (dy, dx) = (y as f32 - 10.0, x as f32 - 10.0);
+        (-(dy * dy / (9.0 + c as f32) + dx * dx)).exp() + 5e-4
+    };
+    let straight = Psf::from_energy(Array3::from_shape_fn((3, 21, 21), streak)).unwrap();
+    let turned = udc::codes::rotate(&straight, 40.0).unwrap();
+    let bank = make_rotated_bank(&straight, &[-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0], 5).unwrap();
+    io::write_bank(&scratch.path().join("bank.safetensors"), &bank, true).unwrap();
+    let options = WriteOptions { overwrite: true, ..WriteOptions::default() };
+    io::write_psf(&scratch.path().join("psf.exr"), &straight, &options).unwrap();
+    io::write_psf(&scratch.path().join("turned.exr"), &turned, &options).unwrap();
     let write = |name: &str, right: &str| {
         let text = format!("rows = 1\ncolumns = 2\npsfs = [\"psf.exr\", \"{right}\"]\n");
         std::fs::write(scratch.path().join(name), text).unwrap();
@@ -712,7 +722,8 @@ fn interpolates_codes_over_the_field() {
         (column(a) - column(&one)).iter().fold(0.0f32, |worst, d| worst.max(d.abs()))
     };
     let everywhere = (0..56).map(|x| worst(&same, x)).fold(0.0, f32::max);
-    assert!(everywhere < 1e-4, "{everywhere}");
+    // A few roundings of 1 in 32 bits.
+    assert!(everywhere < 1e-6, "{everywhere}");
     assert!(worst(&varying, 55) > 10.0 * everywhere, "{} {everywhere}", worst(&varying, 55));
     std::fs::write(scratch.path().join("short.toml"), "rows = 2\ncolumns = 2\npsfs = [\"psf.exr\"]\n")
         .unwrap();
