@@ -128,6 +128,7 @@ impl Stages for Mapping<'_> {
         let image = if self.args.inverse {
             AnyImage::ToneMapped(image_of::<ToneMapped>(path, pixels)?)
         } else {
+            pixels.check_told_light(path)?;
             AnyImage::Linear(image_of::<Linear>(path, pixels)?)
         };
         Ok((image, info))

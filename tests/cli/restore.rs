@@ -330,7 +330,7 @@ fn asks_for_the_domain_where_the_file_is_silent() {
         ],
         1,
     );
-    assert!(said.contains("--domain tone-mapped"), "{said}");
+    assert!(said.contains("leave out the flag that says linear (--domain)"), "{said}");
 }
 
 /// In MiB: what is said that a restoration will take, and what the process took in the end.

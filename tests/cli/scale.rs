@@ -122,9 +122,13 @@ fn training_takes_the_scale_of_the_dataset() {
     let run = udc(folder, &[&views[..], &["-o", "views"], &scale].concat());
     let said = String::from_utf8_lossy(&run.stderr);
     assert!(run.status.success() && !said.contains("x-max"), "{said}");
-    let run = udc(folder, &[&views[..], &["-o", "late"], &scale[2..]].concat());
+    assert_eq!(curve("views"), expected);
+    // The sensor says it too.
+    let run = udc(folder, &[&views[..], &["-o", "sensor"], &scale[2..]].concat());
     let said = String::from_utf8_lossy(&run.stderr);
-    assert!(run.status.success() && said.contains("x-max is 500") && said.contains("16.0000"), "{said}");
+    assert!(run.status.success() && !said.contains("x-max"), "{said}");
+    let found = curve("sensor").unwrap();
+    assert!((found.x_max - 16.0).abs() < 1e-4, "{found:?}");
     let said = fail(folder, &[&train[..], &["dataset", "-o", "both"], &live, &scale].concat(), 1);
     assert!(said.contains("data.formation goes with a folder of clean images"), "{said}");
 }
