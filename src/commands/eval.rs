@@ -54,8 +54,8 @@ pub(crate) struct EvalArgs {
     /// Models to measure, .safetensors or .pth
     #[arg(long, value_name = "MODEL", num_args = 1.., requires = "dataset", conflicts_with = "restored")]
     model: Vec<PathBuf>,
-    /// Deconvolutions to measure, with the PSF of each image's kernel and the border that the dataset was made with; may
-    /// be repeated
+    /// Deconvolutions to measure, with the PSF of each image's kernel and the border that the dataset was made with, or a
+    /// scene that goes on where it has a margin; may be repeated
     #[arg(
         long,
         value_enum,

@@ -3,7 +3,6 @@
 use ndarray::{Array2, Array3};
 
 use super::darks::DarkFrames;
-
 use super::exposure_times::{self, SAME_TIME, relative_times};
 use crate::core::error::{Error, Result};
 
