@@ -8,8 +8,8 @@
 use std::path::Path;
 use std::time::Instant;
 
-use udc::core::dataset::Dataset;
 use udc::core::progress::Progress;
+use udc::dataset::Dataset;
 use udc::restore::{WEAK_LEAD, search_angle};
 
 /// The share of kernels found, or neighbours of them, that is asked for.

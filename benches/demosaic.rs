@@ -9,11 +9,11 @@
 use std::path::PathBuf;
 
 use ndarray::{Array2, Array3, ArrayView2};
+use udc::capture::bayer::{BayerPattern, demosaic, demosaic_scene};
 use udc::core::image::{Linear, ToneMappedImage};
-use udc::core::io::{expand_inputs, read_image};
 use udc::core::metrics::{MetricDefinition, psnr};
 use udc::core::tone::ToneCurve;
-use udc::psf::bayer::{BayerPattern, demosaic, demosaic_scene};
+use udc::io::{expand_inputs, read_image};
 
 const PATTERN: BayerPattern = BayerPattern::Rggb;
 

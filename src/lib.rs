@@ -1,10 +1,18 @@
 //! Under-display camera imaging: from a measured panel to a restored photograph.
 //!
-//! Data flows one way, each stage a module that takes values and returns values:
-//! captures → [`psf`] → [`codes`] → [`synth`] (of [`crop`]s) → [`train`] → [`restore`] → [`finish`], [`eval`] → [`report`].
-//! The stages never import one another; they meet through the types and files of [`core`]. The binary's
-//! commands connect them. Beneath [`train`] and [`restore`] lie the networks ([`network`]) and the loops that they
-//! spend their time in ([`kernels`]); beneath [`train`] and [`eval`] what trained eyes see ([`perceptual`]).
+//! Data flows one way: [`capture`]s become a [`psf`], whose [`codes`] and kernels [`synth`] applies to [`crop`]s; of the
+//! triplets [`train`] makes models, with which [`restore`] turns captures into images, for [`finish`] to develop and for
+//! [`experiment`] to measure and [`report`] to show.
+//!
+//! The modules from the ground up; each imports only what stands before it:
+//! - [`core`]: values and the mathematics that all share;
+//! - [`io`]: the only opener of files; [`dataset`]: a folder of triplets as a value;
+//! - [`kernels`]: the loops that networks spend their time in; [`network`]: the networks made of them;
+//! - [`capture`], [`psf`], [`codes`], [`crop`], [`scenes`], [`synth`], [`finish`]: the stages before and after a network;
+//! - [`perceptual`]: what trained eyes see;
+//! - [`restore`], [`train`], [`experiment`], [`report`].
+//!
+//! The binary's commands turn flags into configurations of these.
 //!
 //! # Axes and units
 //! Images are RGB, planar, `[channel, height, width]`; batches `[item, channel, height, width]`; positions
@@ -24,17 +32,20 @@
     )
 )]
 
+pub mod capture;
 pub mod codes;
 pub mod core;
 pub mod crop;
-pub mod demo;
-pub mod eval;
+pub mod dataset;
+pub mod experiment;
 pub mod finish;
+pub mod io;
 pub mod kernels;
 pub mod network;
 pub mod perceptual;
 pub mod psf;
 pub mod report;
 pub mod restore;
+pub mod scenes;
 pub mod synth;
 pub mod train;

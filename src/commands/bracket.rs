@@ -10,12 +10,12 @@ use clap::{Args, ValueEnum};
 use ndarray::Array3;
 use serde_json::{Value, json};
 
+use udc::capture::{Bracket, FuseConfig, Fused, MergeRule, Uneven, relative_times, show_time};
 use udc::core::bayer::BayerPattern;
 use udc::core::error::Error;
-use udc::core::io::{
+use udc::io::{
     DomainTag, Encoding, Pixels, RawMetadata, expand_inputs, inspect_image, inspect_mosaic, sha256_of_file,
 };
-use udc::psf::{Bracket, FuseConfig, Fused, MergeRule, Uneven, relative_times, show_time};
 
 use super::{Session, text_of};
 pub(crate) use levels::much_is_saturated;

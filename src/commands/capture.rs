@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use udc::capture::Fused;
 use udc::core::capture::CaptureInfo;
-use udc::core::io::{Format, RawMetadata};
-use udc::psf::Fused;
+use udc::io::{Format, RawMetadata};
 
 use super::Session;
 

@@ -7,9 +7,9 @@ use anyhow::{Context as _, Result, bail};
 use clap::Args;
 
 use udc::codes::{self, CODE_DIM};
-use udc::core::io;
 use udc::core::kernel_code::{KernelBank, KernelCode};
 use udc::core::psf::Psf;
+use udc::io;
 use udc::psf::simulate_turned;
 
 use super::Session;

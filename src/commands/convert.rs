@@ -10,8 +10,8 @@ use super::Session;
 use super::capture::note_what_is_lost;
 use super::domain::DomainArg;
 use udc::core::image::CHANNELS;
-use udc::core::io::{DomainTag, Format, PixelOptions, Pixels, check_output, read_pixels, write_pixels};
 use udc::core::provenance::Provenance;
+use udc::io::{DomainTag, Format, PixelOptions, Pixels, check_output, read_pixels, write_pixels};
 use udc::network::weights;
 
 /// Convert an image, or a PyTorch checkpoint to a model

@@ -9,9 +9,9 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use udc::core::image::Linear;
-use udc::core::io::{self, WriteOptions};
 use udc::core::provenance::Provenance;
 use udc::crop::{Panorama, View, crop_with_margin, spread_views};
+use udc::io::{self, WriteOptions};
 
 use super::Session;
 use super::domain::SceneDomainArgs;

@@ -6,9 +6,9 @@ use anyhow::{Context as _, Result, bail};
 use clap::{Args, Parser as _};
 use serde_json::json;
 
-use udc::core::io::{self, WriteOptions};
 use udc::core::provenance::Provenance;
-use udc::demo;
+use udc::io::{self, WriteOptions};
+use udc::scenes::{self, point_source};
 
 use super::domain::LightDomainArg;
 use super::{Cli, Session, is_broken_pipe};
@@ -35,6 +35,12 @@ pub(crate) struct DemoArgs {
     #[arg(long)]
     quick: bool,
 }
+
+/// The panel that the demo simulates: a layout file as `udc psf` reads it.
+const PANEL: &str = include_str!("demo/panel.toml");
+
+/// The training of the demo: a configuration as `udc train` reads it.
+const TRAINING: &str = include_str!("demo/training.toml");
 
 /// How much the demo makes.
 #[derive(Clone, Copy)]
@@ -124,13 +130,13 @@ impl Demo<'_> {
             ENTRIES.into_iter().try_for_each(|entry| io::remove(&self.path(entry)))?;
         }
         ["psf", "scenes"].into_iter().try_for_each(|folder| io::create_folder(&self.path(folder)))?;
-        self.write_text("panel.toml", demo::PANEL)?;
-        self.write_text("training.toml", demo::TRAINING)
+        self.write_text("panel.toml", PANEL)?;
+        self.write_text("training.toml", TRAINING)
     }
 
     /// Whether both configurations begin as a demo writes them.
     fn holds_a_demo(&self) -> bool {
-        [("panel.toml", demo::PANEL), ("training.toml", demo::TRAINING)].into_iter().all(|(name, text)| {
+        [("panel.toml", PANEL), ("training.toml", TRAINING)].into_iter().all(|(name, text)| {
             let found = io::read_text(&self.path(name)).unwrap_or_default();
             found.lines().next() == text.lines().next()
         })
@@ -145,7 +151,7 @@ impl Demo<'_> {
         let size = PSF_PX.to_string();
         self.run(&["psf", "--display", "@panel.toml", "-o", "@psf/simulated.exr", "--size", &size])?;
         let psf = io::read_psf(&self.path("psf/simulated.exr"))?;
-        let frames = demo::capture::expose(&psf, self.seed)?;
+        let frames = point_source::expose(&psf, self.seed)?;
         let names: Vec<String> = (1..=frames.len()).map(|i| format!("psf/exposure-{i}.exr")).collect();
         for (frame, name) in frames.iter().zip(&names) {
             io::write_image(&self.path(name), frame, &WriteOptions::default())?;
@@ -161,7 +167,7 @@ impl Demo<'_> {
 
     fn paint(&self) -> Result<()> {
         let Extent { scenes, frame_px, .. } = self.extent;
-        for scene in demo::scenes::scenes(0, scenes, frame_px + 2 * MARGIN, self.seed)? {
+        for scene in scenes::scenes(0, scenes, frame_px + 2 * MARGIN, self.seed)? {
             let path = self.path(&format!("scenes/{}.exr", scene.name));
             let origin = json!({ "scene": scene.name, "seed": self.seed, "margin": MARGIN });
             let provenance = Some(Provenance::new("demo", &origin));

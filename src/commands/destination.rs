@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf, is_separator};
 
 use anyhow::{Context as _, Result, bail};
 
-use udc::core::io::{Format, check_output};
+use udc::io::{Format, check_output};
 
 /// What `-o` names, and how files are named in it if it is a folder.
 pub(crate) struct Destination<'a> {

@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
-use udc::core::io::DomainTag;
+use udc::io::DomainTag;
 
 /// What the values of an image are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -14,11 +14,11 @@ use anyhow::{Result, bail};
 use clap::{ArgGroup, Args, ValueEnum};
 use serde_json::json;
 
-use udc::core::dataset::{Dataset, KernelChoice, Split};
 use udc::core::error;
-use udc::core::io::DomainTag;
 use udc::core::metrics::Measure;
-use udc::eval::{EvalConfig, Evaluation, Matrix, ToneFlags};
+use udc::dataset::{Dataset, KernelChoice, Split};
+use udc::experiment::{EvalConfig, Evaluation, Matrix, ToneFlags};
+use udc::io::DomainTag;
 use udc::network::Model;
 use udc::restore::Highlights;
 

@@ -13,13 +13,13 @@ use serde_json::{Value, json};
 use udc::core::capture::{CaptureInfo, is_exposure, is_level};
 use udc::core::error::Error;
 use udc::core::image::CHANNELS;
-use udc::core::io::{DomainTag, Format, PixelOptions, Pixels, read_pixels, write_pixels};
 use udc::core::orientation::Orientation;
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
 use udc::finish::{
     ColorMatrix, Curve, FinishConfig, Look, automatic_curve, channel_means, finish, read_color_matrix,
 };
+use udc::io::{DomainTag, Format, PixelOptions, Pixels, read_pixels, write_pixels};
 
 use super::destination::OutputFolder;
 use super::domain::DomainArg;

@@ -14,9 +14,10 @@ use super::bracket::{BracketArgs, Pictures, names_of};
 use super::capture::{info_of, note_what_is_lost, uncorrected};
 use super::domain::SceneDomainArgs;
 use super::psf::check_float_output;
-use udc::core::io::{WriteOptions, check_output, expand_inputs, read_pixels, write_image, write_psf};
+use udc::capture::{FuseConfig, fuse, relative_times};
 use udc::core::provenance::Provenance;
-use udc::psf::{FuseConfig, MeasureConfig, Normalization, fuse, measure_psf, relative_times};
+use udc::io::{WriteOptions, check_output, expand_inputs, read_pixels, write_image, write_psf};
+use udc::psf::{MeasureConfig, Normalization, measure_psf};
 
 use summary::Summary;
 

@@ -13,8 +13,8 @@ use serde_json::{Value, json};
 
 use super::Session;
 use super::psf_file::PsfFileArgs;
-use udc::core::dataset::CONFIG_FILE;
-use udc::core::io::{Description, describe, describe_psf, expand_inputs};
+use udc::dataset::CONFIG_FILE;
+use udc::io::{Description, describe, describe_psf, expand_inputs};
 use udc::network::weights;
 
 /// Describe a file or folder: image, PSF, kernel bank, model, dataset, training run, configuration

@@ -8,7 +8,7 @@ use clap::{Args, Command};
 use clap_mangen::Man;
 
 use super::{Session, definition};
-use udc::core::io::write_atomically;
+use udc::io::write_atomically;
 
 /// Print the manual page
 #[derive(Args, Debug)]

@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 
 use udc::core::metrics::{Measure, Metric, MetricDefinition};
-use udc::eval::EvalConfig;
+use udc::experiment::EvalConfig;
 use udc::perceptual::Lpips;
 
 /// What is measured and how it is defined.

@@ -6,8 +6,8 @@ use anyhow::{Result, bail};
 
 use udc::core::capture::CaptureInfo;
 use udc::core::image::{Linear, LinearImage, ToneMapped, ToneMappedImage};
-use udc::core::io::{DomainTag, Format, Pixels, WriteOptions, image_of, read_pixels, write_image};
 use udc::core::tone::ToneCurve;
+use udc::io::{DomainTag, Format, Pixels, WriteOptions, image_of, read_pixels, write_image};
 
 use super::Session;
 use super::domain::{DomainArg, OutputDomainArg};

@@ -7,8 +7,8 @@ use clap::Args;
 
 use super::Session;
 use udc::core::error::Error;
-use udc::core::io::{Format, WriteOptions, check_output, read_text, write_psf};
 use udc::core::provenance::Provenance;
+use udc::io::{Format, WriteOptions, check_output, read_text, write_psf};
 use udc::psf::{DisplayConfig, SimulatedPsf, assess_psf, simulate_psf};
 
 /// Simulate a PSF from a display layout by light propagation

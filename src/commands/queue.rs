@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use anyhow::{Context as _, Result, bail};
 use serde_json::{Map, Value};
 
-use udc::core::io::read_provenance;
+use udc::io::read_provenance;
 
 use super::{Session, was_interrupted};
 

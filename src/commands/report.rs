@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
 
-use udc::core::dataset::Dataset;
-use udc::core::io;
-use udc::eval::Matrix;
+use udc::dataset::Dataset;
+use udc::experiment::Matrix;
+use udc::io;
 use udc::report::page::{Block, Figure, Page};
 use udc::report::sections;
 

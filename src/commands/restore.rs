@@ -12,11 +12,11 @@ use anyhow::Result;
 use clap::{ArgGroup, Args, ValueEnum};
 use serde_json::{Map, Value, json};
 
+use udc::capture::relative_times;
 use udc::core::capture::CaptureInfo;
-use udc::core::io::WriteOptions;
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
-use udc::psf::relative_times;
+use udc::io::WriteOptions;
 
 use super::bracket::BracketArgs;
 use super::capture::note_what_is_lost;

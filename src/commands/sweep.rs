@@ -10,10 +10,10 @@ use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use serde_json::json;
 
-use udc::core::dataset::{Dataset, KernelChoice, Split};
 use udc::core::error;
-use udc::core::io;
-use udc::eval::EvalConfig;
+use udc::dataset::{Dataset, KernelChoice, Split};
+use udc::experiment::EvalConfig;
+use udc::io;
 use udc::network::{Backend, Model};
 use udc::restore::Highlights;
 use udc::train::TrainConfig;

@@ -7,9 +7,9 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result};
 use clap::{ArgGroup, Args, value_parser};
 
-use udc::core::dataset::{BANK_FILE, DatasetConfig, FORMAT, FormationConfig, Split, VERSION};
 use udc::core::field::PsfField;
-use udc::core::io::{self, DomainTag};
+use udc::dataset::{BANK_FILE, DatasetConfig, FORMAT, FormationConfig, Split, VERSION};
+use udc::io::{self, DomainTag};
 use udc::restore::{format_bytes, parse_bytes};
 use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, common_margin, list_scenes};
 

@@ -14,9 +14,9 @@ use super::picture::AnyImage;
 use super::queue::{Stages, run_all};
 use udc::core::capture::CaptureInfo;
 use udc::core::image::{Linear, ToneMapped};
-use udc::core::io::{DomainTag, WriteOptions, expand_inputs, image_of, read_pixels};
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
+use udc::io::{DomainTag, WriteOptions, expand_inputs, image_of, read_pixels};
 
 /// Apply the tone mapping or its inverse
 ///

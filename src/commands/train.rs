@@ -9,12 +9,12 @@ use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use clap::error::ErrorKind;
 
-use udc::core::dataset::{Dataset, KernelChoice, Split};
 use udc::core::error::Error;
 use udc::core::image::LinearImage;
-use udc::core::io;
 use udc::core::metrics::Measure;
 use udc::core::rng::Rng;
+use udc::dataset::{Dataset, KernelChoice, Split};
+use udc::io;
 use udc::network::{Backend, Parameters, weights};
 use udc::train::{
     self, Job, OnTheFlyData, Outcome, Start, StoredData, TrainConfig, TrainingData, ValidationConfig,

@@ -1,18 +1,16 @@
-//! The shared vocabulary of every stage: images, PSFs, kernel codes, tone mapping, transforms, files, errors.
+//! The shared vocabulary of every stage: images, PSFs, kernel codes, tone mapping, transforms, errors.
 //!
-//! Core knows no stage and no command line, and prints nothing.
+//! Core knows no file, no stage and no command line, and prints nothing.
 
 pub mod bayer;
 pub mod camera_color;
 pub mod capture;
 pub mod color;
 pub mod config;
-pub mod dataset;
 pub mod error;
 pub mod fft;
 pub mod field;
 pub mod image;
-pub mod io;
 pub mod kernel_code;
 pub mod matrix3;
 pub mod metrics;

@@ -7,8 +7,8 @@ use serde::Serialize;
 
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
-use crate::core::io::{read_array, read_text};
 use crate::core::matrix3::{Matrix3, is_singular};
+use crate::io::{read_array, read_text};
 
 /// A colour correction matrix: row i holds what output channel i takes of red, green and blue.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -189,7 +189,7 @@ mod tests {
         for shape in [&[3, 3][..], &[9]] {
             let path = folder.path().join("a.npy");
             let array = ArrayD::from_shape_vec(IxDyn(shape), NINE.to_vec()).unwrap();
-            crate::core::io::write_array(&path, &array, true).unwrap();
+            crate::io::write_array(&path, &array, true).unwrap();
             assert_eq!(read_color_matrix(&path).unwrap(), expected);
         }
     }

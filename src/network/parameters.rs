@@ -11,8 +11,8 @@ use super::architecture::{Architecture, Kind};
 use super::layers::{LayerWeights, TensorSpec};
 use crate::core::error::{Error, Result};
 use crate::core::image::all_finite;
-use crate::core::io::TensorData;
 use crate::core::rng::{self, Rng};
+use crate::io::TensorData;
 
 /// The slope that every PReLU starts with.
 const INITIAL_SLOPE: f32 = 0.2;

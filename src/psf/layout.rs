@@ -5,7 +5,7 @@ use std::path::Path;
 use ndarray::{Array2, Axis, s};
 
 use crate::core::error::{Error, Result};
-use crate::core::io::read_pixels;
+use crate::io::read_pixels;
 
 use super::display::{Direction, Grey, LayoutConfig, LayoutKind, WiringConfig};
 use super::shape::Shape;

@@ -6,11 +6,11 @@ use serde_json::Value;
 use super::chart::{Axes, Series, line_chart};
 use super::page::{Block, Figure};
 use super::picture;
-use crate::core::dataset::{Dataset, Split};
 use crate::core::error::{Error, Result};
 use crate::core::kernel_code::KernelBank;
 use crate::core::metrics::Metric;
 use crate::core::psf::Psf;
+use crate::dataset::{Dataset, Split};
 
 /// Decades of the logarithmic stretch of PSFs: a panel's sidelobes lie three to five below the peak.
 const PSF_DECADES: f32 = 5.0;
@@ -67,7 +67,7 @@ pub fn bank(name: &str, bank: &KernelBank) -> Vec<Block> {
 pub fn dataset(name: &str, dataset: &Dataset) -> Vec<Block> {
     let row = |split: Split| {
         let triplets: Vec<_> = dataset.triplets.iter().filter(|triplet| triplet.split == split).collect();
-        let distinct = |key: fn(&&crate::core::dataset::Triplet) -> String| {
+        let distinct = |key: fn(&&crate::dataset::Triplet) -> String| {
             let mut keys: Vec<String> = triplets.iter().map(key).collect();
             keys.sort_unstable();
             keys.dedup();

@@ -7,9 +7,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use crate::core::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Split, Triplet, TripletFiles};
 use crate::core::error::{Error, Result};
-use crate::core::io::{self, LineLog};
+use crate::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Split, Triplet, TripletFiles};
+use crate::io::{self, LineLog};
 
 use super::folder::listed;
 use super::run::Synthesis;

@@ -11,10 +11,10 @@ use std::time::Duration;
 
 use rayon::prelude::*;
 
-use crate::core::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Triplet};
 use crate::core::error::Result;
 use crate::core::image::Linear;
-use crate::core::io::{self, LineLog};
+use crate::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Triplet};
+use crate::io::{self, LineLog};
 
 use super::existing::{Existing, Place};
 use super::kept::check_scenes;

@@ -4,12 +4,12 @@ use std::borrow::Cow;
 
 use ndarray::Array3;
 
-use crate::core::dataset::FormationConfig;
 use crate::core::error::Result;
 use crate::core::fft::{Convolver, Otf, Spectrum};
 use crate::core::image::LinearImage;
 use crate::core::psf::Psf;
 use crate::core::tone::ToneCurve;
+use crate::dataset::FormationConfig;
 
 use super::noise::add_noise;
 
@@ -111,8 +111,8 @@ impl Formation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::dataset::NoiseConfig;
     use crate::core::fft::Boundary;
+    use crate::dataset::NoiseConfig;
 
     fn point(value: f32) -> LinearImage {
         let mut planes = Array3::zeros((3, 9, 9));

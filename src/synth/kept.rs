@@ -8,10 +8,10 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use crate::core::dataset::Triplet;
 use crate::core::error::{Error, Result};
 use crate::core::image::{Linear, LinearImage};
-use crate::core::io;
+use crate::dataset::Triplet;
+use crate::io;
 
 use super::Formation;
 use super::run::Synthesis;

@@ -7,9 +7,9 @@ use ndarray::{Array3, ArrayViewMut1, Axis};
 use rand_distr::{Distribution, Poisson, StandardNormal};
 use rayon::prelude::*;
 
-use crate::core::dataset::{NoiseConfig, SensorConfig};
 use crate::core::rng::{Rng, stream};
 use crate::core::saturation::SATURATED_SHARE;
+use crate::dataset::{NoiseConfig, SensorConfig};
 
 /// Photon counts of this many standard deviations above the full well saturate without being drawn.
 const CERTAIN_SIGMAS: f64 = 9.0;

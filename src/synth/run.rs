@@ -5,13 +5,13 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::core::dataset::{CONFIG_FILE, DatasetConfig};
 use crate::core::error::{Error, Result};
 use crate::core::field::PsfField;
 use crate::core::image::{CHANNELS, Linear};
-use crate::core::io::{self, DomainTag};
 use crate::core::kernel_code::KernelBank;
 use crate::core::progress::Progress;
+use crate::dataset::{CONFIG_FILE, DatasetConfig};
+use crate::io::{self, DomainTag};
 
 use super::Formation;
 use super::existing::Existing;

@@ -7,13 +7,13 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::core::capture::{CaptureInfo, is_level};
-use crate::core::dataset::{FormationConfig, Triplet};
 use crate::core::error::Result;
 use crate::core::fft::Spectrum;
 use crate::core::field::PsfField;
 use crate::core::image::{CHANNELS, Linear, LinearImage};
-use crate::core::io::{self, WriteOptions};
 use crate::core::provenance::Provenance;
+use crate::dataset::{FormationConfig, Triplet};
+use crate::io::{self, WriteOptions};
 
 use super::Formation;
 use super::field::convolve_nodes;

@@ -7,10 +7,10 @@ use std::str::FromStr;
 
 use sha2::{Digest, Sha256};
 
-use crate::core::dataset::Split;
 use crate::core::error::{Error, Result};
-use crate::core::io;
 use crate::core::provenance::Provenance;
+use crate::dataset::Split;
+use crate::io;
 
 /// A clean image that a dataset is made of.
 #[derive(Clone, Debug, PartialEq, Eq)]

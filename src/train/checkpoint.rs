@@ -12,7 +12,7 @@ use super::instruction_sets::InstructionSets;
 use super::optimizer::Moments;
 use super::trainer::State;
 use crate::core::error::{Error, Result};
-use crate::core::io::{self, TensorData};
+use crate::io::{self, TensorData};
 use crate::network::weights::{self, Weights, tensors};
 use crate::network::{Architecture, Parameters, Values};
 

@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use self::settings::{in_plain_words, keys, put};
 use crate::core::config::parse_toml;
-use crate::core::dataset::{FormationConfig, KernelChoice, NoiseConfig};
 use crate::core::error::{Error, Result};
 use crate::core::metrics::{Metric, MetricDefinition};
+use crate::dataset::{FormationConfig, KernelChoice, NoiseConfig};
 use crate::network::{Architecture, Initialisation};
 use crate::perceptual::FeatureDistance;
 

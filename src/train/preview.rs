@@ -7,7 +7,7 @@ use ndarray::{Axis, concatenate};
 use super::data::Patch;
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
-use crate::core::io::{self, PixelOptions, Pixels};
+use crate::io::{self, PixelOptions, Pixels};
 
 /// Enough to see what a network does; more would fill the disk over a long training.
 const COUNT: usize = 4;

@@ -19,9 +19,9 @@ use super::tensorboard::{self, EventLog};
 use super::trainer::{ADVICE, Step, Trainer};
 use super::validation::{Validation, ValidationScore, Validator};
 use crate::core::error::{Error, Result};
-use crate::core::io::{self, LineLog};
 use crate::core::metrics::Measure;
 use crate::core::progress::Progress;
+use crate::io::{self, LineLog};
 use crate::network::weights::{self, Weights};
 use crate::network::{Backend, Origin, Parameters};
 

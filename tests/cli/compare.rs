@@ -6,8 +6,8 @@ use std::path::Path;
 use ndarray::Array3;
 use serde_json::Value;
 use udc::core::image::LinearImage;
-use udc::core::io::{self, WriteOptions};
 use udc::core::psf::Psf;
+use udc::io::{self, WriteOptions};
 use udc::network::weights::{self, Weights};
 use udc::network::{Architecture, Initialisation, Origin, Parameters};
 

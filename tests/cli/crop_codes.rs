@@ -4,8 +4,8 @@ use std::path::Path;
 
 use ndarray::{Array3, Axis};
 use udc::core::image::{Linear, LinearImage};
-use udc::core::io::{self, WriteOptions};
 use udc::core::psf::Psf;
+use udc::io::{self, WriteOptions};
 
 use super::common::{fail, succeed, udc};
 

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use ndarray::{Array3, s};
 use udc::core::image::{Linear, LinearImage, ToneMapped};
-use udc::core::io::{self, DomainTag, PixelOptions, Pixels, WriteOptions, read_image, read_image_told};
 use udc::core::tone::ToneCurve;
+use udc::io::{self, DomainTag, PixelOptions, Pixels, WriteOptions, read_image, read_image_told};
 
 use super::common::{fail, succeed, udc};
 use super::tiff::{Field, Tiff};

@@ -5,10 +5,10 @@ use std::path::Path;
 use ndarray::{Array3, ArrayD};
 use serde_json::{Value, json};
 use udc::codes::make_rotated_bank;
-use udc::core::dataset::{DatasetConfig, FORMAT, FormationConfig, VERSION};
 use udc::core::image::{LinearImage, ToneMappedImage};
-use udc::core::io::{self, WriteOptions};
 use udc::core::psf::Psf;
+use udc::dataset::{DatasetConfig, FORMAT, FormationConfig, VERSION};
+use udc::io::{self, WriteOptions};
 
 use super::common::{fail, succeed, udc};
 use super::perceptual_weights;

@@ -414,11 +414,11 @@ fn completions_and_manual_pages_are_printed() {
 fn half_floats_are_clipped_where_that_is_asked_for() {
     let scratch = tempfile::tempdir().unwrap();
     let bright = ndarray::ArrayD::from_elem(vec![2, 2, 3], 1e6_f32);
-    udc::core::io::write_array(&scratch.path().join("bright.npy"), &bright, false).unwrap();
+    udc::io::write_array(&scratch.path().join("bright.npy"), &bright, false).unwrap();
     let convert = ["convert", "bright.npy", "half.exr", "--half", "--domain", "linear"];
     assert!(fail(scratch.path(), &convert, 1).contains("65504"));
     succeed(scratch.path(), &[&convert[..], &["--clip"]].concat());
-    let found = udc::core::io::read_pixels(&scratch.path().join("half.exr")).unwrap().planes;
+    let found = udc::io::read_pixels(&scratch.path().join("half.exr")).unwrap().planes;
     assert!(found.iter().all(|value| (value - 65504.0).abs() < 1.0));
     // A format without half floats clips as it does without them.
     succeed(

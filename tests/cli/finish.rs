@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use udc::core::image::{Linear, LinearImage};
-use udc::core::io::{self, PixelOptions, Pixels, WriteOptions, read_pixels, write_pixels};
+use udc::io::{self, PixelOptions, Pixels, WriteOptions, read_pixels, write_pixels};
 
 #[cfg(unix)]
 use super::common::interrupt_after;

@@ -6,7 +6,7 @@ use std::path::Path;
 use ndarray::Array3;
 use serde_json::json;
 use udc::core::image::LinearImage;
-use udc::core::io::{self, WriteOptions};
+use udc::io::{self, WriteOptions};
 
 use super::common::{fail, succeed};
 

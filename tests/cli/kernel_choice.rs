@@ -4,9 +4,9 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
-use udc::core::dataset::DatasetConfig;
-use udc::core::io;
 use udc::core::psf::Psf;
+use udc::dataset::DatasetConfig;
+use udc::io;
 use udc::network::Model;
 
 use super::common::{fail, succeed};

@@ -5,7 +5,7 @@ use std::path::Path;
 use ndarray::Array3;
 use serde_json::Value;
 use tempfile::tempdir;
-use udc::core::io::{PixelOptions, Pixels, read_pixels, read_psf, write_pixels};
+use udc::io::{PixelOptions, Pixels, read_pixels, read_psf, write_pixels};
 
 use crate::common::{fail, succeed};
 

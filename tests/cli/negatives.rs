@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use ndarray::{Array3, Axis, Ix3, s};
-use udc::core::io::{inspect_image, read_array};
+use udc::io::{inspect_image, read_array};
 
 use super::common::succeed;
 

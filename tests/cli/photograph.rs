@@ -6,8 +6,8 @@ use std::path::Path;
 use ndarray::{Array2, Array3, s};
 use udc::core::bayer::BayerPattern;
 use udc::core::image::Linear;
-use udc::core::io::{self, WriteOptions, read_pixels};
 use udc::core::psf::Psf;
+use udc::io::{self, WriteOptions, read_pixels};
 
 use super::common::{fail, succeed, udc};
 use super::tiff::{Field, Tiff};

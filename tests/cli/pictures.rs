@@ -5,8 +5,8 @@ use std::path::Path;
 use ndarray::{Array3, s};
 use udc::core::capture::CaptureInfo;
 use udc::core::image::LinearImage;
-use udc::core::io::{self, PixelOptions, Pixels, WriteOptions, read_pixels};
 use udc::core::orientation::Orientation;
+use udc::io::{self, PixelOptions, Pixels, WriteOptions, read_pixels};
 
 use super::common::{fail, succeed, udc};
 

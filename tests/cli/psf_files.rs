@@ -5,7 +5,7 @@ use std::path::Path;
 
 use ndarray::{Array3, s};
 use udc::core::image::{Linear, LinearImage};
-use udc::core::io::{self, PixelOptions, Pixels, WriteOptions};
+use udc::io::{self, PixelOptions, Pixels, WriteOptions};
 
 use super::common::{fail, succeed, udc};
 

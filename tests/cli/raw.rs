@@ -8,8 +8,8 @@ use image::{ExtendedColorType, ImageFormat};
 use ndarray::{Array3, ArrayD};
 use udc::core::bayer::BayerPattern;
 use udc::core::image::{Linear, LinearImage};
-use udc::core::io::{self, Pixels, WriteOptions, inspect_image, inspect_mosaic};
 use udc::core::psf::Psf;
+use udc::io::{self, Pixels, WriteOptions, inspect_image, inspect_mosaic};
 
 use super::common::{fail, succeed};
 use super::tiff::{Field, Tiff};

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use ndarray::Array3;
 use tempfile::{TempDir, tempdir};
-use udc::core::io::{self, PixelOptions, Pixels, WriteOptions};
 use udc::core::psf::Psf;
+use udc::io::{self, PixelOptions, Pixels, WriteOptions};
 
 use super::common::{fail, succeed, udc};
 use super::tiff::{Field, Tiff};

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use ndarray::{Array3, ArrayD};
 use udc::codes::make_rotated_bank;
 use udc::core::image::{Linear, LinearImage, ToneMapped, ToneMappedImage};
-use udc::core::io::{self, WriteOptions};
 use udc::core::metrics::{MetricDefinition, psnr};
 use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
+use udc::io::{self, WriteOptions};
 #[cfg(target_os = "linux")]
 use udc::network::{Architecture, Model, Origin};
 use udc::network::{Initialisation, Parameters, weights};

@@ -4,10 +4,10 @@ use std::fs;
 use std::path::Path;
 
 use ndarray::Array3;
-use udc::core::dataset::Dataset;
 use udc::core::image::LinearImage;
-use udc::core::io::{self, WriteOptions};
 use udc::core::psf::Psf;
+use udc::dataset::Dataset;
+use udc::io::{self, WriteOptions};
 
 use super::common::{fail, succeed};
 

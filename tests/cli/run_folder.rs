@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use udc::core::dataset::DatasetConfig;
-use udc::core::io;
+use udc::dataset::DatasetConfig;
+use udc::io;
 
 #[cfg(unix)]
 use super::common::signal_after;

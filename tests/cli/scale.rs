@@ -4,11 +4,11 @@ use std::fs;
 use std::path::Path;
 
 use ndarray::Array3;
-use udc::core::dataset::Dataset;
 use udc::core::image::{Linear, LinearImage};
-use udc::core::io::{self, WriteOptions};
 use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
+use udc::dataset::Dataset;
+use udc::io::{self, WriteOptions};
 use udc::network::Model;
 
 use super::common::{fail, succeed, udc};

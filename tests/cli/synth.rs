@@ -8,10 +8,10 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, SystemTime};
 
 use ndarray::Array3;
-use udc::core::dataset::{Dataset, NoiseConfig, Split};
 use udc::core::image::{Linear, LinearImage};
-use udc::core::io::{self, WriteOptions};
 use udc::core::psf::Psf;
+use udc::dataset::{Dataset, NoiseConfig, Split};
+use udc::io::{self, WriteOptions};
 
 use super::common::{fail, succeed};
 

@@ -6,9 +6,9 @@ use std::path::Path;
 use ndarray::Array3;
 use serde_json::Value;
 use udc::core::image::{LinearImage, ToneMappedImage};
-use udc::core::io::{self, WriteOptions};
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
+use udc::io::{self, WriteOptions};
 
 use super::common::{fail, succeed, udc};
 

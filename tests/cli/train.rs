@@ -6,12 +6,12 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use ndarray::{Array1, Array2, Array3};
-use udc::core::dataset::{DatasetConfig, FORMAT, FormationConfig, Split, Triplet, VERSION};
 use udc::core::image::LinearImage;
-use udc::core::io;
 use udc::core::kernel_code::{CodeBasis, KernelBank};
 use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
+use udc::dataset::{DatasetConfig, FORMAT, FormationConfig, Split, Triplet, VERSION};
+use udc::io;
 use udc::network::Model;
 
 use super::common::{fail, succeed, udc};

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use udc::core::io::{self, TensorData};
+use udc::io::{self, TensorData};
 
 /// The finaliser of SplitMix64, of the state after `z`.
 fn splitmix64(z: u64) -> u64 {

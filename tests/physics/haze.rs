@@ -1,9 +1,10 @@
 //! Faint haze of a known PSF, recorded with noise and measured again.
 
 use ndarray::Array3;
+use udc::capture::{Bracket, FuseConfig, fuse};
 use udc::core::psf::Psf;
-use udc::demo::capture::{EXPOSURES, expose};
-use udc::psf::{Bracket, FuseConfig, MeasureConfig, Normalization, fuse, measure_psf};
+use udc::psf::{MeasureConfig, Normalization, measure_psf};
+use udc::scenes::point_source::{EXPOSURES, expose};
 
 /// The frame, and the radius where the haze ends: well within it, so that the border is dark.
 const FRAME: usize = 1000;

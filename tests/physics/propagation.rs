@@ -4,8 +4,8 @@ use std::f64::consts::PI;
 use std::path::PathBuf;
 
 use ndarray::{Array2, Array3, ArrayView2};
-use udc::core::io::{PixelOptions, Pixels, write_pixels};
 use udc::core::progress::Progress;
+use udc::io::{PixelOptions, Pixels, write_pixels};
 use udc::psf::display::{
     LayoutConfig, LayoutKind, OpticsConfig, RegionConfig, SamplingConfig, SpectrumConfig,
 };
@@ -418,7 +418,7 @@ fn agrees_with_the_integrals_of_equation_2() {
 
 fn shipped(name: &str) -> DisplayConfig {
     let file = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("configs/display").join(name);
-    DisplayConfig::parse(&udc::core::io::read_text(&file).unwrap(), &file).unwrap()
+    DisplayConfig::parse(&udc::io::read_text(&file).unwrap(), &file).unwrap()
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use ndarray::Array3;
-use udc::core::dataset::{FormationConfig, NoiseConfig, SensorConfig};
+use udc::dataset::{FormationConfig, NoiseConfig, SensorConfig};
 use udc::synth::Formation;
 
 const SIDE: usize = 128;

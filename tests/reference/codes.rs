@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use ndarray::{Array2, ArrayD, Axis};
 use udc::codes::{make_bank, project, rotate};
-use udc::core::io;
 use udc::core::psf::Psf;
 use udc::core::resample::CubicSpline;
+use udc::io;
 
 fn fixture(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name)

@@ -5,9 +5,9 @@ use std::path::PathBuf;
 
 use ndarray::Array3;
 use udc::core::image::ToneMapped;
-use udc::core::io::{read_image, read_pixels};
 use udc::core::tone::ToneCurve;
 use udc::finish::{FinishConfig, Look, channel_means, finish, read_color_matrix};
+use udc::io::{read_image, read_pixels};
 
 fn fixture(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/finish").join(name)

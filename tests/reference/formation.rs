@@ -4,9 +4,9 @@
 
 use std::path::{Path, PathBuf};
 
-use udc::core::dataset::FormationConfig;
 use udc::core::image::{Linear, LinearImage, ToneMapped};
-use udc::core::io;
+use udc::dataset::FormationConfig;
+use udc::io;
 use udc::synth::Formation;
 
 fn fixture(case: usize, what: &str) -> PathBuf {

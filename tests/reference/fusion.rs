@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use udc::core::io::read_pixels;
-use udc::psf::{Bracket, FuseConfig, fuse};
+use udc::capture::{Bracket, FuseConfig, fuse};
+use udc::io::read_pixels;
 
 const EXPOSURES: [f64; 3] = [1.0, 1.0 / 32.0, 1.0 / 768.0];
 

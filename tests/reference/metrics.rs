@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use serde_json::Value;
 use udc::core::image::{ToneMapped, ToneMappedImage};
-use udc::core::io;
 use udc::core::metrics::{MetricDefinition, psnr, ssim};
+use udc::io;
 
 fn read(name: &str) -> ToneMappedImage {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/metrics").join(name);

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use serde_json::Value;
 use udc::core::image::{Linear, LinearImage};
-use udc::core::io;
 use udc::core::tone::ToneCurve;
 use udc::crop::{Panorama, View, crop};
+use udc::io;
 
 fn read(name: &str) -> LinearImage {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/panorama").join(name);

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use udc::core::image::LinearImage;
-use udc::core::io::{read_image, read_psf};
 use udc::core::progress::Progress;
+use udc::io::{read_image, read_psf};
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, Method, deconvolve};
 
 /// Both compute the same expression; theirs in f64, ours in f32. The filter amplifies the rounding of the

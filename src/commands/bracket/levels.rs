@@ -2,7 +2,7 @@
 
 use anyhow::{Result, bail};
 use ndarray::Array3;
-use udc::psf::Fused;
+use udc::capture::Fused;
 
 /// Below this share of white, the brightest value of all pictures is suspicious.
 const DARKEST_SHARE: f64 = 0.01;

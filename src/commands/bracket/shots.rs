@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use udc::core::io::RawMetadata;
-use udc::psf::SAME_TIME;
+use udc::capture::SAME_TIME;
+use udc::io::RawMetadata;
 
 /// The exposure of a file, as far as it tells.
 #[derive(Clone, Copy, Debug)]

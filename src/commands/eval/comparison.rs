@@ -2,10 +2,10 @@
 
 use anyhow::{Context as _, Result, bail};
 
-use udc::core::dataset::{Dataset, KernelChoice, Split, Triplet};
 use udc::core::error;
 use udc::core::image::{LinearImage, ToneMappedImage};
-use udc::eval::{self, EvalConfig, Evaluation, Label, Matrix, Measured, Method, Regions, Sample};
+use udc::dataset::{Dataset, KernelChoice, Split, Triplet};
+use udc::experiment::{self, EvalConfig, Evaluation, Label, Matrix, Measured, Method, Regions, Sample};
 
 use super::pictures::Pictures;
 use super::restorer::{Degraded, Restorer};
@@ -142,7 +142,7 @@ impl<'a> Comparison<'a> {
             bar.inc(1);
             (Label { id, kernel, angle_deg: triplet.angle_deg }, sample)
         });
-        let evaluation = eval::measure(config, methods, samples)
+        let evaluation = experiment::measure(config, methods, samples)
             .with_context(|| format!("measuring on {}", self.dataset.root.display()))?;
         bar.finish_and_clear();
         Ok(evaluation)

@@ -4,8 +4,10 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
 
-use udc::core::io::DomainTag;
-use udc::eval::{self, EvalConfig, Evaluation, FolderPairs, Label, Method, Sample, ToneFlags, ToneSource};
+use udc::experiment::{
+    self, EvalConfig, Evaluation, FolderPairs, Label, Method, Sample, ToneFlags, ToneSource,
+};
+use udc::io::DomainTag;
 
 use crate::commands::Session;
 
@@ -24,7 +26,7 @@ impl Folders {
         (domain, flags): (Option<DomainTag>, ToneFlags),
         allow_missing: bool,
     ) -> Result<Self> {
-        let found = eval::pair_folders(restored, ground_truth)?;
+        let found = experiment::pair_folders(restored, ground_truth)?;
         if let (Some((id, fault)), false) = (found.unmatched.first(), allow_missing) {
             let count = found.unmatched.len();
             bail!(
@@ -38,7 +40,7 @@ impl Folders {
     pub(super) fn measure(&self, config: &EvalConfig, session: &Session) -> Result<Evaluation> {
         let bar = session.progress.bar(self.found.pairs.len() as u64, "images");
         let read = |path: &Path| {
-            let (image, contradiction) = eval::read_tone_mapped(path, self.domain, &self.tone.curve)?;
+            let (image, contradiction) = experiment::read_tone_mapped(path, self.domain, &self.tone.curve)?;
             contradiction.into_iter().for_each(|contradiction| session.warn(contradiction));
             Ok(image)
         };
@@ -51,7 +53,7 @@ impl Folders {
             };
             (Label::scene(&pair.id), sample())
         });
-        let mut evaluation = eval::measure(config, vec![Method::restored(&self.name)], samples)
+        let mut evaluation = experiment::measure(config, vec![Method::restored(&self.name)], samples)
             .with_context(|| format!("measuring the images of {}", self.name))?;
         evaluation.tone = Some(self.tone);
         for (id, fault) in &self.found.unmatched {

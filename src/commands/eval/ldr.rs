@@ -8,13 +8,13 @@ use std::fmt::Write as _;
 use anyhow::{Result, bail};
 use serde_json::{Value, json};
 
-use udc::core::dataset::Triplet;
 use udc::core::error;
 use udc::core::image::{LinearImage, ToneMappedImage};
 use udc::core::kernel_code::KernelBank;
 use udc::core::metrics::MetricDefinition;
 use udc::core::tone::ToneCurve;
-use udc::eval::{Flare, Region};
+use udc::dataset::Triplet;
+use udc::experiment::{Flare, Region};
 use udc::report::picture;
 use udc::synth::Formation;
 

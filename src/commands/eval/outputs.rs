@@ -4,8 +4,8 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result};
 
-use udc::core::io;
-use udc::eval::Evaluation;
+use udc::experiment::Evaluation;
+use udc::io;
 
 use super::pictures::{self, PictureName};
 use super::{LDR, MISMATCH, REGIONS_CSV, plots};

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use udc::core::error::Result;
 use udc::core::image::ToneMappedImage;
-use udc::core::io::{self, WriteOptions};
 use udc::core::spread::spread;
-use udc::eval::{Method, Sample};
+use udc::experiment::{Method, Sample};
+use udc::io::{self, WriteOptions};
 
 /// The folder of the pictures, within that of the results.
 pub(in crate::commands) const FOLDER: &str = "pictures";

@@ -1,7 +1,7 @@
 //! Draws an evaluation: each metric by rotation of the panel, and how it is distributed over the images.
 
 use udc::core::metrics::Metric;
-use udc::eval::{Evaluation, Matrix};
+use udc::experiment::{Evaluation, Matrix};
 use udc::report::chart::{Axes, Series, line_chart, standalone};
 use udc::report::distribution::{Group, distribution_chart};
 use udc::report::heat_map::{HeatMap, heat_map};

@@ -2,13 +2,13 @@
 
 use anyhow::{Result, bail};
 
-use udc::core::dataset::Dataset;
 use udc::core::error;
 use udc::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use udc::core::progress::Progress;
 use udc::core::saturation::saturated_from;
 use udc::core::tone::ToneCurve;
-use udc::eval::{Cost, Method};
+use udc::dataset::Dataset;
+use udc::experiment::{Cost, Method};
 use udc::network::Model;
 use udc::restore::deconvolution::{DeconvolutionConfig, deconvolution_bytes, deconvolve};
 use udc::restore::{

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 
 use anyhow::{Result, bail};
 
-use udc::core::io::{expand_inputs, is_hidden, list_folder, sha256_of_file};
+use udc::io::{expand_inputs, is_hidden, list_folder, sha256_of_file};
 
 use super::FinishArgs;
 use crate::commands::Session;

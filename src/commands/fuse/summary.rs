@@ -4,7 +4,8 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use udc::psf::{Fused, MeasuredPsf, show_time};
+use udc::capture::{Fused, show_time};
+use udc::psf::MeasuredPsf;
 
 use crate::commands::bracket::warnings_of;
 

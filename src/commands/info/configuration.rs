@@ -6,8 +6,8 @@ use anyhow::{Context as _, Result, anyhow};
 use serde_json::{Value, json};
 
 use udc::core::config::parse_toml;
-use udc::core::dataset::SensorConfig;
-use udc::core::io::{read_field, read_text};
+use udc::dataset::SensorConfig;
+use udc::io::{read_field, read_text};
 use udc::psf::DisplayConfig;
 use udc::train::TrainConfig;
 

@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::Result;
 use serde::Serialize;
 
-use udc::core::dataset::{Dataset, FormationConfig};
+use udc::dataset::{Dataset, FormationConfig};
 
 /// What a dataset holds.
 #[derive(Debug, Serialize)]

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context as _, Result, bail};
 use serde_json::{Map, Value, json};
 
-use udc::core::io::{Description, describe, read_text};
+use udc::io::{Description, describe, read_text};
 use udc::train::TrainConfig;
 
 /// What a checkpoint goes on from, beside its model.

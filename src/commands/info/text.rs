@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use udc::core::camera_color::CameraColor;
 use udc::core::capture::CaptureInfo;
-use udc::core::io::{
+use udc::io::{
     ArrayDescription, BankDescription, Description, ImageDescription, ModelDescription, PsfDescription,
     RawMetadata,
 };

@@ -6,9 +6,9 @@ use anyhow::{Context as _, Result, bail};
 use clap::Args;
 
 use udc::codes::{interpolate_code, project};
-use udc::core::io::{is_bank_of_sha256, read_bank, read_bank_codes, read_code};
 use udc::core::kernel_code::{KernelBank, KernelCode};
 use udc::core::psf::Psf;
+use udc::io::{is_bank_of_sha256, read_bank, read_bank_codes, read_code};
 use udc::network::Model;
 use udc::restore::Conditioning;
 

@@ -11,12 +11,12 @@ use serde_json::{Value, json};
 use udc::codes::interpolate_code;
 use udc::core::error::Error;
 use udc::core::image::{CHANNELS, ToneMappedImage};
-use udc::core::io::sha256_of_file;
 use udc::core::kernel_code::{KernelBank, KernelCode};
 use udc::core::progress::Progress;
 use udc::core::psf::Psf;
 use udc::core::saturation::saturated_from;
 use udc::core::tone::ToneCurve;
+use udc::io::sha256_of_file;
 use udc::network::Model;
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, deconvolution_bytes, deconvolve};
 use udc::restore::{

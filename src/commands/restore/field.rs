@@ -5,8 +5,8 @@ use std::path::Path;
 use anyhow::{Context as _, Result};
 
 use udc::core::field::FieldGrid;
-use udc::core::io::read_field;
 use udc::core::kernel_code::KernelCode;
+use udc::io::read_field;
 
 /// Kernel codes at the places of a grid.
 pub(super) struct Field {

@@ -6,10 +6,10 @@ use std::sync::OnceLock;
 
 use anyhow::{Context as _, Result, bail};
 
+use udc::capture::fuse;
 use udc::core::capture::CaptureInfo;
 use udc::core::error::Error;
-use udc::core::io::{DomainTag, expand_inputs, is_hidden, list_folder, read_pixels, sha256_of_file};
-use udc::psf::fuse;
+use udc::io::{DomainTag, expand_inputs, is_hidden, list_folder, read_pixels, sha256_of_file};
 
 use super::RestoreArgs;
 use crate::commands::Session;

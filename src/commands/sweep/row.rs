@@ -8,9 +8,9 @@ use serde_json::{Value, json};
 
 use udc::core::config::parse_toml;
 use udc::core::error::{Error, Result};
-use udc::core::io;
 use udc::core::metrics::Metric;
-use udc::eval::Evaluation;
+use udc::experiment::Evaluation;
+use udc::io;
 
 /// What remembers a row, within its run's folder. TOML returns every number as it was, infinite ones too, so that
 /// a resumed sweep makes the same table.

@@ -1,7 +1,7 @@
 //! Turns the rows of a sweep into tables.
 
 use udc::core::metrics::Metric;
-use udc::eval::{cell, markdown, quoted};
+use udc::experiment::{cell, markdown, quoted};
 
 use super::row::{Means, Row};
 

@@ -8,12 +8,12 @@ use ndarray::Axis;
 
 use udc::codes::project;
 use udc::core::config::parse_toml;
-use udc::core::dataset::{FormationConfig, NoiseConfig, SensorConfig, Split};
 use udc::core::error::Error;
 use udc::core::fft::Boundary;
 use udc::core::field::PsfField;
-use udc::core::io;
 use udc::core::kernel_code::KernelBank;
+use udc::dataset::{FormationConfig, NoiseConfig, SensorConfig, Split};
+use udc::io;
 use udc::synth::BankFile;
 
 use crate::commands::Session;

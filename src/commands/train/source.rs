@@ -7,17 +7,17 @@ use rand::Rng as _;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
-use udc::core::dataset::{CONFIG_FILE, Dataset, FormationConfig, Split};
 use udc::core::error::{Error, Result as CoreResult};
 use udc::core::fft::{Convolver, Otf};
 use udc::core::image::{Linear, LinearImage};
-use udc::core::io;
 use udc::core::kernel_code::KernelBank;
 use udc::core::provenance::Provenance;
 use udc::core::psf::hex;
 use udc::core::recent::RecentlyUsed;
 use udc::core::rng::Rng;
 use udc::core::tone::ToneCurve;
+use udc::dataset::{CONFIG_FILE, Dataset, FormationConfig, Split};
+use udc::io;
 use udc::synth::{Formation, common_margin};
 use udc::train::{DataIdentity, Degradation, TrainConfig};
 

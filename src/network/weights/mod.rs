@@ -12,7 +12,7 @@ use super::architecture::Architecture;
 use super::model::{Model, Origin};
 use super::parameters::{Parameters, Values};
 use crate::core::error::{Error, Result};
-use crate::core::io;
+use crate::io;
 
 /// What the metadata of a model file calls its format.
 pub const FORMAT: &str = "udc-model";

@@ -11,7 +11,7 @@ use safetensors::Dtype;
 use safetensors::tensor::{Metadata, TensorInfo};
 
 use crate::core::error::{Error, Result};
-use crate::core::io::SharedInput;
+use crate::io::SharedInput;
 use crate::network::parameters::Values;
 
 /// The bytes in front of the header: its length.

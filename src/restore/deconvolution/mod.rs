@@ -18,7 +18,6 @@ mod wiener_orieux;
 use ndarray::{Array2, Array3, ArrayView2, Axis};
 use serde::{Deserialize, Serialize};
 
-use crate::core::dataset::FormationConfig;
 use crate::core::error::{Error, Result};
 use crate::core::fft::Boundary;
 use crate::core::image::{CHANNELS, LinearImage};
@@ -26,6 +25,7 @@ use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
+use crate::dataset::FormationConfig;
 
 /// A method of deconvolution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -3,9 +3,9 @@
 use serde::Deserialize as _;
 
 use super::TrainConfig;
-use crate::core::dataset::{NoiseConfig, SensorConfig};
 use crate::core::error::{Error, Result};
 use crate::core::nearest::edits;
+use crate::dataset::{NoiseConfig, SensorConfig};
 
 /// Puts settings over a table and reads the whole, as some are only right together; names the one that is wrong.
 pub(super) fn put(table: &mut toml::Table, settings: &[String]) -> Result<TrainConfig> {

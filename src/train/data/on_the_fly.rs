@@ -7,13 +7,13 @@ use rand::RngExt as _;
 use super::super::config::KERNELS_KEY;
 use super::cache::ImageCache;
 use super::{Patch, TrainingData, Window};
-use crate::core::dataset::KernelChoice;
 use crate::core::error::Result;
 use crate::core::image::{Linear, LinearImage};
-use crate::core::io;
 use crate::core::kernel_code::KernelBank;
 use crate::core::rng::Rng;
 use crate::core::tone::ToneCurve;
+use crate::dataset::KernelChoice;
+use crate::io;
 
 /// Degrades a clean image by the kernel of an index: the image formation model, handed in because stages do
 /// not know each other.

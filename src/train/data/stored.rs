@@ -3,12 +3,12 @@
 use super::super::config::KERNELS_KEY;
 use super::cache::ImageCache;
 use super::{Patch, TrainingData, Window};
-use crate::core::dataset::{Dataset, KernelChoice, Split, Triplet};
 use crate::core::error::{Error, Result};
 use crate::core::image::{ToneMapped, ToneMappedImage};
 use crate::core::kernel_code::KernelCode;
 use crate::core::rng::Rng;
 use crate::core::tone::ToneCurve;
+use crate::dataset::{Dataset, KernelChoice, Split, Triplet};
 
 /// The triplets of one split.
 #[derive(Debug)]

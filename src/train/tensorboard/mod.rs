@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use crate::core::error::Result;
-use crate::core::io::{self, AppendFile};
+use crate::io::{self, AppendFile};
 
 /// What the names of event files begin with; TensorBoard looks for it, and reads files in the order of names.
 const PREFIX: &str = "events.out.tfevents.";

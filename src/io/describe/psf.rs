@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::Description;
 use crate::core::error::Result;
-use crate::core::io::{PsfOptions, inspect_psf};
+use crate::io::{PsfOptions, inspect_psf};
 
 /// A PSF file.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use crate::core::error::{Error, Result};
 use crate::core::image::{Linear, ToneMapped, ToneMappedImage};
-use crate::core::io::{self, DomainTag, Format};
 use crate::core::tone::ToneCurve;
+use crate::io::{self, DomainTag, Format};
 
 use super::tone::curve_of_file;
 

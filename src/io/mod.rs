@@ -36,13 +36,13 @@ use half::f16;
 use ndarray::{Array3, ArrayView2, ArrayView3, Axis, concatenate};
 use serde::Serialize;
 
-use super::bayer::BayerPattern;
-use super::camera_color::CameraColor;
-use super::capture::CaptureInfo;
-use super::error::{Error, Result};
-use super::image::{Domain, Image, Linear, ToneMapped};
-use super::orientation::Orientation;
-use super::provenance::Provenance;
+use crate::core::bayer::BayerPattern;
+use crate::core::camera_color::CameraColor;
+use crate::core::capture::CaptureInfo;
+use crate::core::error::{Error, Result};
+use crate::core::image::{Domain, Image, Linear, ToneMapped};
+use crate::core::orientation::Orientation;
+use crate::core::provenance::Provenance;
 
 pub use array::{read_array, write_array};
 pub use atomic::{WriteSeek, check_output, remove_unfinished, write_atomically};

@@ -5,8 +5,8 @@ use ndarray::Array3;
 use rayon::prelude::*;
 
 use super::lossless_jpeg;
-use crate::core::io::MAX_PIXELS;
-use crate::core::io::tiff_directory::{BITS, COMPRESSION, Directory, HEIGHT, SAMPLES, WIDTH};
+use crate::io::MAX_PIXELS;
+use crate::io::tiff_directory::{BITS, COMPRESSION, Directory, HEIGHT, SAMPLES, WIDTH};
 
 const FILL_ORDER: u16 = 266;
 const STRIP_OFFSETS: u16 = 273;

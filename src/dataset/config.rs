@@ -27,7 +27,7 @@ pub struct DatasetConfig {
     /// Kernel bank, relative to the folder.
     pub bank: String,
     /// Identity of the bank: SHA-256 of its file's header and codes, the header holding the PSFs' own hash
-    /// ([`bank_sha256`](crate::core::io::bank_sha256)). Other software may record the SHA-256 of the whole file: such
+    /// ([`bank_sha256`](crate::io::bank_sha256)). Other software may record the SHA-256 of the whole file: such
     /// a dataset opens, with the identity in its place.
     pub bank_sha256: String,
     /// SHA-256 of the PSFs of the field file [`FIELD_FILE`](super::FIELD_FILE), where the PSF changes over the frame; the

@@ -9,10 +9,10 @@ use serde_json::Value;
 
 use super::Description;
 use crate::core::error::{Error, Result};
-use crate::core::io::bank::{self, bank_sha256, read_bank};
-use crate::core::io::format::read_all;
 use crate::core::kernel_code::KernelBank;
 use crate::core::psf::Psf;
+use crate::io::bank::{self, bank_sha256, read_bank};
+use crate::io::format::read_all;
 
 /// A kernel bank.
 #[derive(Clone, Debug, PartialEq, Serialize)]

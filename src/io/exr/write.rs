@@ -15,8 +15,8 @@ use ndarray::{ArrayView3, Axis, concatenate, s};
 use rayon::prelude::*;
 
 use super::{CAPTURE_ATTRIBUTE, DOMAIN_ATTRIBUTE, PROVENANCE_ATTRIBUTE, WAVE};
-use crate::core::io::Contents;
-use crate::core::io::npy::check_half;
+use crate::io::Contents;
+use crate::io::npy::check_half;
 
 /// Windows that are compressed on trial, and the most rows (those of a block) and columns of each: deflating takes long.
 const SAMPLES: usize = 4;
@@ -27,14 +27,14 @@ const SAMPLE_COLUMNS: usize = 128;
 const WORTHWHILE_SAVING: f64 = 0.2;
 
 /// One grey (`Y`) or three colour planes, checked, with how they will be stored.
-pub(in crate::core::io) struct Encoder<'a> {
+pub(in crate::io) struct Encoder<'a> {
     header: Header,
     planes: ArrayView3<'a, f32>,
 }
 
 impl<'a> Encoder<'a> {
     /// Checks the planes and chooses their compression.
-    pub(in crate::core::io) fn new(contents: &Contents<'a>, half: bool) -> Result<Self, String> {
+    pub(in crate::io) fn new(contents: &Contents<'a>, half: bool) -> Result<Self, String> {
         if half {
             check_half(&contents.planes)?;
         }
@@ -46,7 +46,7 @@ impl<'a> Encoder<'a> {
     }
 
     /// Writes the file, a few blocks at a time.
-    pub(in crate::core::io) fn write(self, file: impl Write + Seek) -> io::Result<()> {
+    pub(in crate::io) fn write(self, file: impl Write + Seek) -> io::Result<()> {
         ::exr::block::write(file, [self.header].into_iter().collect(), true, |meta, writer| {
             write_blocks(&meta, writer, &self.planes)
         })

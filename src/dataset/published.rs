@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use crate::core::error::{Error, Result};
-use crate::core::io;
+use crate::io;
 
 use super::config::FormationConfig;
 use super::{Dataset, Split, Triplet};

@@ -80,7 +80,7 @@ fn several_coloured_parts_are_refused_by_name() {
 /// The bytes of a file of ours.
 fn encode(contents: &Contents<'_>) -> Vec<u8> {
     let mut file = Cursor::new(Vec::new());
-    crate::core::io::exr::Encoder::new(contents, false).unwrap().write(&mut file).unwrap();
+    crate::io::exr::Encoder::new(contents, false).unwrap().write(&mut file).unwrap();
     file.into_inner()
 }
 

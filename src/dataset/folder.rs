@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
-use crate::core::io;
+use crate::io;
 
 use super::config::{DatasetConfig, FORMAT, VERSION};
 use super::{Dataset, Split, Triplet, check_path};

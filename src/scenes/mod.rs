@@ -6,6 +6,7 @@
 
 mod board;
 mod canvas;
+pub mod point_source;
 mod room;
 mod street;
 

@@ -8,7 +8,7 @@ use ::exr::meta::MetaData;
 use ::exr::meta::header::Header;
 
 use crate::core::error::{Error, Result};
-use crate::core::io::MAX_PIXELS;
+use crate::io::MAX_PIXELS;
 
 /// Bytes of image per byte of file that no lossless method reaches: deflate ends at 1032.
 const MAX_RATIO: usize = 1100;

@@ -4,8 +4,8 @@ use ndarray::{Array3, Axis};
 use serde::Serialize;
 
 use crate::core::capture::CaptureInfo;
-use crate::core::io::{ColorTag, DomainTag, Encoding, Pixels, RawMetadata};
 use crate::core::provenance::Provenance;
+use crate::io::{ColorTag, DomainTag, Encoding, Pixels, RawMetadata};
 
 /// An image file.
 #[derive(Clone, Debug, PartialEq, Serialize)]

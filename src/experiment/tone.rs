@@ -8,11 +8,11 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::FilePair;
-use crate::core::dataset::{CONFIG_FILE, DatasetConfig, FormationConfig};
 use crate::core::error::{Error, Result};
-use crate::core::io;
 use crate::core::provenance::Provenance;
 use crate::core::tone::ToneCurve;
+use crate::dataset::{CONFIG_FILE, DatasetConfig, FormationConfig};
+use crate::io;
 
 /// How many folders above an image may describe the dataset that it is of: `degraded/<kernel>/` lies two below.
 const DATASET_DEPTH: usize = 3;

@@ -95,7 +95,7 @@ mod tests {
     use ndarray::{ArrayD, IxDyn};
 
     use super::*;
-    use crate::core::io::write_array;
+    use crate::io::write_array;
 
     #[test]
     fn reads_vectors_and_refuses_images() {

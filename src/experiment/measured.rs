@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::core::dataset::{Dataset, KernelChoice, Split};
+use crate::dataset::{Dataset, KernelChoice, Split};
 
 /// The images of a dataset that were measured.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -13,10 +13,10 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::error::{Error, Result};
-use super::image::LinearImage;
-use super::io;
-use super::kernel_code::{KernelBank, KernelCode};
+use crate::core::error::{Error, Result};
+use crate::core::image::LinearImage;
+use crate::core::kernel_code::{KernelBank, KernelCode};
+use crate::io;
 
 pub use config::{DatasetConfig, FORMAT, FormationConfig, NoiseConfig, VERSION};
 pub use folder::{BANK_FILE, CONFIG_FILE, FIELD_FILE, TripletFiles};

@@ -4,8 +4,8 @@ use ndarray::{Array1, Array3};
 use sha2::{Digest, Sha256};
 
 use super::*;
-use crate::core::io::WriteOptions;
 use crate::core::psf::{Psf, hex};
+use crate::io::WriteOptions;
 
 const NAME: &str = "PANEL_new";
 

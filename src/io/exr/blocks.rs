@@ -21,7 +21,7 @@ use rayon::prelude::*;
 use super::WAVE;
 use super::layers::Layer;
 use super::limits::max_ratio;
-use crate::core::io::guard::guarded;
+use crate::io::guard::guarded;
 
 /// The places of the uncompressed lengths among the 11 numbers that a DWA block starts with: unknown, run-length
 /// coded, raw, coefficients, means.
