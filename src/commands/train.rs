@@ -169,8 +169,8 @@ fn validation_measures(config: &ValidationConfig) -> Result<Vec<Measure>> {
 }
 
 fn check_codes(config: &TrainConfig, found: usize) -> Result<(), Error> {
-    let needed = config.architecture.code_dim;
-    if config.architecture.condition.uses_code() && needed != found {
+    let needed = config.architecture.code_len().unwrap_or(found);
+    if needed != found {
         let reason = format!(
             "is {needed}, and the kernels have codes of {found} numbers; set it to {found}, or \
              architecture.condition to image"

@@ -7,7 +7,7 @@ use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
 use crate::core::progress::Progress;
-use crate::network::{Model, map_of_code};
+use crate::network::{Inputs, Model};
 
 /// What a network is told about the PSF.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,21 +36,20 @@ impl<'a> NetworkRestorer<'a> {
     /// [`Error::Config`] when the network needs a code and there is none; [`Error::Shape`] when the code has
     /// another length than the network's.
     pub fn new(model: &'a Model, conditioning: Conditioning) -> Result<Self> {
-        let architecture = model.architecture();
-        if !architecture.condition.uses_code() {
+        let Some(expected) = model.architecture().code_len() else {
             return Ok(Self { model, conditioning: Conditioning::None, room: u64::MAX });
-        }
+        };
         let dim = match &conditioning {
             Conditioning::None => {
-                let reason = format!("the model needs one of {} numbers", architecture.code_dim);
+                let reason = format!("the model needs one of {expected} numbers");
                 return Err(Error::config("kernel code", reason));
             }
             Conditioning::Code(code) => code.len(),
             Conditioning::Map(map) => map.dim().0,
         };
-        if dim != architecture.code_dim {
+        if dim != expected {
             let found = format!("{dim}; use the bank that the model was trained with");
-            return Err(Error::shape("kernel code", format!("{} numbers", architecture.code_dim), found));
+            return Err(Error::shape("kernel code", format!("{expected} numbers"), found));
         }
         Ok(Self { model, conditioning, room: u64::MAX })
     }
@@ -70,7 +69,7 @@ impl<'a> NetworkRestorer<'a> {
 
 impl Restorer for NetworkRestorer<'_> {
     fn halo(&self) -> usize {
-        self.model.architecture().halo().next_multiple_of(self.alignment())
+        self.model.halo().next_multiple_of(self.alignment())
     }
 
     fn alignment(&self) -> usize {
@@ -88,14 +87,15 @@ impl Restorer for NetworkRestorer<'_> {
         left: usize,
         progress: &Progress,
     ) -> Result<ToneMappedImage> {
-        let map = match &self.conditioning {
-            Conditioning::None => None,
-            Conditioning::Code(code) => Some(map_of_code(code)),
+        let inputs = match &self.conditioning {
+            Conditioning::None => Inputs::new(image, None),
+            Conditioning::Code(code) => Inputs::new(image, Some(code)),
             Conditioning::Map(map) => {
-                Some(map.slice(s![.., top..top + image.height(), left..left + image.width()]))
+                let window = s![.., top..top + image.height(), left..left + image.width()];
+                Inputs::new(image, None).with_map(map.slice(window))
             }
         };
-        self.model.restore_in(image, map, self.room, progress)
+        self.model.restore_in(&inputs, self.room, progress)
     }
 }
 

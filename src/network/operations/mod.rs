@@ -12,12 +12,22 @@ mod host;
 use burn::backend::Dispatch;
 use burn::backend::tensor::FloatTensor;
 use burn::module::{Module, Param};
-use burn::tensor::Tensor;
+use burn::tensor::{Device, Tensor};
 
 use custom::NetworkOperations as _;
 use enlarge::enlarging_tensors;
 
 pub(super) use enlarge::enlarging_weights;
+
+/// Whether a device computes in main memory, where the kernels do the work; the others are given plain tensor operations.
+pub(super) fn uses_kernels(device: &Device) -> bool {
+    #[cfg(feature = "ndarray-backend")]
+    #[expect(deprecated, reason = "burn-flex succeeds it; it is kept for comparison")]
+    if *device == Device::ndarray() {
+        return true;
+    }
+    *device == Device::flex()
+}
 
 /// The slope of every LeakyReLU.
 pub(super) const LEAKY_SLOPE: f32 = 0.2;

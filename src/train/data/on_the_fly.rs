@@ -14,6 +14,7 @@ use crate::core::rng::Rng;
 use crate::core::tone::ToneCurve;
 use crate::dataset::KernelChoice;
 use crate::io;
+use crate::network::Planes;
 
 /// Degrades a clean image by the kernel of an index: the image formation model, handed in because stages do
 /// not know each other.
@@ -80,6 +81,7 @@ impl TrainingData for OnTheFlyData<'_> {
             degraded: self.curve.tone_map(&window.of(&degraded)),
             ground_truth: self.curve.tone_map(&in_scene.of(&clean)),
             code: Some(self.bank.code(kernel).to_owned()),
+            planes: Planes::default(),
         })
     }
 }

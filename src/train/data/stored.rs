@@ -9,6 +9,7 @@ use crate::core::kernel_code::KernelCode;
 use crate::core::rng::Rng;
 use crate::core::tone::ToneCurve;
 use crate::dataset::{Dataset, KernelChoice, Split, Triplet};
+use crate::network::Planes;
 
 /// The triplets of one split.
 #[derive(Debug)]
@@ -74,6 +75,11 @@ impl TrainingData for StoredData<'_> {
             return Err(Error::shape(what, size(&clean), size(&degraded)));
         }
         let window = Window::draw(side, degraded.height(), degraded.width(), rng)?;
-        Ok(Patch { degraded: window.of(&degraded), ground_truth: window.of(&clean), code: code.clone() })
+        Ok(Patch {
+            degraded: window.of(&degraded),
+            ground_truth: window.of(&clean),
+            code: code.clone(),
+            planes: Planes::default(),
+        })
     }
 }

@@ -1,7 +1,7 @@
 //! Tests of the steps of a training.
 
 use super::*;
-use crate::network::{Architecture, Condition, Initialisation, Kind, Scales};
+use crate::network::{Architecture, Condition, Initialisation, Inputs, Kind, Scales};
 use crate::perceptual::{FeatureDistance, PerceptualLoss};
 use crate::train::InMemory;
 use ndarray::{Array1, Array3};
@@ -24,6 +24,7 @@ fn data() -> InMemory {
         degraded: image(i as f32 + 0.4),
         ground_truth: image(i as f32),
         code: Some(Array1::from_elem(5, i as f32 * 0.1)),
+        planes: crate::network::Planes::default(),
     };
     InMemory((0..4).map(patch).collect())
 }
@@ -257,7 +258,7 @@ fn the_loss_of_a_step_is_l1_and_the_weighted_distance_of_features() {
         });
         let (mut l1, mut far) = (0.0, 0.0);
         for patch in &data.0[..2] {
-            let restored = model.restore(&patch.degraded, patch.code.as_ref()).unwrap();
+            let restored = model.restore(&Inputs::new(&patch.degraded, patch.code.as_ref())).unwrap();
             let pairs = restored.as_slice().iter().zip(patch.ground_truth.as_slice());
             l1 += pairs.map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / (2 * 3 * 16 * 16) as f64;
             let [found, wanted] =
