@@ -15,7 +15,7 @@ use udc::core::metrics::Measure;
 use udc::core::rng::Rng;
 use udc::dataset::{Dataset, KernelChoice, Split};
 use udc::io;
-use udc::network::{Backend, Parameters, weights};
+use udc::network::{Backend, Parameters, Plane, weights};
 use udc::train::{
     self, Job, OnTheFlyData, Outcome, Start, StoredData, TrainConfig, TrainingData, ValidationConfig,
     ValidationScore,
@@ -79,7 +79,9 @@ impl TrainArgs {
         source.warnings(&config).into_iter().for_each(|warning| session.warn(warning));
         check_codes(&config, source.code_dim())?;
         let kernels = &config.data.kernels;
-        let validation = source.dataset().map_or(Ok(None), |dataset| validation_data(dataset, kernels))?;
+        let planes = config.architecture.planes();
+        let validation = |dataset| validation_data(dataset, kernels, planes);
+        let validation = source.dataset().map_or(Ok(None), validation)?;
         if validation.is_none() {
             session.warn("there is no val or test split; the training is not validated");
         }
@@ -103,7 +105,9 @@ impl TrainArgs {
         };
         let cache = config.data.cache_mib;
         let outcome = match &source {
-            Source::Stored(dataset) => train(&StoredData::new(dataset, Split::Train, cache)?.only(kernels)?),
+            Source::Stored(dataset) => {
+                train(&StoredData::new(dataset, Split::Train, cache)?.only(kernels)?.with_planes(planes)?)
+            }
             Source::OnTheFly(live, _) => {
                 let warned = Once::new();
                 let degrade = |scene: &LinearImage, kernel: usize, rng: &mut Rng| {
@@ -114,6 +118,7 @@ impl TrainArgs {
                 };
                 let scenes = live.scenes.clone();
                 let data = OnTheFlyData::new(scenes, &live.bank, live.curve, &degrade, cache);
+                let data = data.with_planes(planes, live.formation())?;
                 train(&data.with_margin(live.margin()).only(kernels)?)
             }
         };
@@ -184,10 +189,11 @@ fn check_codes(config: &TrainConfig, found: usize) -> Result<(), Error> {
 fn validation_data<'a>(
     dataset: &'a Dataset,
     kernels: &KernelChoice,
+    planes: &'static [Plane],
 ) -> Result<Option<StoredData<'a>>, Error> {
     let is_there = |split: &Split| dataset.triplets.iter().any(|triplet| triplet.split == *split);
     let split = [Split::Val, Split::Test].into_iter().find(is_there);
-    split.map(|split| StoredData::new(dataset, split, 0)?.only(kernels)).transpose()
+    split.map(|split| StoredData::new(dataset, split, 0)?.only(kernels)?.with_planes(planes)).transpose()
 }
 
 fn lost_highlights(x_max: f32) -> String {

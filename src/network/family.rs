@@ -12,6 +12,8 @@ use super::inputs::{InputTensors, Plane};
 use super::layers::Layer;
 use super::parameters::Initialisation;
 use super::streamed::StreamBuilder;
+#[cfg(test)]
+use super::testing;
 use super::{de_unet, discnet, sftmd, srmdnf};
 use crate::core::error::{Error, Result};
 
@@ -151,4 +153,10 @@ families! {
     Sftmd: sftmd::Sftmd => sftmd::Layers,
     /// A U-Net with two image encoders.
     DeUnet: de_unet::DeUnet => de_unet::Layers,
+    /// Reads every plane, and is streamed.
+    #[cfg(test)]
+    Guided: testing::Guided => testing::Layers,
+    /// The same, but not written for the kernels.
+    #[cfg(test)]
+    GuidedTensors: testing::GuidedTensors => testing::Layers,
 }

@@ -20,6 +20,8 @@ mod parameters;
 mod sftmd;
 mod srmdnf;
 mod streamed;
+#[cfg(test)]
+pub(crate) mod testing;
 pub mod weights;
 
 pub use crate::kernels::{Isa, keep_freed_memory, share_freed_memory};

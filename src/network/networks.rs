@@ -90,12 +90,13 @@ mod tests {
     use super::*;
     use crate::core::image::{CHANNELS, ToneMappedImage};
     use crate::core::kernel_code::KernelCode;
+    use crate::network::testing;
     use crate::network::weights::Weights;
     use crate::network::{Backend, Condition, Initialisation, Inputs, Kind, Model, Origin};
     use burn::module::{ModuleVisitor, Param};
     use burn::tensor::{Gradients, TensorData};
 
-    fn architectures() -> [Architecture; 5] {
+    fn architectures() -> [Architecture; 7] {
         let of_kind = |kind, condition| Architecture {
             kind,
             condition,
@@ -111,6 +112,8 @@ mod tests {
             of_kind(Kind::Srmdnf, Condition::ImagePsf),
             of_kind(Kind::Sftmd, Condition::ImagePsf),
             of_kind(Kind::DeUnet, Condition::Image),
+            of_kind(Kind::Guided, Condition::None),
+            of_kind(Kind::GuidedTensors, Condition::None),
         ]
     }
 
@@ -119,8 +122,8 @@ mod tests {
     /// Weights under which neither signals nor gradients vanish or explode.
     fn random(architecture: &Architecture) -> Parameters {
         let initialisation = match architecture.kind {
-            Kind::Unet | Kind::Srmdnf | Kind::DeUnet => Initialisation::Paper,
             Kind::Discnet | Kind::Sftmd => Initialisation::Released,
+            _ => Initialisation::Paper,
         };
         Parameters::random(architecture, initialisation, 4)
     }
@@ -133,10 +136,21 @@ mod tests {
         (0..len).map(|i| (i * 2_654_435_761 % 1000) as f32 / 1000.0).collect()
     }
 
+    fn image() -> ToneMappedImage {
+        let planes = values(CHANNELS * SIDES[0] * SIDES[1]);
+        let planes = ndarray::Array3::from_shape_vec((CHANNELS, SIDES[0], SIDES[1]), planes).unwrap();
+        ToneMappedImage::from_planes(planes).unwrap()
+    }
+
     fn forward(network: &Network, device: &Device) -> Tensor<4> {
-        let data = TensorData::new(values(CHANNELS * SIDES[0] * SIDES[1]), [1, CHANNELS, SIDES[0], SIDES[1]]);
+        let tensor = |image: &ToneMappedImage| {
+            let shape = [1, CHANNELS, image.height(), image.width()];
+            Tensor::from_data(TensorData::new(image.as_slice().to_vec(), shape), device)
+        };
         let code = Tensor::from_data(TensorData::new(vec![0.4_f32, -0.7], [1, 2, 1, 1]), device);
-        network.forward(InputTensors::new(Tensor::from_data(data, device), Some(code)))
+        let planes = testing::planes_of(&image());
+        let planes = testing::PLANES.iter().map(|&plane| (plane, tensor(planes.get(plane).unwrap())));
+        network.forward(InputTensors { image: tensor(&image()), map: Some(code), planes: planes.collect() })
     }
 
     /// A loss in double precision whose gradient to the output is not uniform.
@@ -223,12 +237,10 @@ mod tests {
             assert_eq!(network.parameters(), parameters);
             let trained = forward(&network, &device).try_into_vec_as::<f32>().unwrap();
             let weights = Weights { architecture, parameters, origin: Origin::default() };
-            let planes = values(CHANNELS * SIDES[0] * SIDES[1]);
-            let planes = ndarray::Array3::from_shape_vec((CHANNELS, SIDES[0], SIDES[1]), planes).unwrap();
-            let image = ToneMappedImage::from_planes(planes).unwrap();
+            let (image, planes) = (image(), testing::planes_of(&image()));
             let model = Model::new(weights.clone());
             let code = KernelCode::from_vec(vec![0.4, -0.7]);
-            let streamed = model.restore(&Inputs::new(&image, Some(&code))).unwrap();
+            let streamed = model.restore(&Inputs::new(&image, Some(&code)).with_planes(&planes)).unwrap();
             let largest = trained.iter().fold(0.0f32, |m, v| m.max(v.abs()));
             for (a, b) in trained.iter().zip(streamed.as_slice()) {
                 assert!((a - b).abs() <= 5e-5 * largest, "{:?}: {a} {b}", weights.architecture.kind);
@@ -248,8 +260,9 @@ mod tests {
             image[width / 2] = f32::NAN;
             let image = Tensor::from_data(TensorData::new(image, [1, CHANNELS, 1, width]), &device);
             let code = Tensor::from_data(TensorData::new(vec![0.4_f32, -0.7], [1, 2, 1, 1]), &device);
-            let output =
-                network.forward(InputTensors::new(image, Some(code))).try_into_vec_as::<f32>().unwrap();
+            let planes = testing::PLANES.iter().map(|&plane| (plane, image.clone())).collect();
+            let output = network.forward(InputTensors { image, map: Some(code), planes });
+            let output = output.try_into_vec_as::<f32>().unwrap();
             let first = output.iter().position(|v| v.is_nan()).unwrap();
             let reach = width / 2 - first;
             assert_eq!(reach.next_multiple_of(4), architecture.halo(), "{:?}", architecture.kind);

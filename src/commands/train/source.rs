@@ -202,6 +202,11 @@ impl OnTheFly {
         Ok(Self { scenes, bank, curve, clipped, bank_sha256, formation, convolvers, otfs })
     }
 
+    /// How the frames that [`degrade`](Self::degrade) returns are formed.
+    pub(super) fn formation(&self) -> &FormationConfig {
+        self.formation.config()
+    }
+
     /// Pixels by which clean images are larger than the frame on each side.
     pub(super) fn margin(&self) -> usize {
         self.formation.margin()
