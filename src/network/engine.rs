@@ -101,3 +101,75 @@ impl Engine for Tensors {
         self.network.architecture().halo()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::core::error::Error;
+    use crate::core::image::ToneMappedImage;
+    use crate::core::kernel_code::KernelCode;
+    use crate::network::testing::planes_of;
+    use crate::network::weights::Weights;
+    use crate::network::{
+        Architecture, Condition, Initialisation, Inputs, Kind, Model, Origin, Parameters, Planes,
+    };
+    use ndarray::Array3;
+
+    fn model(kind: Kind) -> Model {
+        let architecture =
+            Architecture { kind, condition: Condition::None, features: 4, ..Architecture::default() };
+        let parameters = Parameters::random(&architecture, Initialisation::Paper, 8);
+        Model::new(Weights { architecture, parameters, origin: Origin::default() })
+    }
+
+    fn image(height: usize, width: usize) -> ToneMappedImage {
+        let value = |(c, y, x)| ((c * 7919 + y * 104_729 + x * 1299) % 1000) as f32 / 1000.0;
+        ToneMappedImage::from_planes(Array3::from_shape_fn((3, height, width), value)).unwrap()
+    }
+
+    /// Sums of a hundred products in another order.
+    #[test]
+    fn both_engines_restore_the_same_of_image_and_planes() {
+        let (image, planes) = (image(21, 34), planes_of(&image(21, 34)));
+        let restore = |kind| model(kind).restore(&Inputs::new(&image, None).with_planes(&planes)).unwrap();
+        let (streamed, tensors) = (restore(Kind::Guided), restore(Kind::GuidedTensors));
+        let pairs = streamed.as_slice().iter().zip(tensors.as_slice());
+        let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(error < 1e-5, "{error:e}");
+        let others = planes_of(&streamed);
+        let other = model(Kind::Guided).restore(&Inputs::new(&image, None).with_planes(&others)).unwrap();
+        assert_ne!(other, streamed);
+    }
+
+    #[test]
+    fn a_plane_that_lacks_or_has_other_sides_is_named() {
+        let image = image(8, 9);
+        for kind in [Kind::Guided, Kind::GuidedTensors] {
+            let model = model(kind);
+            let refusal =
+                |planes: &Planes| model.restore(&Inputs::new(&image, None).with_planes(planes)).unwrap_err();
+            let lacking = refusal(&Planes::default());
+            assert!(matches!(lacking, Error::Config { .. }), "{lacking:?}");
+            assert!(lacking.to_string().contains("the plane \"deconvolved\""), "{lacking}");
+            let small = refusal(&planes_of(&image).crop(0, 0, 8, 8)).to_string();
+            assert!(small.contains("plane \"deconvolved\"") && small.contains("expected 8 × 9"), "{small}");
+        }
+    }
+
+    #[test]
+    fn networks_that_read_no_planes_do_not_look_at_them() {
+        let (image, code) = (image(8, 9), KernelCode::zeros(5));
+        let inputs = Inputs::new(&image, Some(&code));
+        let model = model(Kind::Unet);
+        let planes = planes_of(&image).crop(0, 0, 2, 2);
+        assert_eq!(model.restore(&inputs).unwrap(), model.restore(&inputs.with_planes(&planes)).unwrap());
+    }
+
+    #[test]
+    fn whole_images_as_tensors_take_more_memory_than_rows() {
+        let [streamed, tensors] =
+            [Kind::Guided, Kind::GuidedTensors].map(|kind| model(kind).working_bytes(400, 600));
+        let features = 4 * 4 * 400 * 600;
+        assert!(streamed < features && features < tensors, "{streamed} {tensors}");
+        assert!(model(Kind::GuidedTensors).with_bf16_products().is_none());
+    }
+}
