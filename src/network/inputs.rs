@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use burn::tensor::Tensor;
 use ndarray::{ArrayView3, Axis};
-use serde::{Deserialize, Serialize};
 
 use super::architecture::Architecture;
 use crate::core::error::{Error, Result};
@@ -12,8 +11,7 @@ use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
 
 /// What a network may read beside the image: three channels of its sides, in the tone-mapped domain.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Plane {
     /// The image after deconvolution with its PSF.
     Deconvolved,
@@ -24,7 +22,7 @@ pub enum Plane {
 }
 
 impl Plane {
-    /// The name in messages and files.
+    /// The name in messages.
     pub fn name(self) -> &'static str {
         match self {
             Self::Deconvolved => "deconvolved",
