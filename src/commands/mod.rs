@@ -3,6 +3,7 @@
 mod bench;
 mod bracket;
 mod capture;
+mod choices;
 mod codes;
 mod completions;
 mod convert;
