@@ -159,15 +159,16 @@ fn pieces(code: &str) -> Vec<Piece<'_>> {
 pub(crate) fn named_modules(code: &str, place: &[&str]) -> Vec<String> {
     let pieces = pieces(code);
     // Modules within the file, with the depth of braces that each is left at.
-    let (mut inner, mut depth): (Vec<(String, usize)>, usize) = (Vec::new(), 0);
-    let mut found = Vec::new();
-    for (at, piece) in pieces.iter().enumerate() {
-        match piece {
+    let (mut inner, mut depth): (Vec<(&str, usize)>, usize) = (Vec::new(), 0);
+    let (mut found, mut at) = (Vec::new(), 0);
+    while at < pieces.len() {
+        let mut length = 1;
+        match pieces[at] {
             Piece::Sign('{') => {
                 if let Some([Piece::Name("mod"), Piece::Name(name)]) =
                     at.checked_sub(2).map(|b| &pieces[b..at])
                 {
-                    inner.push(((*name).to_owned(), depth));
+                    inner.push((*name, depth));
                 }
                 depth += 1;
             }
@@ -176,15 +177,13 @@ pub(crate) fn named_modules(code: &str, place: &[&str]) -> Vec<String> {
                 inner.pop_if(|(_, outside)| *outside == depth);
             }
             Piece::Name("crate" | "super" | "self") if pieces.get(at + 1) == Some(&Piece::Colons) => {
-                let goes_on = at > 0 && pieces[at - 1] == Piece::Colons;
-                let inner = inner.iter().map(|(name, _)| name.as_str());
-                if !goes_on {
-                    let here: Vec<&str> = place.iter().copied().chain(inner).collect();
-                    follow(&pieces[at..], &here, &mut found);
-                }
+                let here: Vec<&str> =
+                    place.iter().copied().chain(inner.iter().map(|(name, _)| *name)).collect();
+                length = follow(&pieces[at..], &here, &mut found);
             }
             _ => {}
         }
+        at += length;
     }
     found
 }
