@@ -2,6 +2,7 @@
 
 use anyhow::{Result, bail};
 
+use udc::core::bytes::format_bytes;
 use udc::core::error;
 use udc::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use udc::core::progress::Progress;
@@ -11,9 +12,7 @@ use udc::dataset::Dataset;
 use udc::experiment::{Cost, Method};
 use udc::network::Model;
 use udc::restore::deconvolution::{DeconvolutionConfig, deconvolution_bytes, deconvolve};
-use udc::restore::{
-    Conditioning, Highlights, NetworkRestorer, Tiling, blend_highlights, format_bytes, restore_tiled,
-};
+use udc::restore::{Conditioning, Highlights, NetworkRestorer, Tiling, blend_highlights, restore_tiled};
 
 use crate::commands::method::MethodArg;
 
