@@ -15,7 +15,6 @@ mod exr;
 mod field;
 mod folder;
 mod format;
-mod grey_tiff;
 mod guard;
 mod icc;
 mod inputs;
@@ -28,7 +27,7 @@ mod raster;
 mod shared_input;
 mod size;
 mod tell;
-mod tiff_directory;
+mod tiff;
 
 use std::path::Path;
 
