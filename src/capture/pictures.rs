@@ -284,7 +284,7 @@ mod tests {
 
     #[test]
     fn reads_no_further_picture_once_the_user_asks_to_stop() {
-        let progress = Progress::new(false, std::sync::Arc::new(true.into()));
+        let progress = Progress::new(None, std::sync::Arc::new(true.into()));
         let error = Pictures::read(&["missing.exr".into()], &Told::default(), &progress).unwrap_err();
         assert!(matches!(error, Error::Interrupted), "{error}");
     }

@@ -143,7 +143,7 @@ mod tests {
         let model = model(Kind::Unet, Condition::None);
         let restorer = NetworkRestorer::new(&model, Conditioning::None).unwrap();
         let image = ToneMappedImage::from_planes(Array3::zeros((3, 40, 40))).unwrap();
-        let interrupted = Progress::new(false, std::sync::Arc::new(true.into()));
+        let interrupted = Progress::new(None, std::sync::Arc::new(true.into()));
         assert!(matches!(restorer.restore(&image, 0, 0, &interrupted), Err(Error::Interrupted)));
         restorer.restore(&image, 0, 0, &Progress::default()).unwrap();
     }
