@@ -8,7 +8,7 @@ use ndarray::Array3;
 
 use udc::core::image::ToneMappedImage;
 use udc::core::kernel_code::KernelCode;
-use udc::kernels::{Isa, benchmark, peak};
+use udc::kernels::{Isa, benchmark, keep_freed_memory, peak};
 use udc::network::{Architecture, Backend, Initialisation, Model, Origin, Parameters, weights::Weights};
 use udc::train::{InMemory, Patch, TrainConfig, Trainer, TrainingData as _};
 
@@ -104,6 +104,7 @@ fn time_training(session: &Session, Batch { crops, side }: Batch, patience: Dura
     let image = |value| ToneMappedImage::from_planes(Array3::from_elem((3, side, side), value));
     let code = Some(KernelCode::zeros(config.architecture.code_dim));
     let data = InMemory(vec![Patch { degraded: image(0.5)?, ground_truth: image(0.25)?, code }]);
+    keep_freed_memory();
     let mut trainer = Trainer::new(&config, None, data.len(), Backend::default())?;
     let mut outcome = Ok(());
     let seconds = benchmark::best_time(patience, || {

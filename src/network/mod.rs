@@ -18,7 +18,7 @@ mod sftmd;
 mod srmdnf;
 pub mod weights;
 
-pub use crate::kernels::{Isa, keep_freed_memory, share_freed_memory};
+pub use crate::kernels::Isa;
 pub use architecture::{Architecture, Condition, Kind, Scales};
 pub use backend::Backend;
 pub(crate) use model::map_of_code;
