@@ -8,6 +8,7 @@ use clap::error::ErrorKind;
 
 use udc::core::metrics::Measure;
 use udc::io;
+use udc::kernels::keep_freed_memory;
 use udc::network::Backend;
 use udc::train::{
     self, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationConfig, ValidationScore, read_initial,
@@ -76,6 +77,7 @@ impl TrainArgs {
             progress: &session.progress,
             warn: &|text| session.warn(text),
         };
+        keep_freed_memory();
         Ok(training.run(&self.output, start)?)
     }
 
