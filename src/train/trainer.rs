@@ -13,8 +13,8 @@ use super::sampler::Sampler;
 use super::schedule::learning_rate;
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, ToneMappedImage};
-
-use crate::network::{Backend, Network, Parameters, keep_freed_memory};
+use crate::core::rng::Rng;
+use crate::network::{Backend, InputTensors, Network, Parameters, Plane, keep_freed_memory};
 
 /// What one step did.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -36,8 +36,10 @@ pub struct Trainer {
     device: Device,
     sampler: Sampler,
     loss: Loss,
-    /// The samples that the last step drew last.
+    /// The samples that the last step learned from last.
     recent: Vec<Patch>,
+    /// The batch of a number that was drawn while the one before was computed.
+    ahead: Option<(u64, Vec<Patch>)>,
     pub(super) state: State,
 }
 
@@ -95,6 +97,7 @@ impl Trainer {
             sampler,
             loss,
             recent: Vec::new(),
+            ahead: None,
             state,
         })
     }
@@ -109,7 +112,8 @@ impl Trainer {
         self.state.average.as_ref().unwrap_or(&self.state.parameters)
     }
 
-    /// Draws samples, computes gradients and changes the weights.
+    /// Draws samples, computes gradients and changes the weights; draws the next samples while it computes, so that
+    /// every step is to be given the same data.
     ///
     /// # Errors
     /// Those of the data; [`Error::Diverged`] when loss, gradients or what would become of weights and moments are
@@ -125,9 +129,20 @@ impl Trainer {
         let rate = learning_rate(&config.optimizer, &config.schedule, self.state.iteration);
         let network = Network::new(&config.architecture, &self.state.parameters, &self.device);
         let (mut total, mut gradients) = (0.0, Gradients::new());
-        for part in 0..config.data.accumulate {
-            let patches = self.draw(data, part)?;
-            let (loss, part) = self.differentiate(&network, &patches)?;
+        let batches = config.data.accumulate as u64;
+        for number in self.state.iteration * batches..(self.state.iteration + 1) * batches {
+            let patches = self.batch(data, number)?;
+            let next = number + 1;
+            let is_due = next < config.iterations.saturating_mul(batches);
+            let samples = is_due.then(|| self.samples(next));
+            // Another thread draws if one is free; else this one does, once it has computed. What cannot be drawn is
+            // drawn again when its turn comes, and reported then.
+            let (computed, drawn) = rayon::join(
+                || self.differentiate(&network, &patches),
+                || draw(data, samples?, config.data.crop).ok(),
+            );
+            self.ahead = drawn.map(|patches| (next, patches));
+            let (loss, part) = computed?;
             total += loss / config.data.accumulate as f64;
             self.recent = patches;
             accumulate(&mut gradients, part, config.data.accumulate);
@@ -170,7 +185,7 @@ impl Trainer {
         for parameters in [&self.state.parameters].into_iter().chain(&self.state.average) {
             let network = Network::new(&self.config.architecture, parameters, &self.device);
             let batch = Batch::new(&network, &self.recent, &self.device)?;
-            let (loss, _) = self.loss.of(network.forward(batch.degraded, batch.codes), batch.ground_truth)?;
+            let (loss, _) = self.loss.of(network.forward(batch.inputs), batch.ground_truth)?;
             if !loss.is_finite() {
                 return Err(diverged(self.state.iteration, "with the weights after", loss));
             }
@@ -178,28 +193,37 @@ impl Trainer {
         Ok(())
     }
 
-    /// Draws the samples of one batch; `part` counts the batches of a step.
-    fn draw(&mut self, data: &dyn TrainingData, part: usize) -> Result<Vec<Patch>> {
-        let config = &self.config.data;
-        let (batch, accumulate) = (config.batch as u64, config.accumulate as u64);
-        let first = (self.state.iteration * accumulate + part as u64) * batch;
-        let samples: Vec<_> = (first..first + batch)
+    /// The batch of a number, counted from the training's start: the one that was drawn ahead, or drawn now.
+    fn batch(&mut self, data: &dyn TrainingData, number: u64) -> Result<Vec<Patch>> {
+        match self.ahead.take() {
+            Some((ahead, patches)) if ahead == number => Ok(patches),
+            _ => draw(data, self.samples(number), self.config.data.crop),
+        }
+    }
+
+    /// The items that a batch is drawn from, and the random stream of each.
+    fn samples(&mut self, number: u64) -> Vec<(usize, Rng)> {
+        let batch = self.config.data.batch as u64;
+        (number * batch..(number + 1) * batch)
             .map(|position| (self.sampler.item(position), self.sampler.stream(position)))
-            .collect();
-        let crop = config.crop;
-        samples.into_par_iter().map(|(item, mut rng)| data.patch(item, crop, &mut rng)).collect()
+            .collect()
     }
 
     /// The loss of a batch and its gradients.
     fn differentiate(&self, network: &Network, patches: &[Patch]) -> Result<(f64, Gradients)> {
         let batch = Batch::new(network, patches, &self.device)?;
-        let restored = network.forward(batch.degraded, batch.codes);
+        let restored = network.forward(batch.inputs);
         let (value, loss) = self.loss.of(restored, batch.ground_truth)?;
         let mut collect =
             Collect { gradients: loss.backward(), found: vec![None; self.state.parameters.len()] };
         network.visit(&mut collect);
         Ok((value, complete(collect.found, &self.state.parameters)?))
     }
+}
+
+/// Cuts a square of `side` pixels out of each item.
+fn draw(data: &dyn TrainingData, samples: Vec<(usize, Rng)>, side: usize) -> Result<Vec<Patch>> {
+    samples.into_par_iter().map(|(item, mut rng)| data.patch(item, side, &mut rng)).collect()
 }
 
 impl State {
@@ -277,30 +301,23 @@ fn accumulate(sum: &mut Gradients, part: Gradients, count: usize) {
 
 /// Samples as tensors.
 struct Batch {
-    degraded: Tensor<4>,
+    inputs: InputTensors,
     ground_truth: Tensor<4>,
-    codes: Option<Tensor<4>>,
 }
 
 impl Batch {
     fn new(network: &Network, patches: &[Patch], device: &Device) -> Result<Self> {
-        let images = |of: fn(&Patch) -> &ToneMappedImage| {
-            let (height, width) = (of(&patches[0]).height(), of(&patches[0]).width());
-            let values: Vec<f32> = patches.iter().flat_map(|patch| of(patch).as_slice()).copied().collect();
-            Tensor::from_data(TensorData::new(values, [patches.len(), CHANNELS, height, width]), device)
-        };
-        Ok(Self {
-            degraded: images(|patch| &patch.degraded),
-            ground_truth: images(|patch| &patch.ground_truth),
-            codes: Self::codes(network, patches, device)?,
-        })
+        let degraded = stack(patches.iter().map(|patch| &patch.degraded), device);
+        let mut inputs = InputTensors::new(degraded, Self::codes(network, patches, device)?);
+        for &plane in network.architecture().planes() {
+            let planes = patches.iter().map(|patch| patch.planes.get(plane).ok_or_else(|| lacking(plane)));
+            inputs.planes.insert(plane, stack(planes.collect::<Result<Vec<_>>>()?.into_iter(), device));
+        }
+        Ok(Self { inputs, ground_truth: stack(patches.iter().map(|patch| &patch.ground_truth), device) })
     }
 
     fn codes(network: &Network, patches: &[Patch], device: &Device) -> Result<Option<Tensor<4>>> {
-        if !network.architecture().condition.uses_code() {
-            return Ok(None);
-        }
-        let dim = network.architecture().code_dim;
+        let Some(dim) = network.architecture().code_len() else { return Ok(None) };
         let mut values = Vec::with_capacity(patches.len() * dim);
         for patch in patches {
             let code = patch.code.as_ref().map_or(&[][..], |code| code.as_slice().unwrap_or_default());
@@ -316,6 +333,26 @@ impl Batch {
         }
         Ok(Some(Tensor::from_data(TensorData::new(values, [patches.len(), dim, 1, 1]), device)))
     }
+}
+
+/// Images of one size, one after another.
+fn stack<'a>(
+    images: impl ExactSizeIterator<Item = &'a ToneMappedImage> + Clone,
+    device: &Device,
+) -> Tensor<4> {
+    let count = images.len();
+    let first = images.clone().next().expect("a batch has samples");
+    let shape = [count, CHANNELS, first.height(), first.width()];
+    let values: Vec<f32> = images.flat_map(|image| image.as_slice()).copied().collect();
+    Tensor::from_data(TensorData::new(values, shape), device)
+}
+
+fn lacking(plane: Plane) -> Error {
+    let reason = format!(
+        "the network reads the plane \"{}\" of every image, and the training data have none",
+        plane.name()
+    );
+    Error::config("planes", reason)
 }
 
 /// Copies every weight's gradient to its place in the architecture's order.
