@@ -10,7 +10,7 @@
 //! - [`kernels`]: the loops that networks spend their time in; [`network`]: the networks made of them;
 //! - [`capture`], [`psf`], [`codes`], [`crop`], [`scenes`], [`synth`], [`finish`]: the stages before and after a network;
 //! - [`perceptual`]: what trained eyes see;
-//! - [`restore`], [`train`], [`experiment`], [`report`].
+//! - [`restore`], [`train`]; [`inspect`]: what a file or folder of the project holds; [`experiment`], [`report`].
 //!
 //! The binary's commands turn flags into configurations of these.
 //!
@@ -39,6 +39,7 @@ pub mod crop;
 pub mod dataset;
 pub mod experiment;
 pub mod finish;
+pub mod inspect;
 pub mod io;
 pub mod kernels;
 pub mod network;

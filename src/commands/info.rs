@@ -1,21 +1,14 @@
 //! `udc info`.
 
-mod configuration;
-mod dataset;
-mod run;
-mod text;
-
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::Args;
-use serde_json::{Value, json};
+
+use udc::inspect::{inspect, subjects};
 
 use super::Session;
 use super::psf_file::PsfFileArgs;
-use udc::dataset::CONFIG_FILE;
-use udc::io::{Description, describe, describe_psf, expand_inputs};
-use udc::network::weights;
 
 /// Describe a file or folder: image, PSF, kernel bank, model, dataset, training run, configuration
 #[derive(Args, Debug)]
@@ -39,15 +32,20 @@ pub(crate) struct InfoArgs {
 
 impl InfoArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let mut subjects: Vec<Result<PathBuf>> =
-            self.inputs.iter().flat_map(|input| subjects(input)).collect();
-        if subjects.len() == 1 {
-            return self.show(&subjects.remove(0)?, session);
+        let mut files: Vec<Result<PathBuf>> = Vec::new();
+        for input in &self.inputs {
+            match subjects(input) {
+                Ok(found) => files.extend(found.into_iter().map(Ok)),
+                Err(error) => files.push(Err(error.into())),
+            }
         }
-        let (count, mut failed) = (subjects.len(), 0);
-        for subject in subjects {
+        if files.len() == 1 {
+            return self.show(&files.remove(0)?, session);
+        }
+        let (count, mut failed) = (files.len(), 0);
+        for file in files {
             session.progress.check()?;
-            if let Err(error) = subject.and_then(|subject| self.show(&subject, session)) {
+            if let Err(error) = file.and_then(|file| self.show(&file, session)) {
                 // Output that nobody reads any more ends the program; a file that is damaged does not.
                 if super::is_broken_pipe(&error) {
                     return Err(error);
@@ -63,79 +61,13 @@ impl InfoArgs {
     }
 
     fn show(&self, file: &Path, session: &Session) -> Result<()> {
-        let (mut object, text) = self.examine(file)?;
+        let found = inspect(file, self.psf.then(|| self.psf_file.options()))?;
         if self.json {
+            let mut object = serde_json::to_value(&found)?;
             object["file"] = file.to_string_lossy().into();
             session.say(object)
         } else {
-            session.say(format_args!("{}: {text}", file.display()))
+            session.say(format_args!("{}: {found}", file.display()))
         }
     }
-
-    /// What a file is, for scripts and for people.
-    fn examine(&self, file: &Path) -> Result<(Value, String)> {
-        if run::is_checkpoint(file) {
-            return run::examine_checkpoint(file);
-        }
-        if file.is_dir() {
-            return if dataset::is_dataset(file) { examine_dataset(file) } else { run::examine(file) };
-        }
-        if let Some(folder) = folder_described_by(file) {
-            return examine_dataset(folder);
-        }
-        if is_checkpoint(file) {
-            return examine_model(file);
-        }
-        if file.extension().is_some_and(|extension| extension == "toml") {
-            return configuration::examine(file);
-        }
-        let description =
-            if self.psf { describe_psf(file, self.psf_file.options())? } else { describe(file)? };
-        if let Description::Model(model) = &description
-            && model.metadata.get("format").is_some_and(|format| format == weights::FORMAT)
-        {
-            return examine_model(file);
-        }
-        Ok((serde_json::to_value(&description)?, text::render(&description)))
-    }
-}
-
-/// Whether a file is named as PyTorch names its checkpoints.
-fn is_checkpoint(file: &Path) -> bool {
-    file.extension().is_some_and(|extension| extension == "pth" || extension == "pt")
-}
-
-/// What an input stands for: itself, or the images of a folder. A dataset, a run and a checkpoint are described as one.
-fn subjects(input: &Path) -> Vec<Result<PathBuf>> {
-    if dataset::is_dataset(input) || run::is_run(input) || run::is_checkpoint(input) {
-        return vec![Ok(input.to_owned())];
-    }
-    match expand_inputs(&[input.to_owned()]) {
-        Ok(files) => files.into_iter().map(Ok).collect(),
-        Err(error) => vec![Err(error.into())],
-    }
-}
-
-/// The folder of the dataset that a `dataset.toml` belongs to.
-fn folder_described_by(file: &Path) -> Option<&Path> {
-    let folder = file.parent().filter(|_| file.file_name().is_some_and(|name| name == CONFIG_FILE))?;
-    Some(if folder.as_os_str().is_empty() { Path::new(".") } else { folder })
-}
-
-fn examine_dataset(folder: &Path) -> Result<(Value, String)> {
-    let summary = dataset::summarise(folder)?;
-    Ok((serde_json::to_value(&summary)?, summary.render()?))
-}
-
-fn examine_model(file: &Path) -> Result<(Value, String)> {
-    let model = weights::describe(file)?;
-    let object = json!({
-        "kind": "model",
-        "architecture": model.architecture.to_json(),
-        "parameters": model.architecture.parameters(),
-        "macs_800": model.architecture.macs(800, 800),
-        "training": model.origin.training,
-        "kernel_bank_sha256": model.origin.kernel_bank_sha256,
-    });
-    Ok((object, model.to_string()))
 }

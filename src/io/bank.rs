@@ -24,7 +24,7 @@ use crate::core::kernel_code::{BankCodes, CodeBasis, KernelBank};
 use crate::core::psf::{Psf, hex};
 
 /// What the metadata of a kernel bank calls it.
-pub(super) const FORMAT: &str = "udc-kernel-bank";
+pub const FORMAT: &str = "udc-kernel-bank";
 const VERSION: &str = "1";
 /// The metadata that says how the kernels were made.
 const ORIGIN: &str = "origin";

@@ -9,7 +9,6 @@ mod atomic;
 mod bank;
 mod color_tags;
 mod container;
-mod describe;
 mod dng;
 mod exr;
 mod field;
@@ -35,15 +34,11 @@ mod write;
 pub use array::{read_array, write_array};
 pub use atomic::{WriteSeek, check_output, remove_unfinished, write_atomically};
 pub use bank::{
-    bank_sha256, bank_sha256_of, encode_bank, is_bank_of_sha256, read_bank, read_bank_codes, write_bank,
-    write_published_bank,
+    FORMAT as BANK_FORMAT, bank_sha256, bank_sha256_of, encode_bank, is_bank_of_sha256, read_bank,
+    read_bank_codes, write_bank, write_published_bank,
 };
 pub use color_tags::ColorTag;
 pub use container::{TensorData, write_safetensors};
-pub use describe::{
-    ArrayDescription, BankDescription, Description, ImageDescription, ModelDescription, PsfChannel,
-    PsfDescription, Statistics, describe, describe_psf,
-};
 pub use field::{inspect_psf_field, read_field, read_psf_field, write_psf_field};
 pub use folder::{AppendFile, LineLog, create_folder, lock_folder, publish_folder, remove, try_lock_folder};
 pub use format::{Encoding, Format};

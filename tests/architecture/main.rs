@@ -25,6 +25,7 @@ const FLOW: &[&str] = &[
     "perceptual",
     "restore",
     "train",
+    "inspect",
     "experiment",
     "report",
 ];

@@ -1,11 +1,16 @@
 //! Describes an image: how it is stored and where its values lie.
 
+mod text;
+
+use std::path::Path;
+
 use ndarray::{Array3, Axis};
 use serde::Serialize;
 
 use crate::core::capture::CaptureInfo;
+use crate::core::error::Result;
 use crate::core::provenance::Provenance;
-use crate::io::{ColorTag, DomainTag, Encoding, Pixels, RawMetadata};
+use crate::io::{ColorTag, DomainTag, Encoding, Pixels, RawMetadata, inspect_image};
 
 /// An image file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -62,23 +67,31 @@ pub struct Statistics {
     pub mean: f64,
 }
 
-pub(super) fn describe_image(pixels: Pixels, encoding: Encoding) -> ImageDescription {
-    let (_, height, width) = pixels.planes.dim();
-    ImageDescription {
-        format: encoding.format.name(),
-        sample_type: encoding.sample_type,
-        width,
-        height,
-        domain: pixels.domain.map(DomainTag::name),
-        color_tags: pixels.color_tags,
-        exposure_s: pixels.exposure_s,
-        iso: pixels.iso,
-        raw: pixels.raw.map(Box::new),
-        capture: pixels.capture.map(Box::new),
-        non_finite: pixels.planes.iter().filter(|value| !value.is_finite()).count(),
-        negative: pixels.planes.iter().filter(|value| **value < 0.0).count(),
-        channels: channel_statistics(&pixels.planes),
-        provenance: pixels.provenance,
+impl ImageDescription {
+    /// Describes the image that a file holds.
+    pub(super) fn read(path: &Path) -> Result<Self> {
+        inspect_image(path).map(|(pixels, encoding)| Self::new(pixels, encoding))
+    }
+
+    /// Describes what was read of a file.
+    pub(super) fn new(pixels: Pixels, encoding: Encoding) -> Self {
+        let (_, height, width) = pixels.planes.dim();
+        Self {
+            format: encoding.format.name(),
+            sample_type: encoding.sample_type,
+            width,
+            height,
+            domain: pixels.domain.map(DomainTag::name),
+            color_tags: pixels.color_tags,
+            exposure_s: pixels.exposure_s,
+            iso: pixels.iso,
+            raw: pixels.raw.map(Box::new),
+            capture: pixels.capture.map(Box::new),
+            non_finite: pixels.planes.iter().filter(|value| !value.is_finite()).count(),
+            negative: pixels.planes.iter().filter(|value| **value < 0.0).count(),
+            channels: channel_statistics(&pixels.planes),
+            provenance: pixels.provenance,
+        }
     }
 }
 

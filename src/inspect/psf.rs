@@ -1,11 +1,12 @@
 //! Describes a PSF: where its peak is and how far its energy reaches.
 
+use std::fmt::{self, Write as _};
 use std::path::Path;
 
 use ndarray::ArrayView2;
 use serde::Serialize;
 
-use super::Description;
+use super::text::{number, write_lines};
 use crate::core::error::Result;
 use crate::io::{PsfOptions, inspect_psf};
 
@@ -40,22 +41,47 @@ pub struct PsfChannel {
     pub radius_90_px: f64,
 }
 
-/// Describes an image file as the PSF that it holds.
-///
-/// # Errors
-/// As [`inspect_psf`].
-pub fn describe_psf(path: &Path, options: PsfOptions) -> Result<Description> {
-    let reading = inspect_psf(path, options)?;
-    let (warnings, psf) = (reading.warnings(), reading.psf);
-    let channels = (0..3).map(|channel| describe_psf_channel(&psf.channel(channel), psf.centre())).collect();
-    Ok(Description::Psf(PsfDescription {
-        width: psf.width(),
-        height: psf.height(),
-        centre: psf.centre(),
-        channels,
-        warnings,
-        sha256: psf.sha256(),
-    }))
+impl PsfDescription {
+    /// Describes an image file as the PSF that it holds.
+    pub(super) fn read(path: &Path, options: PsfOptions) -> Result<Self> {
+        let reading = inspect_psf(path, options)?;
+        let (warnings, psf) = (reading.warnings(), reading.psf);
+        let channel = |channel| describe_psf_channel(&psf.channel(channel), psf.centre());
+        Ok(Self {
+            width: psf.width(),
+            height: psf.height(),
+            centre: psf.centre(),
+            channels: (0..3).map(channel).collect(),
+            warnings,
+            sha256: psf.sha256(),
+        })
+    }
+
+    fn write(&self, text: &mut String) -> fmt::Result {
+        writeln!(text, "PSF, {} × {} (width × height)", self.width, self.height)?;
+        writeln!(text, "  centre    row {}, column {}", self.centre.0, self.centre.1)?;
+        for (channel, name) in self.channels.iter().zip(["R", "G", "B"]) {
+            writeln!(
+                text,
+                "  {name}         peak {} at row {}, column {}; half of the energy within {:.1} px, 90 % within {:.1} px",
+                number(f64::from(channel.peak)),
+                channel.peak_at.0,
+                channel.peak_at.1,
+                channel.radius_50_px,
+                channel.radius_90_px
+            )?;
+        }
+        for warning in &self.warnings {
+            writeln!(text, "  warning   {warning}")?;
+        }
+        writeln!(text, "  sha256    {}", self.sha256)
+    }
+}
+
+impl fmt::Display for PsfDescription {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write_lines(f, |text| self.write(text))
+    }
 }
 
 fn describe_psf_channel(plane: &ArrayView2<'_, f32>, (centre_y, centre_x): (usize, usize)) -> PsfChannel {

@@ -1,0 +1,124 @@
+//! Describes what a TOML file configures, told by the keys that each kind of file has.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use super::Inspection;
+use super::model::NetworkDescription;
+use crate::core::config::parse_toml;
+use crate::core::error::{Error, Result};
+use crate::dataset::SensorConfig;
+use crate::io::{read_field, read_text};
+use crate::network::Architecture;
+use crate::psf::DisplayConfig;
+use crate::train::TrainConfig;
+
+/// The description of a display, of which PSFs are simulated.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DisplayDescription {
+    /// The display with its lens, sensor and light.
+    pub display: DisplayConfig,
+}
+
+/// The PSFs of several places of the frame.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FieldDescription {
+    /// Number of places from top to bottom.
+    pub rows: usize,
+    /// Number of places from left to right.
+    pub columns: usize,
+}
+
+/// A sensor, for its noise.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SensorDescription {
+    /// The sensor.
+    pub sensor: SensorConfig,
+    /// The irradiance that fills it in its longest exposure.
+    pub white_irradiance: f64,
+    /// The irradiance that fills it in its shortest exposure.
+    pub x_max: f64,
+    #[serde(skip)]
+    file: PathBuf,
+    /// The file as it is written.
+    #[serde(skip)]
+    text: String,
+}
+
+/// The configuration of a training: the network that it asks for.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TrainingDescription {
+    /// The network.
+    #[serde(flatten)]
+    pub network: NetworkDescription,
+    #[serde(skip)]
+    architecture: Architecture,
+}
+
+/// Looks at a configuration file.
+pub(super) fn inspect_configuration(file: &Path) -> Result<Inspection> {
+    let text = read_text(file)?;
+    // What is no TOML at all is told as what most of these files are.
+    let table: toml::Table = parse_toml(&text).unwrap_or_default();
+    let has = |keys: &[&str]| keys.iter().any(|key| table.contains_key(*key));
+    if has(&["display", "optics", "spectrum", "sampling", "sensor"]) {
+        let display = DisplayConfig::parse(&text, file)?;
+        return Ok(Inspection::Display(DisplayDescription { display }));
+    }
+    if has(&["psfs"]) {
+        let (grid, _) = read_field(file)?;
+        return Ok(Inspection::PsfField(FieldDescription { rows: grid.rows(), columns: grid.columns() }));
+    }
+    if has(&["full-well-e", "read-noise-e", "white-irradiance", "electrons-per-unit"]) {
+        return SensorDescription::new(file, text).map(Inspection::Sensor);
+    }
+    let config = TrainConfig::from_toml(&text, &[]).map_err(|error| {
+        error.while_doing(format!("reading {} as a training's configuration", file.display()))
+    })?;
+    let architecture = config.architecture;
+    let network = (&architecture).into();
+    Ok(Inspection::TrainingConfiguration(TrainingDescription { network, architecture }))
+}
+
+impl SensorDescription {
+    fn new(file: &Path, text: String) -> Result<Self> {
+        let sensor: SensorConfig = parse_toml(&text).map_err(|reason| Error::format(file, reason))?;
+        let (white_irradiance, x_max) = (sensor.white_irradiance(), sensor.saturation());
+        Ok(Self { sensor, white_irradiance, x_max, file: file.to_owned(), text })
+    }
+}
+
+impl fmt::Display for DisplayDescription {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (kind, size) = (self.display.display.kind.name(), self.display.sensor.size_px);
+        write!(f, "display file, for `udc psf --display`: layout {kind}, a PSF of {size} × {size} pixels")
+    }
+}
+
+impl fmt::Display for FieldDescription {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "PSFs of {} × {} places of the frame, for --field", self.rows, self.columns)
+    }
+}
+
+impl fmt::Display for SensorDescription {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "sensor, for --noise sensor:{}: full at an irradiance of {:.4} in the longest exposure and of {:.4} (x-max) in \
+             the shortest\n{}",
+            self.file.display(),
+            self.white_irradiance,
+            self.x_max,
+            self.text.trim_end()
+        )
+    }
+}
+
+impl fmt::Display for TrainingDescription {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "training configuration\n{}", self.architecture.describe())
+    }
+}

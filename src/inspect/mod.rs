@@ -1,0 +1,136 @@
+//! Says what a file or folder of the project holds: its text is for people, its serialised form for scripts.
+
+mod array;
+mod configuration;
+mod dataset;
+mod image;
+mod model;
+mod psf;
+mod run;
+mod tensors;
+mod text;
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use crate::core::error::Result;
+use crate::dataset::CONFIG_FILE;
+use crate::io::{PsfOptions, expand_inputs, inspect_image};
+
+pub use array::ArrayDescription;
+pub use configuration::{DisplayDescription, FieldDescription, SensorDescription, TrainingDescription};
+pub use dataset::{DatasetDescription, SplitDescription};
+pub use image::{ImageDescription, Statistics};
+pub use model::{ModelDescription, NetworkDescription};
+pub use psf::{PsfChannel, PsfDescription};
+pub use run::{CheckpointDescription, RunDescription};
+pub use tensors::{BankDescription, TensorsDescription};
+
+/// What a file or folder was found to be.
+#[derive(Clone, Debug, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum Inspection {
+    /// An image.
+    Image(ImageDescription),
+    /// An image, looked at as a PSF.
+    Psf(PsfDescription),
+    /// A kernel bank.
+    KernelBank(BankDescription),
+    /// A network's weights.
+    Model(ModelDescription),
+    /// Tensors of unknown use.
+    #[serde(rename = "model")]
+    Tensors(TensorsDescription),
+    /// An array that is no image.
+    Array(ArrayDescription),
+    /// A dataset's folder.
+    Dataset(DatasetDescription),
+    /// A training run's folder.
+    Run(RunDescription),
+    /// A checkpoint of a run.
+    Checkpoint(CheckpointDescription),
+    /// The description of a display.
+    Display(DisplayDescription),
+    /// The PSFs of several places of the frame.
+    PsfField(FieldDescription),
+    /// A sensor, for its noise.
+    Sensor(SensorDescription),
+    /// The configuration of a training.
+    TrainingConfiguration(TrainingDescription),
+}
+
+impl fmt::Display for Inspection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Image(found) => found.fmt(f),
+            Self::Psf(found) => found.fmt(f),
+            Self::KernelBank(found) => found.fmt(f),
+            Self::Model(found) => found.fmt(f),
+            Self::Tensors(found) => found.fmt(f),
+            Self::Array(found) => found.fmt(f),
+            Self::Dataset(found) => found.fmt(f),
+            Self::Run(found) => found.fmt(f),
+            Self::Checkpoint(found) => found.fmt(f),
+            Self::Display(found) => found.fmt(f),
+            Self::PsfField(found) => found.fmt(f),
+            Self::Sensor(found) => found.fmt(f),
+            Self::TrainingConfiguration(found) => found.fmt(f),
+        }
+    }
+}
+
+/// Looks at a file or folder, recognised by its contents; images are looked at as PSFs where it is said how to read them.
+///
+/// # Errors
+/// [`Error::Io`](crate::core::error::Error::Io) when it cannot be read; [`Error::Format`](crate::core::error::Error::Format)
+/// when it is damaged or of no known kind; [`Error::Config`](crate::core::error::Error::Config) for a mistake in a
+/// configuration.
+pub fn inspect(path: &Path, as_psf: Option<PsfOptions>) -> Result<Inspection> {
+    if run::is_checkpoint(path) {
+        return CheckpointDescription::read(path).map(Inspection::Checkpoint);
+    }
+    if path.is_dir() && !dataset::is_dataset(path) {
+        return RunDescription::read(path).map(Inspection::Run);
+    }
+    if path.is_dir() {
+        return DatasetDescription::read(path).map(Inspection::Dataset);
+    }
+    if let Some(folder) = folder_described_by(path) {
+        return DatasetDescription::read(folder).map(Inspection::Dataset);
+    }
+    match (path.extension().and_then(|extension| extension.to_str()), as_psf) {
+        (Some("pth" | "pt"), _) => ModelDescription::read(path).map(Inspection::Model),
+        (Some("toml"), _) => configuration::inspect_configuration(path),
+        (_, Some(options)) => PsfDescription::read(path, options).map(Inspection::Psf),
+        (Some("safetensors"), _) => tensors::inspect_tensors(path),
+        (Some("npy"), _) => inspect_npy(path),
+        _ => ImageDescription::read(path).map(Inspection::Image),
+    }
+}
+
+/// What is no image may still be an array; if it is neither, the first reason says more.
+fn inspect_npy(path: &Path) -> Result<Inspection> {
+    match inspect_image(path) {
+        Ok((pixels, encoding)) => Ok(Inspection::Image(ImageDescription::new(pixels, encoding))),
+        Err(no_image) => ArrayDescription::read(path).map(Inspection::Array).ok_or(no_image),
+    }
+}
+
+/// What an input stands for: itself, or the images of a folder. A dataset, a run and a checkpoint are one.
+///
+/// # Errors
+/// As [`expand_inputs`].
+pub fn subjects(input: &Path) -> Result<Vec<PathBuf>> {
+    if dataset::is_dataset(input) || run::is_run(input) || run::is_checkpoint(input) {
+        return Ok(vec![input.to_owned()]);
+    }
+    expand_inputs(&[input.to_owned()])
+}
+
+/// The folder of the dataset that a `dataset.toml` belongs to.
+fn folder_described_by(file: &Path) -> Option<&Path> {
+    let folder = file.parent().filter(|_| file.file_name().is_some_and(|name| name == CONFIG_FILE))?;
+    Some(if folder.as_os_str().is_empty() { Path::new(".") } else { folder })
+}
