@@ -7,12 +7,14 @@ mod pca;
 mod project;
 mod resample;
 mod rotation;
+mod summary;
 
 pub use angles::parse_angles;
 pub use interpolate::interpolate_code;
 pub use pca::{CODE_DIM, explained_share, make_bank};
 pub use project::{Projection, project};
 pub use rotation::{rotate, rotate_each};
+pub use summary::{bank_in_words, code_lines};
 
 use serde_json::json;
 
@@ -21,6 +23,9 @@ use crate::core::kernel_code::KernelBank;
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::psf::{DisplayConfig, simulate_turned};
+
+/// Rotations of the published kernel set, in degrees.
+pub const PUBLISHED_ANGLES_DEG: [f64; 9] = [-12.0, -9.0, -6.0, -3.0, 0.0, 3.0, 6.0, 9.0, 12.0];
 
 /// Rotates `psf` to each of `angles_deg` and makes a bank of the set, with codes of `dim` numbers.
 ///

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::eigen::{Eigen, decompose};
 use super::pca::{CHUNK, centred_gram, recentre, to_f32};
+use super::summary::show_code;
 use crate::core::error::{Error, Result};
 use crate::core::kernel_code::{KernelBank, KernelCode};
 use crate::core::psf::Psf;
@@ -30,6 +31,21 @@ impl Projection {
     /// Whether the bank can describe the PSF.
     pub fn fits(&self) -> bool {
         self.residual_l2 <= self.limit_l2
+    }
+
+    /// The code, what it leaves out and the nearest kernel of `bank`, in lines of text.
+    pub fn summary(&self, bank: &KernelBank) -> [String; 3] {
+        let percent = |share: f64| format!("{:.3} %", 100.0 * share);
+        [
+            format!("code      {}", show_code(&self.code)),
+            format!(
+                "residual  {} (L2), {} (L1); the bank's own spread explains {} (L2)",
+                percent(self.residual_l2),
+                percent(self.residual_l1),
+                percent(self.limit_l2)
+            ),
+            format!("nearest   {}, {} away (L2)", bank.kernel_name(self.nearest), percent(self.nearest_l2)),
+        ]
     }
 }
 

@@ -6,17 +6,14 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
 
-use udc::codes::{self, CODE_DIM};
-use udc::core::kernel_code::{KernelBank, KernelCode};
+use udc::codes::{self, CODE_DIM, PUBLISHED_ANGLES_DEG};
+use udc::core::kernel_code::KernelBank;
 use udc::core::psf::Psf;
 use udc::io;
 
 use super::Session;
 use super::psf::read_display;
 use super::psf_file::PsfFileArgs;
-
-/// Rotations of the published kernel set.
-const ANGLES: &str = "-12:12:3";
 
 /// Make kernel codes: rotate a PSF, find its PCA basis, store both as a kernel bank
 ///
@@ -76,7 +73,7 @@ impl CodesArgs {
     }
 
     fn make(&self, session: &Session, output: &Path) -> Result<()> {
-        check_extension(output, "safetensors")?;
+        io::check_extension(output, "safetensors")?;
         io::check_output(output, session.overwrite)?;
         let started = Instant::now();
         let bank = match &self.display {
@@ -91,11 +88,12 @@ impl CodesArgs {
             io::write_published_bank(folder, &name, &bank, session.overwrite)?;
         }
         io::write_bank(output, &bank, session.overwrite)?;
-        describe(session, output, &bank)
+        codes::code_lines(&bank).into_iter().try_for_each(|line| session.say(line))?;
+        session.say(format_args!("{}: {}", output.display(), codes::bank_in_words(&bank)))
     }
 
-    fn angles(&self) -> udc::core::error::Result<Vec<f64>> {
-        self.angles.clone().map_or_else(|| codes::parse_angles(ANGLES), |angles| Ok(angles.0))
+    fn angles(&self) -> &[f64] {
+        self.angles.as_ref().map_or(&PUBLISHED_ANGLES_DEG, |angles| &angles.0)
     }
 
     /// The bank of a panel that is turned and simulated.
@@ -104,7 +102,7 @@ impl CodesArgs {
             bail!("--domain and --recenter are for PSFs that are read; leave them out with --display");
         }
         let config = read_display(display, self.size)?;
-        Ok(codes::make_turned_bank(&config, &self.angles()?, self.dim, &session.progress)?)
+        Ok(codes::make_turned_bank(&config, self.angles(), self.dim, &session.progress)?)
     }
 
     /// The bank of a PSF that is rotated, or of a set.
@@ -118,7 +116,7 @@ impl CodesArgs {
         let psfs: Vec<Psf> =
             paths.iter().map(|path| self.psf_file.read(path, session)).collect::<Result<_>>()?;
         match &psfs[..] {
-            [psf] => codes::make_rotated_bank(psf, &self.angles()?, self.dim)
+            [psf] => codes::make_rotated_bank(psf, self.angles(), self.dim)
                 .with_context(|| format!("making codes of {}", paths[0].display())),
             _ => codes::make_bank(psfs, None, self.dim).context("making codes of the set"),
         }
@@ -126,7 +124,7 @@ impl CodesArgs {
 
     fn project(&self, session: &Session, bank: &Path, paths: &[PathBuf]) -> Result<()> {
         if let Some(output) = &self.output {
-            check_extension(output, "npy")?;
+            io::check_extension(output, "npy")?;
             io::check_output(output, session.overwrite)?;
             if paths.len() > 1 {
                 bail!(
@@ -140,15 +138,9 @@ impl CodesArgs {
             let projection = codes::project(&kernels, &self.psf_file.read(path, session)?)
                 .with_context(|| format!("projecting {} onto {}", path.display(), bank.display()))?;
             session.say(format_args!(
-                "{}\n  code      {}\n  residual  {:.3} % (L2), {:.3} % (L1); the bank's own spread explains {:.3} % (L2)\n  \
-                 nearest   {}, {:.3} % away (L2)",
+                "{}\n  {}",
                 path.display(),
-                digits(&projection.code),
-                100.0 * projection.residual_l2,
-                100.0 * projection.residual_l1,
-                100.0 * projection.limit_l2,
-                kernels.kernel_name(projection.nearest),
-                100.0 * projection.nearest_l2,
+                projection.summary(&kernels).join("\n  ")
             ))?;
             if !projection.fits() {
                 session.warn(format_args!(
@@ -163,31 +155,4 @@ impl CodesArgs {
         }
         Ok(())
     }
-}
-
-fn describe(session: &Session, output: &Path, bank: &KernelBank) -> Result<()> {
-    for index in 0..bank.len() {
-        let code = digits(&bank.code(index).to_owned());
-        session.say(format_args!("{:<8} {code}", bank.kernel_name(index)))?;
-    }
-    session.say(format_args!(
-        "{}: {} kernels of {} × {}, codes of {} numbers that hold {:.2} % of the set's variance",
-        output.display(),
-        bank.len(),
-        bank.psfs[0].height(),
-        bank.psfs[0].width(),
-        bank.code_dim(),
-        100.0 * codes::explained_share(bank),
-    ))
-}
-
-fn digits(code: &KernelCode) -> String {
-    code.iter().map(|value| format!("{value:+.6e}")).collect::<Vec<_>>().join(" ")
-}
-
-fn check_extension(path: &Path, extension: &str) -> Result<()> {
-    if path.extension().is_none_or(|found| !found.eq_ignore_ascii_case(extension)) {
-        bail!("{} is not written as {}; name it *.{extension}", path.display(), extension);
-    }
-    Ok(())
 }

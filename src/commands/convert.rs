@@ -2,16 +2,13 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result};
 use clap::Args;
-use serde_json::json;
 
 use super::Session;
 use super::capture::note_what_is_lost;
 use super::domain::DomainArg;
-use udc::core::image::CHANNELS;
-use udc::core::provenance::Provenance;
-use udc::io::{DomainTag, Format, PixelOptions, Pixels, check_output, read_pixels, write_pixels};
+use udc::io::{Conversion, DomainTag, check_output};
 use udc::network::weights;
 
 /// Convert an image, or a PyTorch checkpoint to a model
@@ -48,70 +45,30 @@ impl ConvertArgs {
             weights::convert(&self.input, &self.output, session.overwrite).with_context(doing)?;
             return session.say(format_args!("{output}: {}", weights::describe(&self.output)?));
         }
-        let mut pixels = read_pixels(&self.input).with_context(doing)?;
-        let wanted = self.domain.map(DomainTag::from);
-        if let (Some(declared), Some(wanted)) = (pixels.domain, wanted)
-            && declared != wanted
-        {
-            bail!(
-                "{input} declares {} values: --domain {} would only rename them; use `udc tonemap` to change them",
-                declared.name(),
-                wanted.name()
-            );
+        let conversion = Conversion {
+            domain: self.domain.map(DomainTag::from),
+            half: self.half,
+            clip: self.clip,
+            overwrite: session.overwrite,
+        };
+        let image = conversion.read(&self.input, &self.output)?;
+        image.contradiction.iter().for_each(|contradiction| session.warn(contradiction));
+        conversion.write(&self.input, &self.output, &image)?;
+        if let Some(info) = image.capture_beyond(&self.output) {
+            note_what_is_lost(&self.output, &info, session);
         }
-        if let Some(contradiction) = pixels.tell(&self.input, wanted)? {
-            session.warn(contradiction);
-        }
-        if self.writes_floats() {
-            pixels.check_told(&self.input)?;
-        }
-        let is_assumed = pixels.domain.is_none() && self.writes_exr();
-        if is_assumed {
-            pixels.domain = Some(DomainTag::Linear);
-        }
-        let source = pixels.provenance.take();
-        let config = json!({
-            "input": input.to_string(), "half": self.half, "clip": self.clip, "source": source,
-            "domain": self.domain.map(DomainArg::name),
-        });
-        pixels.provenance = Some(Provenance::new("convert", &config));
-        let clip = self.clip || matches!(pixels.domain, Some(DomainTag::ToneMapped | DomainTag::Display));
-        let options =
-            PixelOptions { half: self.half, overwrite: session.overwrite, clip, ..PixelOptions::default() };
-        write_pixels(&self.output, &pixels, options).with_context(doing)?;
-        self.note_what_is_lost(&pixels, session);
-        if pixels.raw.is_some() {
+        if image.pixels.raw.is_some() {
             session.warn(format_args!(
                 "{output} holds the values of the raw file as they are stored, black level and mosaic included; \
                  `udc restore` and `udc fuse` read the raw file itself"
             ));
         }
-        if is_assumed {
+        if image.is_assumed_linear {
             session.warn(format_args!(
                 "{input} does not say its domain; {output} says linear (add --domain tone-mapped if that is wrong)"
             ));
         }
-        let (channels, height, width) = pixels.planes.dim();
+        let (channels, height, width) = image.pixels.planes.dim();
         session.say(format_args!("{output}: {width} × {height}, {channels} channels"))
-    }
-
-    /// Says what the output cannot carry of the capture. Linear integers clip at 1 wherever they are read.
-    fn note_what_is_lost(&self, pixels: &Pixels, session: &Session) {
-        let Some(mut info) = pixels.capture.clone() else { return };
-        let is_implied = !self.writes_floats() && pixels.domain == Some(DomainTag::Linear);
-        let is_one = |levels: &[f32; CHANNELS]| levels.iter().all(|level| (level - 1.0).abs() < f32::EPSILON);
-        info.saturation = info.saturation.filter(|levels| !(is_implied && is_one(levels)));
-        note_what_is_lost(&self.output, &info, session);
-    }
-
-    /// Whether the output no longer shows that its values were integers, which are asked for their domain.
-    fn writes_floats(&self) -> bool {
-        Format::of_extension(&self.output)
-            .is_ok_and(|format| matches!(format, Format::Exr | Format::Npy | Format::Hdr))
-    }
-
-    /// Whether the output must say its domain.
-    fn writes_exr(&self) -> bool {
-        Format::of_extension(&self.output).is_ok_and(|format| format == Format::Exr)
     }
 }

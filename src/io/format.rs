@@ -114,6 +114,18 @@ pub(super) fn read_recognised(path: &Path) -> Result<(Format, Vec<u8>)> {
     Ok((format, bytes))
 }
 
+/// Refuses a file to write whose name does not end as its only format does.
+///
+/// # Errors
+/// [`Error::Unsupported`] with the name that it needs.
+pub fn check_extension(path: &Path, extension: &str) -> Result<()> {
+    if path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension)) {
+        return Ok(());
+    }
+    let reason = format!("{} is not written as {extension}; name it *.{extension}", path.display());
+    Err(Error::Unsupported(reason))
+}
+
 /// Reads a whole file.
 pub(super) fn read_all(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).map_err(|source| Error::io("read", path, source))
