@@ -7,7 +7,7 @@ use clap::{Args, Parser as _};
 use serde_json::json;
 
 use udc::core::provenance::Provenance;
-use udc::io::{self, WriteOptions};
+use udc::io::{self, OwnedFolder, WriteOptions};
 use udc::scenes::{self, point_source};
 
 use super::domain::LightDomainArg;
@@ -67,18 +67,13 @@ const MARGIN: usize = PSF_PX / 2;
 /// Side of the PSF; the panel's file asks the sensor for as much.
 const PSF_PX: usize = 129;
 
-/// Everything that a demo writes to its folder.
-const ENTRIES: [&str; 9] = [
-    "panel.toml",
-    "training.toml",
-    "psf",
-    "scenes",
-    "bank.safetensors",
-    "dataset",
-    "run",
-    "results",
-    "report.html",
-];
+/// The folder of a demo.
+const FOLDER: OwnedFolder = OwnedFolder {
+    owner: "a demo",
+    marks: &[("panel.toml", PANEL), ("training.toml", TRAINING)],
+    folders: &["psf", "scenes"],
+    results: &["bank.safetensors", "dataset", "run", "results", "report.html"],
+};
 
 impl DemoArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
@@ -93,7 +88,7 @@ impl DemoArgs {
         }
         let extent = if self.quick { QUICK } else { FULL };
         let demo = Demo { root: self.output, seed: self.seed, extent, session };
-        demo.prepare_folder()?;
+        FOLDER.prepare(&demo.root, session.overwrite)?;
         demo.measure_the_panel()?;
         match &self.hdri {
             Some(panoramas) => demo.crop(panoramas, self.domain)?,
@@ -115,35 +110,6 @@ struct Demo<'a> {
 impl Demo<'_> {
     fn path(&self, name: &str) -> PathBuf {
         self.root.join(name)
-    }
-
-    /// Makes the folder, or removes an earlier demo from it; what else the folder holds stays.
-    fn prepare_folder(&self) -> Result<()> {
-        let root = self.root.display();
-        if self.root.exists() && !io::list_folder(&self.root)?.is_empty() {
-            if !self.session.overwrite {
-                bail!("{root} exists already; name another folder with -o, or add --overwrite");
-            }
-            if !self.holds_a_demo() {
-                bail!("{root} holds something else than a demo; name another folder with -o");
-            }
-            ENTRIES.into_iter().try_for_each(|entry| io::remove(&self.path(entry)))?;
-        }
-        ["psf", "scenes"].into_iter().try_for_each(|folder| io::create_folder(&self.path(folder)))?;
-        self.write_text("panel.toml", PANEL)?;
-        self.write_text("training.toml", TRAINING)
-    }
-
-    /// Whether both configurations begin as a demo writes them.
-    fn holds_a_demo(&self) -> bool {
-        [("panel.toml", PANEL), ("training.toml", TRAINING)].into_iter().all(|(name, text)| {
-            let found = io::read_text(&self.path(name)).unwrap_or_default();
-            found.lines().next() == text.lines().next()
-        })
-    }
-
-    fn write_text(&self, name: &str, text: &str) -> Result<()> {
-        Ok(io::write_atomically(&self.path(name), true, |file| file.write_all(text.as_bytes()))?)
     }
 
     /// Simulates the panel, records its PSF as a camera would, and measures it from the recording.
@@ -222,42 +188,5 @@ impl Demo<'_> {
             Err(error) if is_broken_pipe(&error) => Ok(()),
             result => result.with_context(|| format!("running udc {line}")),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn replaces_what_a_demo_writes_and_nothing_else() {
-        let scratch = tempfile::tempdir().unwrap();
-        let (careful, bold) = (Session::silent(false), Session::silent(true));
-        let prepare = |session: &Session| {
-            Demo { root: scratch.path().to_owned(), seed: 1, extent: QUICK, session }.prepare_folder()
-        };
-        let write = |name: &str| {
-            let path = scratch.path().join(name);
-            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-            std::fs::write(path, "precious").unwrap();
-        };
-        let is_there = |name: &str| scratch.path().join(name).exists();
-
-        write("panel.toml");
-        write("training.toml");
-        assert!(prepare(&bold).unwrap_err().to_string().contains("something else than a demo"));
-        assert!(is_there("panel.toml") && !is_there("psf"));
-        std::fs::remove_file(scratch.path().join("panel.toml")).unwrap();
-        std::fs::remove_file(scratch.path().join("training.toml")).unwrap();
-
-        prepare(&careful).unwrap();
-        assert!(is_there("panel.toml") && is_there("scenes"));
-        for name in ["notes.txt", "mine/a.exr", "results/metrics.json", "report.html"] {
-            write(name);
-        }
-        assert!(prepare(&careful).unwrap_err().to_string().contains("--overwrite"));
-        prepare(&bold).unwrap();
-        assert!(is_there("notes.txt") && is_there("mine/a.exr"));
-        assert!(!is_there("results") && !is_there("report.html"));
     }
 }

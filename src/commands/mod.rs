@@ -124,12 +124,6 @@ pub(crate) struct Session {
 }
 
 impl Session {
-    /// A session that tells nothing.
-    #[cfg(test)]
-    pub(crate) fn silent(overwrite: bool) -> Self {
-        Self { verbosity: 0, progress: Progress::default(), overwrite, unheard: OnceLock::new() }
-    }
-
     /// Tells the user a result on stdout, unless `--quiet`: one that is nothing but this text.
     ///
     /// # Errors

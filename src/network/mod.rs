@@ -6,6 +6,7 @@
 
 mod architecture;
 mod backend;
+pub mod benchmark;
 mod builder;
 mod de_unet;
 mod discnet;

@@ -4,6 +4,7 @@
 //! by step; a [`Job`] runs one in a folder, with log, checkpoints and previews; a [`Training`] is all of it together. All that is drawn depends on the seed and the position alone, so that a
 //! training repeats, and resumes, bit for bit.
 
+pub mod benchmark;
 mod checkpoint;
 mod clean;
 mod config;
