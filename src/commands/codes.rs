@@ -10,9 +10,9 @@ use udc::codes::{self, CODE_DIM, PUBLISHED_ANGLES_DEG};
 use udc::core::kernel_code::KernelBank;
 use udc::core::psf::Psf;
 use udc::io;
+use udc::psf::DisplayConfig;
 
 use super::Session;
-use super::psf::read_display;
 use super::psf_file::PsfFileArgs;
 
 /// Make kernel codes: rotate a PSF, find its PCA basis, store both as a kernel bank
@@ -101,7 +101,7 @@ impl CodesArgs {
         if self.psf_file.is_given() {
             bail!("--domain and --recenter are for PSFs that are read; leave them out with --display");
         }
-        let config = read_display(display, self.size)?;
+        let config = DisplayConfig::read(display, self.size)?;
         Ok(codes::make_turned_bank(&config, self.angles(), self.dim, &session.progress)?)
     }
 

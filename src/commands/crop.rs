@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::{Args, ValueEnum};
 
-use udc::crop::{Cut, CutReport, View, spread_views};
+use udc::crop::{Cut, CutReport, View, aimed_views, spread_views};
 use udc::io;
 
 use super::Session;
@@ -106,12 +106,7 @@ impl CropArgs {
         if self.yaw.is_empty() && self.pitch.is_empty() {
             return spread_views(self.views, self.fov, self.size);
         }
-        let or_level = |angles: &[f64]| if angles.is_empty() { vec![0.0] } else { angles.to_vec() };
-        let (fov_deg, size, yaws) = (self.fov, self.size, or_level(&self.yaw));
-        let views_at = |pitch_deg: f64| {
-            yaws.iter().map(move |&yaw_deg| View { yaw_deg, pitch_deg, fov_deg, size }).collect::<Vec<_>>()
-        };
-        or_level(&self.pitch).into_iter().flat_map(views_at).collect()
+        aimed_views(&self.yaw, &self.pitch, self.fov, self.size)
     }
 }
 

@@ -8,8 +8,8 @@ use clap::Args;
 use super::Session;
 use udc::core::error::Error;
 use udc::core::provenance::Provenance;
-use udc::io::{Format, WriteOptions, check_output, read_text, write_psf};
-use udc::psf::{DisplayConfig, SimulatedPsf, assess_psf, simulate_psf};
+use udc::io::{Format, WriteOptions, check_output, write_psf};
+use udc::psf::{DisplayConfig, simulate_psf};
 
 /// Simulate a PSF from a display layout by light propagation
 #[derive(Args, Debug)]
@@ -31,7 +31,7 @@ pub(crate) struct PsfArgs {
 impl PsfArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let doing = || format!("simulating the PSF of {}", self.display.display());
-        let config = read_display(&self.display, self.size).with_context(doing)?;
+        let config = DisplayConfig::read(&self.display, self.size).with_context(doing)?;
         check_float_output(&self.output)?;
         check_output(&self.output, session.overwrite)?;
         if config.display.is_featureless() {
@@ -41,28 +41,14 @@ impl PsfArgs {
             ));
         }
         let simulated = simulate_psf(&config, &session.progress).with_context(doing)?;
-        session.detail(format_args!(
-            "grid of {0} × {0} points, {1:.3} µm apart; sensor {2:.4} mm behind the lens; arrays of {3} MiB",
-            simulated.grid.size,
-            simulated.grid.pitch_m * 1e6,
-            simulated.optics.sensor_distance_m * 1e3,
-            simulated.memory_bytes >> 20
-        ));
+        session.detail(simulated.geometry_in_words());
         let provenance = Some(Provenance::new("psf", &config));
         let options = WriteOptions { overwrite: session.overwrite, provenance, ..WriteOptions::default() };
         write_psf(&self.output, &simulated.psf, &options)?;
-        session.say(summary(&simulated, &self.output))
+        let (output, psf) = (self.output.display(), &simulated.psf);
+        session.say(format_args!("{output}: PSF of {} × {}", psf.width(), psf.height()))?;
+        simulated.summary().into_iter().try_for_each(|line| session.say(line))
     }
-}
-
-/// Reads a display file, with another size of the PSF where one is asked for.
-pub(crate) fn read_display(path: &Path, size: Option<usize>) -> udc::core::error::Result<DisplayConfig> {
-    let mut config = DisplayConfig::parse(&read_text(path)?, path)?;
-    if let Some(size) = size {
-        config.sensor.size_px = size;
-    }
-    config.check()?;
-    Ok(config)
 }
 
 /// Refuses integer formats: a PSF's sidelobes are far below their steps.
@@ -74,21 +60,4 @@ pub(crate) fn check_float_output(path: &Path) -> udc::core::error::Result<()> {
             format!("{} holds integers, too coarse for a PSF; write .exr or .npy", format.name()),
         )),
     }
-}
-
-fn summary(simulated: &SimulatedPsf, output: &Path) -> String {
-    let psf = &simulated.psf;
-    let mut text = format!("{}: PSF of {} × {}\n", output.display(), psf.width(), psf.height());
-    text += "channel  passes panel  outside window  in peak pixel  50 / 90 / 99 % within px";
-    let rows = ["red", "green", "blue"].into_iter().zip(&simulated.light);
-    for ((name, light), quality) in rows.zip(&assess_psf(psf).channels) {
-        let [half, most, all] = quality.encircled_px;
-        text += &format!(
-            "\n{name:7}  {:10.1} %  {:12.2} %  {:11.2} %  {half:8.1} / {most:.1} / {all:.1}",
-            100.0 * light.transmitted,
-            100.0 * light.outside,
-            100.0 * quality.peak_share
-        );
-    }
-    text
 }

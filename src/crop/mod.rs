@@ -7,7 +7,7 @@ mod view;
 pub use cut::{Cut, CutReport};
 use panorama::Footprint;
 pub use panorama::Panorama;
-pub use view::{View, spread_views};
+pub use view::{View, aimed_views, spread_views};
 
 use ndarray::Array3;
 use rayon::prelude::*;

@@ -100,6 +100,16 @@ pub fn spread_views(count: usize, fov_deg: f64, size: usize) -> Vec<View> {
     (0..count).map(view).collect()
 }
 
+/// Views in every direction of `yaws_deg` at every one of `pitches_deg`, 0 where none is given.
+pub fn aimed_views(yaws_deg: &[f64], pitches_deg: &[f64], fov_deg: f64, size: usize) -> Vec<View> {
+    let or_level = |angles: &[f64]| if angles.is_empty() { vec![0.0] } else { angles.to_vec() };
+    let yaws = or_level(yaws_deg);
+    let views_at = |pitch_deg: f64| {
+        yaws.iter().map(move |&yaw_deg| View { yaw_deg, pitch_deg, fov_deg, size }).collect::<Vec<_>>()
+    };
+    or_level(pitches_deg).into_iter().flat_map(views_at).collect()
+}
+
 /// The frame of a view: its axes scaled to steps of one pixel at unit distance.
 pub(super) struct Camera {
     ahead: Direction,
@@ -143,6 +153,19 @@ impl Camera {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_yaw_is_taken_at_every_pitch() {
+        let aimed = |yaws: &[f64], pitches: &[f64]| -> Vec<[f64; 2]> {
+            aimed_views(yaws, pitches, 60.0, 8).iter().map(|view| [view.yaw_deg, view.pitch_deg]).collect()
+        };
+        assert_eq!(
+            aimed(&[-90.0, 90.0], &[10.0, 20.0]),
+            [[-90.0, 10.0], [90.0, 10.0], [-90.0, 20.0], [90.0, 20.0]]
+        );
+        assert_eq!(aimed(&[45.0], &[]), [[45.0, 0.0]]);
+        assert_eq!(aimed(&[], &[-30.0]), [[0.0, -30.0]]);
+    }
 
     #[test]
     fn spans_the_field_of_view_between_the_outermost_pixel_centres() {

@@ -9,6 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
+use crate::io::read_text;
 
 use super::shape::ShapeKind;
 
@@ -317,6 +318,19 @@ pub struct WiringConfig {
 }
 
 impl DisplayConfig {
+    /// Reads a display file, with another side of the PSF in pixels where one is given.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the file cannot be read; those of [`parse`](Self::parse).
+    pub fn read(path: &Path, size_px: Option<usize>) -> Result<Self> {
+        let mut config = Self::parse(&read_text(path)?, path)?;
+        if let Some(size_px) = size_px {
+            config.sensor.size_px = size_px;
+        }
+        config.check()?;
+        Ok(config)
+    }
+
     /// Reads the text of a display file; `origin` names it in errors, and pictures are found beside it.
     ///
     /// # Errors

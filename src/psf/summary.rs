@@ -1,6 +1,8 @@
-//! Says how good a measured PSF is, and what is doubtful of it.
+//! Says how good a PSF is, measured or simulated, and what is doubtful of it.
 
 use super::measure::MeasuredPsf;
+use super::propagate::SimulatedPsf;
+use super::quality::assess_psf;
 
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
@@ -49,6 +51,36 @@ impl MeasuredPsf {
         format!(
             "{:7}  {:.2e} ± {:.0e}  {ratio:>15}  {half:8.1} / {most:.1} / {all:.1}  {y:+.2} {x:+.2}",
             CHANNELS[channel], background.level, background.spread
+        )
+    }
+}
+
+impl SimulatedPsf {
+    /// Where its light went and how it is spread, in lines of text.
+    pub fn summary(&self) -> Vec<String> {
+        let header = "channel  passes panel  outside window  in peak pixel  50 / 90 / 99 % within px";
+        let quality = assess_psf(&self.psf);
+        let mut lines = vec![header.to_owned()];
+        for ((name, light), quality) in CHANNELS.iter().zip(&self.light).zip(&quality.channels) {
+            let [half, most, all] = quality.encircled_px;
+            lines.push(format!(
+                "{name:7}  {:10.1} %  {:12.2} %  {:11.2} %  {half:8.1} / {most:.1} / {all:.1}",
+                100.0 * light.transmitted,
+                100.0 * light.outside,
+                100.0 * quality.peak_share
+            ));
+        }
+        lines
+    }
+
+    /// The grid over the pupil, the place of the sensor and the memory that they took, in a sentence.
+    pub fn geometry_in_words(&self) -> String {
+        format!(
+            "grid of {0} × {0} points, {1:.3} µm apart; sensor {2:.4} mm behind the lens; arrays of {3} MiB",
+            self.grid.size,
+            self.grid.pitch_m * 1e6,
+            self.optics.sensor_distance_m * 1e3,
+            self.memory_bytes >> 20
         )
     }
 }
