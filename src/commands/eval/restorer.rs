@@ -2,6 +2,7 @@
 
 use anyhow::{Result, bail};
 
+use udc::core::bytes::format_bytes;
 use udc::core::error;
 use udc::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use udc::core::progress::Progress;
@@ -11,9 +12,7 @@ use udc::dataset::Dataset;
 use udc::experiment::{Cost, Method};
 use udc::network::Model;
 use udc::restore::deconvolution::{DeconvolutionConfig, deconvolution_bytes, deconvolve};
-use udc::restore::{
-    Conditioning, Highlights, NetworkRestorer, Tiling, blend_highlights, format_bytes, restore_tiled,
-};
+use udc::restore::{Conditioning, Highlights, NetworkRestorer, Tiling, blend_highlights, restore_tiled};
 
 use crate::commands::method::MethodArg;
 
@@ -59,7 +58,7 @@ impl Restorer {
     pub(super) fn knows_the_kernel(&self) -> bool {
         match self {
             Self::Nothing => false,
-            Self::Network(_, model, _) => model.architecture().condition.uses_code(),
+            Self::Network(_, model, _) => model.architecture().reads_code(),
             Self::Deconvolution(..) => true,
         }
     }
@@ -142,7 +141,7 @@ impl Degraded<'_> {
     }
 
     fn restore_by_network(&self, model: &Model, curve: ToneCurve) -> error::Result<ToneMappedImage> {
-        let code = match model.architecture().condition.uses_code() {
+        let code = match model.architecture().reads_code() {
             true => Conditioning::Code(self.dataset.code_of(self.kernel)?),
             false => Conditioning::None,
         };
