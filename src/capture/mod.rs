@@ -14,6 +14,7 @@ pub mod inpaint;
 mod levels;
 mod pictures;
 mod plausible;
+mod scaling;
 mod shots;
 mod summary;
 mod told;
