@@ -118,7 +118,7 @@ pub(crate) struct EvalArgs {
     #[arg(long, value_name = "N", requires = "dataset", conflicts_with = "restored", default_value_t = 0)]
     pictures: usize,
     /// Memory that one restoration may take: 2GiB, 500MB, …
-    #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = udc::restore::parse_bytes)]
+    #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = udc::core::bytes::parse_bytes)]
     #[arg(conflicts_with = "restored")]
     max_memory: u64,
     /// Leave out images that cannot be measured, and name them, instead of stopping

@@ -54,7 +54,7 @@ pub(crate) struct SweepArgs {
     #[arg(long, value_name = "KERNEL")]
     single: Option<String>,
     /// Memory that one restoration may take: 2GiB, 500MB, …
-    #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = udc::restore::parse_bytes)]
+    #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = udc::core::bytes::parse_bytes)]
     max_memory: u64,
     /// Burn backend to compute with: flex or ndarray
     #[arg(long, default_value = "flex", value_name = "NAME")]

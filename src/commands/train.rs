@@ -8,6 +8,7 @@ use clap::error::ErrorKind;
 
 use udc::experiment::validation_measures;
 use udc::io;
+use udc::kernels::keep_freed_memory;
 use udc::network::Backend;
 use udc::train::{self, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationScore, read_initial};
 
@@ -73,6 +74,7 @@ impl TrainArgs {
             progress: &session.progress,
             warn: &|text| session.warn(text),
         };
+        keep_freed_memory();
         Ok(training.run(&self.output, start)?)
     }
 

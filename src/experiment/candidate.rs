@@ -1,6 +1,7 @@
 //! What an experiment compares: the degraded image itself, networks, deconvolutions.
 
 use super::{Cost, Method};
+use crate::core::bytes::format_bytes;
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
@@ -9,9 +10,7 @@ use crate::core::tone::ToneCurve;
 use crate::dataset::Dataset;
 use crate::network::Model;
 use crate::restore::deconvolution::{self, DeconvolutionConfig, deconvolution_bytes, deconvolve};
-use crate::restore::{
-    Conditioning, Highlights, NetworkRestorer, Tiling, blend_highlights, format_bytes, restore_tiled,
-};
+use crate::restore::{Conditioning, Highlights, NetworkRestorer, Tiling, blend_highlights, restore_tiled};
 
 /// Something that makes an image of a degraded one.
 #[derive(Clone, Debug)]

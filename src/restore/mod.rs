@@ -13,4 +13,4 @@ pub use field::code_map;
 pub use highlights::{Highlights, blend_highlights};
 pub use network::{Conditioning, NetworkRestorer};
 pub use planes::{PlaneConfig, make_plane, make_planes};
-pub use tiles::{ALIGNMENT, Restorer, Tiling, format_bytes, parse_bytes, restore_tiled};
+pub use tiles::{ALIGNMENT, Restorer, Tiling, restore_tiled};

@@ -9,6 +9,7 @@ use clap::{ArgMatches, Args, Command, FromArgMatches, ValueEnum};
 use serde_json::{Value, json};
 
 use udc::codes::interpolate_code;
+use udc::core::bytes::format_bytes;
 use udc::core::error::Error;
 use udc::core::image::{CHANNELS, ToneMappedImage};
 use udc::core::kernel_code::{KernelBank, KernelCode};
@@ -21,7 +22,7 @@ use udc::network::Model;
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, deconvolution_bytes, deconvolve};
 use udc::restore::{
     Conditioning, Highlights, NetworkRestorer, Restorer, Tiling, WEAK_LEAD, blend_highlights, code_map,
-    format_bytes, restore_tiled, search_angle,
+    restore_tiled, search_angle,
 };
 
 use super::RestoreArgs;
