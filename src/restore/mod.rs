@@ -1,14 +1,27 @@
 //! Turns degraded images into restored ones: by a network, tile by tile, or by deconvolution.
 
 mod angle;
+mod capture;
+mod config;
 pub mod deconvolution;
 mod field;
 mod highlights;
+mod kernel;
+mod memory;
 mod network;
+mod notice;
+mod precision;
+mod restoration;
 mod tiles;
 
-pub use angle::{AngleSearch, WEAK_LEAD, search_angle};
+pub use angle::{AngleSearch, FoundAngle, WEAK_LEAD, search_angle};
+pub use capture::{Capture, Restored};
+pub use config::{MethodConfig, RestorationConfig};
 pub use field::code_map;
 pub use highlights::{Highlights, blend_highlights};
-pub use network::{Conditioning, NetworkRestorer};
-pub use tiles::{ALIGNMENT, Restorer, Tiling, format_bytes, parse_bytes, restore_tiled};
+pub use kernel::{Angle, KernelFiles, KernelKnowledge};
+pub use memory::{MemoryBudget, MemoryPlan};
+pub use notice::Notice;
+pub use precision::Precision;
+pub use restoration::Restoration;
+pub use tiles::{Tiling, format_bytes, parse_bytes};

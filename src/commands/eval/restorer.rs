@@ -3,17 +3,14 @@
 use anyhow::{Result, bail};
 
 use udc::core::error;
-use udc::core::image::{CHANNELS, LinearImage, ToneMappedImage};
+use udc::core::image::{LinearImage, ToneMappedImage};
 use udc::core::progress::Progress;
-use udc::core::saturation::saturated_from;
 use udc::core::tone::ToneCurve;
 use udc::dataset::Dataset;
 use udc::experiment::{Cost, Method};
 use udc::network::Model;
-use udc::restore::deconvolution::{DeconvolutionConfig, deconvolution_bytes, deconvolve};
-use udc::restore::{
-    Conditioning, Highlights, NetworkRestorer, Tiling, blend_highlights, format_bytes, restore_tiled,
-};
+use udc::restore::deconvolution::DeconvolutionConfig;
+use udc::restore::{Capture, Highlights, KernelKnowledge, MemoryBudget, Restoration};
 
 use crate::commands::method::MethodArg;
 
@@ -106,15 +103,30 @@ impl Restorer {
 
     pub(super) fn restore(&self, degraded: &Degraded<'_>) -> error::Result<ToneMappedImage> {
         let curve = degraded.dataset.formation.curve()?;
-        match self {
-            Self::Nothing => Ok(curve.tone_map(degraded.image)),
+        let (restoration, highlights) = match self {
+            Self::Nothing => return Ok(curve.tone_map(degraded.image)),
             Self::Network(_, model, highlights) => {
-                degraded.treat_highlights(degraded.restore_by_network(model, curve)?, *highlights, curve)
+                let kernel = if self.knows_the_kernel() {
+                    KernelKnowledge::Code(degraded.dataset.code_of(degraded.kernel)?)
+                } else {
+                    KernelKnowledge::Nothing
+                };
+                (Restoration::by_network(Model::clone(model), kernel)?, highlights)
             }
             Self::Deconvolution(method, highlights) => {
-                degraded.treat_highlights(degraded.deconvolve(*method, curve)?, *highlights, curve)
+                let border = (&degraded.dataset.formation).into();
+                let config =
+                    DeconvolutionConfig { border, ..DeconvolutionConfig::of_method((*method).into()) };
+                let bank = degraded.dataset.bank.as_ref().expect("checked before the work");
+                let kernel = KernelKnowledge::of_psf(bank.psfs[degraded.kernel].clone());
+                (Restoration::by_deconvolution(config, kernel)?, highlights)
             }
-        }
+        };
+        let memory =
+            MemoryBudget { limit_bytes: degraded.max_memory, counts_process: false, queued_frames: 0 };
+        let restoration = restoration.with_curve(curve).with_highlights(*highlights).with_memory(memory);
+        let capture = Capture::from(degraded.image.clone());
+        Ok(restoration.restore(capture, &Progress::default())?.into_tone_mapped())
     }
 }
 
@@ -124,53 +136,5 @@ fn with_highlights(name: &str, highlights: Highlights) -> String {
         Highlights::Network => name.to_owned(),
         Highlights::Keep => format!("{name}, highlights kept"),
         Highlights::Blend => format!("{name}, highlights blended"),
-    }
-}
-
-impl Degraded<'_> {
-    fn treat_highlights(
-        &self,
-        restored: ToneMappedImage,
-        highlights: Highlights,
-        curve: ToneCurve,
-    ) -> error::Result<ToneMappedImage> {
-        if highlights == Highlights::Network {
-            return Ok(restored);
-        }
-        let level = [curve.compress(saturated_from(curve.x_max)); CHANNELS];
-        blend_highlights(restored, &curve.tone_map(self.image), level, highlights)
-    }
-
-    fn restore_by_network(&self, model: &Model, curve: ToneCurve) -> error::Result<ToneMappedImage> {
-        let code = match model.architecture().condition.uses_code() {
-            true => Conditioning::Code(self.dataset.code_of(self.kernel)?),
-            false => Conditioning::None,
-        };
-        let restorer = NetworkRestorer::new(model, code)?;
-        let tiling = Tiling::within(self.image.height(), self.image.width(), self.max_memory, &restorer)?;
-        let room = self.max_memory.saturating_sub(tiling.bytes(&restorer));
-        let restorer = restorer.with_room(room);
-        restore_tiled(&curve.tone_map(self.image), &tiling, &restorer, &Progress::default())
-    }
-
-    fn deconvolve(&self, method: MethodArg, curve: ToneCurve) -> error::Result<ToneMappedImage> {
-        let ToneCurve { alpha, x_max } = curve;
-        let border = (&self.dataset.formation).into();
-        let default = DeconvolutionConfig::of_method(method.into());
-        let config = DeconvolutionConfig { alpha, saturation: [x_max; CHANNELS], border, ..default };
-        let bank = self.dataset.bank.as_ref().expect("checked before the work");
-        let psf = &bank.psfs[self.kernel];
-        let (size, of_psf) = ([self.image.height(), self.image.width()], [psf.height(), psf.width()]);
-        let bytes = deconvolution_bytes(size, of_psf, &config);
-        if bytes > self.max_memory {
-            let reason = format!(
-                "{} × {} pixels take {} to deconvolve; allow at least that",
-                size[0],
-                size[1],
-                format_bytes(bytes)
-            );
-            return Err(error::Error::config("max-memory", reason));
-        }
-        Ok(curve.tone_map(&deconvolve(self.image, psf, &config, &Progress::default())?))
     }
 }

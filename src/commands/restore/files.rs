@@ -7,9 +7,12 @@ use std::sync::OnceLock;
 use anyhow::{Context as _, Result, bail};
 
 use udc::capture::fuse;
-use udc::core::capture::CaptureInfo;
 use udc::core::error::Error;
-use udc::io::{DomainTag, expand_inputs, is_hidden, list_folder, read_pixels, sha256_of_file};
+use udc::io::{
+    AnyImage, DomainTag, Format, any_image_of, expand_inputs, is_hidden, list_folder, read_pixels,
+    sha256_of_file,
+};
+use udc::restore::Capture;
 
 use super::RestoreArgs;
 use crate::commands::Session;
@@ -17,7 +20,6 @@ use crate::commands::bracket::{much_is_saturated, names_of, warnings_of};
 use crate::commands::capture::{info_of, uncorrected};
 use crate::commands::destination::{Destination, Unplaced, identity, without_repeats};
 use crate::commands::domain::DomainArg;
-use crate::commands::picture::AnyImage;
 
 /// Where the published dataset keeps its captures.
 const PUBLISHED_CAPTURES: &str = "real_data/input";
@@ -32,17 +34,14 @@ pub(super) struct Job {
     sha256: OnceLock<Vec<Option<String>>>,
 }
 
-/// What was read for a job.
-pub(super) struct Capture {
-    /// The image.
-    pub(super) pixels: AnyImage,
-    /// What is known of the capture, where the files say it.
-    pub(super) info: Option<CaptureInfo>,
-}
-
 impl Job {
     pub(super) fn name(&self) -> String {
         names_of(&self.inputs)
+    }
+
+    /// Whether the image is a picture for viewing.
+    pub(super) fn is_photograph(&self) -> bool {
+        Format::of_extension(&self.output).is_ok_and(|format| format == Format::Jpeg)
     }
 
     /// SHA-256 of the inputs, which are read for it once; what is no file, such as a pipe, can be read once only and has
@@ -111,8 +110,9 @@ impl RestoreArgs {
             let read = || read_pixels(file);
             let pixels = session.timed(format_args!("reading {}", job.name()), read)?;
             if pixels.raw.is_none() {
-                let (pixels, info) = AnyImage::of(file, pixels, self.domain, session)?;
-                return Ok(Capture { pixels, info });
+                let reading = any_image_of(file, pixels, self.domain.map(DomainTag::from))?;
+                reading.contradiction.into_iter().for_each(|contradiction| session.warn(contradiction));
+                return Ok(Capture { image: reading.image, info: reading.info });
             }
         }
         if let Some(domain @ DomainArg::ToneMapped) = self.domain {
@@ -150,7 +150,7 @@ impl RestoreArgs {
             session.warn(format_args!("{}: {warning}", job.name()));
         }
         let info = Some(info_of(&fused, raw, pictures.config.white_balance));
-        Ok(Capture { pixels: AnyImage::Linear(fused.image), info })
+        Ok(Capture { image: AnyImage::Linear(fused.image), info })
     }
 }
 
