@@ -463,7 +463,7 @@ mod tests {
     fn reads_no_further_picture_once_the_user_asks_to_stop() {
         let flags = <Flags as clap::Parser>::parse_from(["udc"]);
         let mut session = Session::silent(false);
-        session.progress = Progress::new(false, std::sync::Arc::new(true.into()));
+        session.progress = Progress::new(None, std::sync::Arc::new(true.into()));
         let error = flags.bracket.read(&["missing.exr".into()], None, &session).err().unwrap();
         assert!(crate::commands::was_interrupted(&error), "{error:#}");
     }

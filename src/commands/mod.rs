@@ -1,8 +1,10 @@
 //! The command line: global flags, one file per subcommand, and what all of them share.
 
+mod bars;
 mod bench;
 mod bracket;
 mod capture;
+mod choices;
 mod codes;
 mod completions;
 mod convert;
@@ -46,6 +48,8 @@ use udc::core::error::Error;
 use udc::core::progress::Progress;
 use udc::kernels::Isa;
 use udc::restore::Notice;
+
+use self::bars::StderrBars;
 
 /// Under-display camera imaging: from a measured panel to a restored photograph
 #[derive(Parser, Debug)]
@@ -298,9 +302,10 @@ impl GlobalArgs {
             ProgressMode::Always => true,
             ProgressMode::Never => false,
         };
+        let reporter = visible.then(|| Arc::new(StderrBars) as _);
         Ok(Session {
             verbosity: if self.quiet { 0 } else { 1 + self.verbose },
-            progress: Progress::new(visible, interrupted),
+            progress: Progress::new(reporter, interrupted),
             overwrite: self.overwrite,
             unheard: OnceLock::new(),
         })

@@ -23,7 +23,6 @@ use super::eval::outputs::{Outputs, RESULTS};
 use super::eval::pictures::Pictures;
 use super::eval::restorer::Restorer;
 use super::metrics::MetricArgs;
-use super::train::source::{bank_sha256, triplets_sha256};
 use super::train::{TrainArgs, configure};
 use super::{Session, was_interrupted};
 use row::Row;
@@ -86,7 +85,7 @@ impl SweepArgs {
         dataset.split(Split::Test).context("the rows are measured on the test split")?;
         let sweep = Sweep {
             dataset: &dataset,
-            data_sha256: triplets_sha256(&dataset),
+            data_sha256: dataset.triplets_sha256(),
             single: single_kernel(&dataset, self.single.as_deref())?,
             measuring: self.metrics.config(false)?,
             session,
@@ -187,7 +186,7 @@ impl Sweep<'_> {
     /// Refuses to go on with a finished row of other data; the training refuses to with an unfinished one.
     fn check_same_data(&self, run: &Path) -> Result<()> {
         let Some(row) = Row::read(run)? else { return Ok(()) };
-        let bank = bank_sha256(self.dataset);
+        let bank = self.dataset.bank_sha256();
         let parts = [
             ("data-sha256", row.data_sha256(), Some(self.data_sha256.as_str())),
             ("kernel-bank-sha256", row.kernel_bank_sha256.clone(), bank),
@@ -222,7 +221,7 @@ impl Sweep<'_> {
         if outcome.interrupted {
             return Err(error::Error::Interrupted.into());
         }
-        let kernel_bank_sha256 = bank_sha256(self.dataset).map(str::to_owned);
+        let kernel_bank_sha256 = self.dataset.bank_sha256().map(str::to_owned);
         let row = Row { made_with, kernel_bank_sha256, ..self.measure(entry, &folder, outcome.iteration)? };
         row.write(&folder)?;
         Ok(row)

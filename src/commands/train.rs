@@ -1,27 +1,18 @@
 //! `udc train`.
 
-pub(super) mod source;
-
 use std::path::{Path, PathBuf};
-use std::sync::Once;
 
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use clap::error::ErrorKind;
 
-use udc::core::error::Error;
-use udc::core::image::LinearImage;
 use udc::core::metrics::Measure;
-use udc::core::rng::Rng;
-use udc::dataset::{Dataset, KernelChoice, Split};
 use udc::io;
-use udc::network::{Backend, Parameters, weights};
+use udc::network::Backend;
 use udc::train::{
-    self, Job, OnTheFlyData, Outcome, Start, StoredData, TrainConfig, TrainingData, ValidationConfig,
-    ValidationScore,
+    self, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationConfig, ValidationScore, read_initial,
 };
 
-use self::source::Source;
 use super::Session;
 use super::metrics::measures;
 
@@ -75,49 +66,17 @@ impl TrainArgs {
     pub(super) fn train(&self, session: &Session) -> Result<Outcome> {
         let config = self.read_config()?;
         let start = self.start(&config, session)?;
-        let source = Source::open(&self.data, self.bank.as_deref(), &config)?;
-        source.warnings(&config).into_iter().for_each(|warning| session.warn(warning));
-        check_codes(&config, source.code_dim())?;
-        let kernels = &config.data.kernels;
-        let validation = source.dataset().map_or(Ok(None), |dataset| validation_data(dataset, kernels))?;
-        if validation.is_none() {
-            session.warn("there is no val or test split; the training is not validated");
-        }
+        let set = TrainingSet::open(&self.data, self.bank.as_deref(), &config)?;
         session.detail(format!("{} parameters", config.architecture.parameters()));
-        let identity = source.identity()?;
-        let measures = validation_measures(&config.validation)?;
-        let train = |data: &dyn TrainingData| {
-            let validation = validation.as_ref().map(|data| data as &dyn TrainingData);
-            let job = Job {
-                config: &config,
-                data,
-                validation,
-                measures: &measures,
-                data_say_formation: source.dataset().is_some(),
-                identity,
-                backend: self.backend,
-                progress: &session.progress,
-                warn: &|text| session.warn(text),
-            };
-            job.run(&self.output, start)
+        let training = Training {
+            config: &config,
+            set: &set,
+            measures: &validation_measures(&config.validation)?,
+            backend: self.backend,
+            progress: &session.progress,
+            warn: &|text| session.warn(text),
         };
-        let cache = config.data.cache_mib;
-        let outcome = match &source {
-            Source::Stored(dataset) => train(&StoredData::new(dataset, Split::Train, cache)?.only(kernels)?),
-            Source::OnTheFly(live, _) => {
-                let warned = Once::new();
-                let degrade = |scene: &LinearImage, kernel: usize, rng: &mut Rng| {
-                    if !warned.is_completed() && live.lost_highlights(scene) {
-                        warned.call_once(|| session.warn(lost_highlights(live.curve.x_max)));
-                    }
-                    live.degrade(scene, kernel, rng)
-                };
-                let scenes = live.scenes.clone();
-                let data = OnTheFlyData::new(scenes, &live.bank, live.curve, &degrade, cache);
-                train(&data.with_margin(live.margin()).only(kernels)?)
-            }
-        };
-        Ok(outcome?)
+        Ok(training.run(&self.output, start)?)
     }
 
     fn read_config(&self) -> Result<TrainConfig> {
@@ -148,55 +107,10 @@ pub(super) fn configure(text: &str, path: &Path, settings: &[String]) -> Result<
     }
 }
 
-fn read_initial(path: &Path, config: &TrainConfig) -> Result<Parameters> {
-    let initial = weights::read(path).context("reading the initial weights")?;
-    if initial.architecture != config.architecture {
-        let json = |architecture: &udc::network::Architecture| architecture.to_json().to_string();
-        bail!(
-            "{} is a network of another architecture than the configuration's; set [architecture] to its {}, found {}",
-            path.display(),
-            json(&initial.architecture),
-            json(&config.architecture)
-        );
-    }
-    Ok(initial.parameters)
-}
-
 fn validation_measures(config: &ValidationConfig) -> Result<Vec<Measure>> {
     let files = (Path::new(&config.lpips_alexnet), Path::new(&config.lpips_linear));
     let has_files = !config.lpips_alexnet.is_empty() && !config.lpips_linear.is_empty();
     measures(&config.metrics, has_files.then_some(files))
-}
-
-fn check_codes(config: &TrainConfig, found: usize) -> Result<(), Error> {
-    let needed = config.architecture.code_dim;
-    if config.architecture.condition.uses_code() && needed != found {
-        let reason = format!(
-            "is {needed}, and the kernels have codes of {found} numbers; set it to {found}, or \
-             architecture.condition to image"
-        );
-        return Err(Error::config("architecture.code-dim", reason));
-    }
-    Ok(())
-}
-
-/// The first split there is that training does not learn from.
-fn validation_data<'a>(
-    dataset: &'a Dataset,
-    kernels: &KernelChoice,
-) -> Result<Option<StoredData<'a>>, Error> {
-    let is_there = |split: &Split| dataset.triplets.iter().any(|triplet| triplet.split == *split);
-    let split = [Split::Val, Split::Test].into_iter().find(is_there);
-    split.map(|split| StoredData::new(dataset, split, 0)?.only(kernels)).transpose()
-}
-
-fn lost_highlights(x_max: f32) -> String {
-    format!(
-        "stored ground truths reach x-max = {x_max}, where they were clipped: what is degraded on the fly lacks the \
-         highlights above it, which the dataset's own degraded images have; to keep them, name the folder of \
-         unclipped scenes as --data, the kernels with --bank, and what dataset.toml says of the formation with --set \
-         data.formation.x-max={x_max} and the like"
-    )
 }
 
 fn report(outcome: &Outcome, folder: &Path, session: &Session) -> Result<()> {

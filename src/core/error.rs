@@ -53,6 +53,15 @@ pub enum Error {
     /// A training, or a network that it left, computes numbers that are not finite or out of all bounds.
     #[error("{0}")]
     Diverged(String),
+    /// Another error, with what was being done: which of several pieces of work went wrong.
+    #[error("{doing}")]
+    While {
+        /// What was being done, as in `opening the dataset`.
+        doing: String,
+        /// What went wrong.
+        #[source]
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
     /// The user asked the program to stop.
     #[error("interrupted; finished files were kept, unfinished ones removed")]
     Interrupted,
@@ -77,5 +86,26 @@ impl Error {
     /// Describes a setting that cannot be used.
     pub fn config(key: impl Into<String>, reason: impl Into<String>) -> Self {
         Self::Config { key: key.into(), reason: reason.into() }
+    }
+
+    /// Adds what was being done, as in `opening the dataset`.
+    #[must_use]
+    pub fn while_doing(self, doing: impl Into<String>) -> Self {
+        Self::While { doing: doing.into(), source: Box::new(self) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::error::Error as _;
+
+    /// Whoever walks the chain finds the error itself behind what was being done.
+    #[test]
+    fn what_was_being_done_stands_before_what_went_wrong() {
+        let error = Error::Interrupted.while_doing("opening the dataset");
+        assert_eq!(error.to_string(), "opening the dataset");
+        let source = error.source().and_then(|source| source.downcast_ref());
+        assert!(matches!(source, Some(Error::Interrupted)), "{source:?}");
     }
 }

@@ -19,7 +19,6 @@ pub mod orientation;
 pub mod progress;
 pub mod provenance;
 pub mod psf;
-pub mod recent;
 pub mod resample;
 pub mod rng;
 pub mod saturation;

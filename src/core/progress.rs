@@ -1,96 +1,68 @@
 //! Lets a stage say how far it is, and learn that it should stop, without knowing who listens.
 
-use std::io::{self, IsTerminal as _, Write as _};
+use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
-
 use super::error::{Error, Result};
+
+/// Shows how far stages are: on a terminal, in a window, in a log.
+pub trait Reporter: fmt::Debug + Send + Sync {
+    /// Begins to show work of `length` steps; `what` names them, or what is being done.
+    fn bar(&self, length: u64, what: &'static str) -> Box<dyn Bar>;
+}
+
+/// One piece of work that is shown; dropped, it is shown no longer.
+pub trait Bar: Send + Sync {
+    /// Shows that `steps` more are done.
+    fn inc(&self, steps: u64);
+
+    /// Shows that the work goes on from `position`, which an earlier process came to: its steps took no time here.
+    fn start_at(&self, position: u64);
+
+    /// Shows another text than what the bar began with.
+    fn set_message(&self, message: String);
+
+    /// Shows the work no longer.
+    fn finish_and_clear(&self);
+}
 
 /// Where stages report their progress, and the flag that asks them to stop.
 ///
 /// Cheap to clone; the default reports to nobody and never stops.
 #[derive(Clone, Debug, Default)]
 pub struct Progress {
-    visible: bool,
+    reporter: Option<Arc<dyn Reporter>>,
     interrupted: Arc<AtomicBool>,
 }
 
-/// How often bars are drawn where no terminal shows them: each drawing stays in the log.
-const PLAIN_HZ: u8 = 2;
+/// The bar that nobody sees.
+struct Unseen;
 
-/// A stderr that is no terminal, such as a log or a pipe: bars overwrite their line by a carriage return.
-#[derive(Debug)]
-struct PlainStderr;
+impl Bar for Unseen {
+    fn inc(&self, _: u64) {}
 
-impl TermLike for PlainStderr {
-    fn width(&self) -> u16 {
-        80
-    }
+    fn start_at(&self, _: u64) {}
 
-    fn move_cursor_up(&self, _: usize) -> io::Result<()> {
-        Ok(())
-    }
+    fn set_message(&self, _: String) {}
 
-    fn move_cursor_down(&self, _: usize) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn move_cursor_right(&self, _: usize) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn move_cursor_left(&self, _: usize) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn write_line(&self, line: &str) -> io::Result<()> {
-        writeln!(io::stderr().lock(), "{line}")
-    }
-
-    fn write_str(&self, text: &str) -> io::Result<()> {
-        write!(io::stderr().lock(), "{text}")
-    }
-
-    fn clear_line(&self) -> io::Result<()> {
-        self.write_str("\r")
-    }
-
-    fn flush(&self) -> io::Result<()> {
-        io::stderr().lock().flush()
-    }
+    fn finish_and_clear(&self) {}
 }
 
 impl Progress {
-    /// Makes a reporter that draws bars on stderr when `visible`, and stops when `interrupted` is set.
-    pub fn new(visible: bool, interrupted: Arc<AtomicBool>) -> Self {
-        Self { visible, interrupted }
+    /// Reports to `reporter`, if there is one, and stops when `interrupted` is set.
+    pub fn new(reporter: Option<Arc<dyn Reporter>>, interrupted: Arc<AtomicBool>) -> Self {
+        Self { reporter, interrupted }
     }
 
     /// The same without bars: for work inside of work that has one.
     pub fn without_bars(&self) -> Self {
-        Self { visible: false, interrupted: Arc::clone(&self.interrupted) }
+        Self { reporter: None, interrupted: Arc::clone(&self.interrupted) }
     }
 
-    /// Starts a bar of `length` steps, with rate and time left.
-    ///
-    /// # Panics
-    /// Never: the template is a constant.
-    pub fn bar(&self, length: u64, what: &'static str) -> ProgressBar {
-        if !self.visible {
-            return ProgressBar::hidden();
-        }
-        let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {per_sec} ETA {eta}")
-            .expect("the template is a constant");
-        let target = if io::stderr().is_terminal() {
-            ProgressDrawTarget::stderr()
-        } else {
-            ProgressDrawTarget::term_like_with_hz(Box::new(PlainStderr), PLAIN_HZ)
-        };
-        let bar = ProgressBar::with_draw_target(Some(length), target).with_style(style).with_message(what);
-        bar.enable_steady_tick(std::time::Duration::from_millis(200));
-        bar
+    /// Starts a bar of `length` steps.
+    pub fn bar(&self, length: u64, what: &'static str) -> Box<dyn Bar> {
+        self.reporter.as_ref().map_or_else(|| Box::new(Unseen) as _, |reporter| reporter.bar(length, what))
     }
 
     /// Ends the work early when the user has asked for it; call between items.
@@ -99,5 +71,61 @@ impl Progress {
     /// [`Error::Interrupted`] after an interrupt.
     pub fn check(&self) -> Result<()> {
         if self.interrupted.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Mutex;
+
+    /// Notes what it is told.
+    #[derive(Clone, Debug, Default)]
+    struct Notes(Arc<Mutex<Vec<String>>>);
+
+    impl Notes {
+        fn add(&self, note: String) {
+            self.0.lock().unwrap().push(note);
+        }
+    }
+
+    impl Reporter for Notes {
+        fn bar(&self, length: u64, what: &'static str) -> Box<dyn Bar> {
+            self.add(format!("{length} {what}"));
+            Box::new(self.clone())
+        }
+    }
+
+    impl Bar for Notes {
+        fn inc(&self, steps: u64) {
+            self.add(format!("+{steps}"));
+        }
+
+        fn start_at(&self, position: u64) {
+            self.add(format!("at {position}"));
+        }
+
+        fn set_message(&self, message: String) {
+            self.add(message);
+        }
+
+        fn finish_and_clear(&self) {
+            self.add("done".to_owned());
+        }
+    }
+
+    #[test]
+    fn a_reporter_hears_of_the_work_and_not_of_the_work_inside_of_it() {
+        let (notes, interrupted) = (Notes::default(), Arc::new(AtomicBool::new(false)));
+        let progress = Progress::new(Some(Arc::new(notes.clone())), Arc::clone(&interrupted));
+        let (outer, inner) = (progress.bar(3, "images"), progress.without_bars());
+        inner.bar(9, "tiles").inc(9);
+        outer.start_at(1);
+        outer.inc(2);
+        outer.finish_and_clear();
+        assert_eq!(*notes.0.lock().unwrap(), ["3 images", "at 1", "+2", "done"]);
+        inner.check().unwrap();
+        interrupted.store(true, Ordering::Relaxed);
+        assert!(matches!(inner.check(), Err(Error::Interrupted)));
     }
 }

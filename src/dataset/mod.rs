@@ -12,10 +12,12 @@ mod sensor;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
 
 use crate::core::error::{Error, Result};
 use crate::core::image::LinearImage;
 use crate::core::kernel_code::{KernelBank, KernelCode};
+use crate::core::psf::hex;
 use crate::io;
 
 pub use config::{DatasetConfig, FORMAT, FormationConfig, NoiseConfig, VERSION};
@@ -191,6 +193,32 @@ impl Dataset {
     /// The kernels' codes, in the order of [`Self::kernel_names`].
     pub fn codes(&self) -> &[KernelCode] {
         &self.codes
+    }
+
+    /// SHA-256 of the list of triplets, which holds the hashes of their images.
+    ///
+    /// # Panics
+    /// Never: triplets are plain data.
+    pub fn triplets_sha256(&self) -> String {
+        let mut hash = Sha256::new();
+        for triplet in &self.triplets {
+            hash.update(serde_json::to_vec(triplet).expect("triplets are plain data"));
+        }
+        hex(&hash.finalize())
+    }
+
+    /// SHA-256 of the kernel bank, where the dataset has one.
+    pub fn bank_sha256(&self) -> Option<&str> {
+        self.config.as_ref().map(|config| config.bank_sha256.as_str())
+    }
+
+    /// SHA-256 of the kernel codes.
+    pub fn codes_sha256(&self) -> String {
+        let mut hash = Sha256::new();
+        for number in self.codes.iter().flatten() {
+            hash.update(number.to_le_bytes());
+        }
+        hex(&hash.finalize())
     }
 
     /// Length of a kernel code, b; 0 when the kernels have none.

@@ -130,7 +130,7 @@ impl KernelFiles {
             (None, Some(Angle::Degrees(angle)), _) => {
                 let code = interpolate_code(&read_bank_codes(bank)?, angle);
                 let what = || format!("finding the code of {angle}° in {}", bank.display());
-                KernelKnowledge::Code(code.map_err(|error| doing(&what(), error))?)
+                KernelKnowledge::Code(code.map_err(|error| error.while_doing(what()))?)
             }
             (None, None, Some(psf)) => {
                 let reading = inspect_psf(psf, self.psf_options)?;
@@ -169,7 +169,7 @@ impl KernelFiles {
         let (grid, psfs) = read_field(field)?;
         let kernels = read_bank(bank)?;
         let code = |psf: &PathBuf| {
-            let of_field = |error| doing(&format!("reading the field {}", field.display()), error);
+            let of_field = |error: Error| error.while_doing(format!("reading the field {}", field.display()));
             let reading = inspect_psf(psf, self.psf_options).map_err(of_field)?;
             projected(bank, &kernels, &reading, notices).map_err(of_field)
         };
@@ -199,7 +199,7 @@ fn projected(
     notices.extend(Notice::of_psf(reading));
     let (bank, psf) = (bank.display(), reading.path.display());
     let projection = project(kernels, &reading.psf)
-        .map_err(|error| doing(&format!("projecting {psf} onto {bank}"), error))?;
+        .map_err(|error| error.while_doing(format!("projecting {psf} onto {bank}")))?;
     notices.push(Notice::Detail(format!(
         "{psf} is nearest to {}, {:.3} % outside of the bank",
         kernels.kernel_name(projection.nearest),
@@ -225,12 +225,4 @@ fn check_bank(bank: &Path, model: &Model) -> Result<Option<Notice>> {
             expected.get(..12).unwrap_or(expected)
         ))
     }))
-}
-
-/// An error with what was being done, where the operating system does not say more.
-fn doing(what: &str, error: Error) -> Error {
-    match error {
-        Error::Io { .. } | Error::Interrupted => error,
-        error => Error::Unsupported(format!("{what}: {error}")),
-    }
 }

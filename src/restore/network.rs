@@ -141,7 +141,7 @@ mod tests {
         let model = model(Kind::Unet, Condition::None);
         let operator = NetworkOperator::new(&model);
         let image = ToneMappedImage::from_planes(Array3::zeros((3, 40, 40))).unwrap();
-        let interrupted = Progress::new(false, std::sync::Arc::new(true.into()));
+        let interrupted = Progress::new(None, std::sync::Arc::new(true.into()));
         assert!(matches!(operator.apply(&image, 0, 0, &interrupted), Err(Error::Interrupted)));
         operator.apply(&image, 0, 0, &Progress::default()).unwrap();
     }

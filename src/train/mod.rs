@@ -1,10 +1,11 @@
 //! From a dataset to a trained network.
 //!
-//! A [`Trainer`] holds weights, optimiser and position, and advances them step by step; a [`Job`] runs one in a
-//! folder, with log, checkpoints and previews. All that is drawn depends on the seed and the position alone, so that a
+//! A [`TrainingSet`] is what to learn from. A [`Trainer`] holds weights, optimiser and position, and advances them step
+//! by step; a [`Job`] runs one in a folder, with log, checkpoints and previews; a [`Training`] is all of it together. All that is drawn depends on the seed and the position alone, so that a
 //! training repeats, and resumes, bit for bit.
 
 mod checkpoint;
+mod clean;
 mod config;
 mod data;
 mod identity;
@@ -12,13 +13,17 @@ mod instruction_sets;
 mod loss;
 mod optimizer;
 mod preview;
+mod recent;
 mod run;
 mod sampler;
 mod schedule;
 mod tensorboard;
 mod trainer;
+mod training;
+mod training_set;
 mod validation;
 
+pub use clean::CleanImages;
 pub use config::{
     CheckpointConfig, DataConfig, Degradation, KERNELS_KEY, LossConfig, OptimizerConfig, PerceptualConfig,
     ScheduleConfig, TrainConfig, ValidationConfig,
@@ -29,4 +34,6 @@ pub use run::{Job, Outcome, Start, read_config};
 pub use sampler::Sampler;
 pub use schedule::learning_rate;
 pub use trainer::{Step, Trainer};
+pub use training::{Training, read_initial};
+pub use training_set::TrainingSet;
 pub use validation::{Validation, ValidationScore};

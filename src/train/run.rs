@@ -327,8 +327,7 @@ impl Run {
     fn advance(&mut self, job: &Job<'_>) -> Result<bool> {
         let config = job.config;
         let bar = job.progress.bar(config.iterations, "training");
-        bar.set_position(self.trainer.iteration());
-        bar.reset_eta();
+        bar.start_at(self.trainer.iteration());
         while self.trainer.iteration() < config.iterations {
             if job.progress.check().is_err() {
                 return Ok(true);

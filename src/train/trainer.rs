@@ -13,7 +13,7 @@ use super::sampler::Sampler;
 use super::schedule::learning_rate;
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, ToneMappedImage};
-
+use crate::core::rng::Rng;
 use crate::network::{Backend, Network, Parameters, keep_freed_memory};
 
 /// What one step did.
@@ -36,8 +36,10 @@ pub struct Trainer {
     device: Device,
     sampler: Sampler,
     loss: Loss,
-    /// The samples that the last step drew last.
+    /// The samples that the last step learned from last.
     recent: Vec<Patch>,
+    /// The batch of a number that was drawn while the one before was computed.
+    ahead: Option<(u64, Vec<Patch>)>,
     pub(super) state: State,
 }
 
@@ -95,6 +97,7 @@ impl Trainer {
             sampler,
             loss,
             recent: Vec::new(),
+            ahead: None,
             state,
         })
     }
@@ -109,7 +112,8 @@ impl Trainer {
         self.state.average.as_ref().unwrap_or(&self.state.parameters)
     }
 
-    /// Draws samples, computes gradients and changes the weights.
+    /// Draws samples, computes gradients and changes the weights; draws the next samples while it computes, so that
+    /// every step is to be given the same data.
     ///
     /// # Errors
     /// Those of the data; [`Error::Diverged`] when loss, gradients or what would become of weights and moments are
@@ -125,9 +129,20 @@ impl Trainer {
         let rate = learning_rate(&config.optimizer, &config.schedule, self.state.iteration);
         let network = Network::new(&config.architecture, &self.state.parameters, &self.device);
         let (mut total, mut gradients) = (0.0, Gradients::new());
-        for part in 0..config.data.accumulate {
-            let patches = self.draw(data, part)?;
-            let (loss, part) = self.differentiate(&network, &patches)?;
+        let batches = config.data.accumulate as u64;
+        for number in self.state.iteration * batches..(self.state.iteration + 1) * batches {
+            let patches = self.batch(data, number)?;
+            let next = number + 1;
+            let is_due = next < config.iterations.saturating_mul(batches);
+            let samples = is_due.then(|| self.samples(next));
+            // Another thread draws if one is free; else this one does, once it has computed. What cannot be drawn is
+            // drawn again when its turn comes, and reported then.
+            let (computed, drawn) = rayon::join(
+                || self.differentiate(&network, &patches),
+                || draw(data, samples?, config.data.crop).ok(),
+            );
+            self.ahead = drawn.map(|patches| (next, patches));
+            let (loss, part) = computed?;
             total += loss / config.data.accumulate as f64;
             self.recent = patches;
             accumulate(&mut gradients, part, config.data.accumulate);
@@ -178,16 +193,20 @@ impl Trainer {
         Ok(())
     }
 
-    /// Draws the samples of one batch; `part` counts the batches of a step.
-    fn draw(&mut self, data: &dyn TrainingData, part: usize) -> Result<Vec<Patch>> {
-        let config = &self.config.data;
-        let (batch, accumulate) = (config.batch as u64, config.accumulate as u64);
-        let first = (self.state.iteration * accumulate + part as u64) * batch;
-        let samples: Vec<_> = (first..first + batch)
+    /// The batch of a number, counted from the training's start: the one that was drawn ahead, or drawn now.
+    fn batch(&mut self, data: &dyn TrainingData, number: u64) -> Result<Vec<Patch>> {
+        match self.ahead.take() {
+            Some((ahead, patches)) if ahead == number => Ok(patches),
+            _ => draw(data, self.samples(number), self.config.data.crop),
+        }
+    }
+
+    /// The items that a batch is drawn from, and the random stream of each.
+    fn samples(&mut self, number: u64) -> Vec<(usize, Rng)> {
+        let batch = self.config.data.batch as u64;
+        (number * batch..(number + 1) * batch)
             .map(|position| (self.sampler.item(position), self.sampler.stream(position)))
-            .collect();
-        let crop = config.crop;
-        samples.into_par_iter().map(|(item, mut rng)| data.patch(item, crop, &mut rng)).collect()
+            .collect()
     }
 
     /// The loss of a batch and its gradients.
@@ -200,6 +219,11 @@ impl Trainer {
         network.visit(&mut collect);
         Ok((value, complete(collect.found, &self.state.parameters)?))
     }
+}
+
+/// Cuts a square of `side` pixels out of each item.
+fn draw(data: &dyn TrainingData, samples: Vec<(usize, Rng)>, side: usize) -> Result<Vec<Patch>> {
+    samples.into_par_iter().map(|(item, mut rng)| data.patch(item, side, &mut rng)).collect()
 }
 
 impl State {

@@ -261,7 +261,7 @@ mod tests {
     /// Even by the filter without iterations when it fills saturated pixels in round after round.
     #[test]
     fn an_interrupt_ends_every_method_inside_a_channel() {
-        let progress = Progress::new(false, Arc::new(AtomicBool::new(true)));
+        let progress = Progress::new(None, Arc::new(AtomicBool::new(true)));
         let frame = Array2::from_elem((24, 24), 600.0);
         for method in METHODS {
             let config =

@@ -15,8 +15,7 @@ use crate::core::tone::ToneCurve;
 use crate::dataset::KernelChoice;
 use crate::io;
 
-/// Degrades a clean image by the kernel of an index: the image formation model, handed in because stages do
-/// not know each other.
+/// Degrades a clean image by the kernel of an index: the image formation model.
 pub type Degrade<'a> = dyn Fn(&LinearImage, usize, &mut Rng) -> Result<LinearImage> + Sync + 'a;
 
 /// Clean images, a bank, and the model that degrades the ones by the other.
@@ -26,7 +25,7 @@ pub struct OnTheFlyData<'a> {
     /// Indices in the bank of the kernels that are drawn from.
     kernels: Vec<usize>,
     curve: ToneCurve,
-    degrade: &'a Degrade<'a>,
+    degrade: Box<Degrade<'a>>,
     cache: ImageCache<Linear>,
     /// Pixels by which clean images are larger than the frame on each side.
     margin: usize,
@@ -38,7 +37,7 @@ impl<'a> OnTheFlyData<'a> {
         scenes: Vec<PathBuf>,
         bank: &'a KernelBank,
         curve: ToneCurve,
-        degrade: &'a Degrade<'a>,
+        degrade: Box<Degrade<'a>>,
         cache_mib: usize,
     ) -> Self {
         let kernels = (0..bank.len()).collect();
@@ -115,7 +114,7 @@ mod tests {
         let (path, bank) = scene_and_bank(folder.path());
         let degrade = |image: &LinearImage, _: usize, _: &mut Rng| Ok(image.crop(2, 2, 5, 4));
         let curve = ToneCurve::default();
-        let data = OnTheFlyData::new(vec![path], &bank, curve, &degrade, 16).with_margin(2);
+        let data = OnTheFlyData::new(vec![path], &bank, curve, Box::new(degrade), 16).with_margin(2);
         for position in 0..8 {
             let patch = data.patch(0, 3, &mut rng::stream(1, &position.to_string())).unwrap();
             assert_eq!(patch.degraded, patch.ground_truth);
@@ -133,7 +132,7 @@ mod tests {
         let degrade =
             |image: &LinearImage, kernel: usize, _: &mut Rng| Ok(image.map_values(|x| x + kernel as f32));
         let curve = ToneCurve::default();
-        let data = OnTheFlyData::new(vec![path], &bank, curve, &degrade, 16);
+        let data = OnTheFlyData::new(vec![path], &bank, curve, Box::new(degrade), 16);
         for position in 0..8 {
             let patch = data.patch(0, 4, &mut rng::stream(1, &position.to_string())).unwrap();
             let kernel = patch.code.unwrap()[0];

@@ -5,6 +5,7 @@ use crate::network::{Architecture, Condition, Initialisation, Kind, Scales};
 use crate::perceptual::{FeatureDistance, PerceptualLoss};
 use crate::train::InMemory;
 use ndarray::{Array1, Array3};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 fn config(batch: usize, accumulate: usize) -> TrainConfig {
     let mut config = TrainConfig::default();
@@ -26,6 +27,68 @@ fn data() -> InMemory {
         code: Some(Array1::from_elem(5, i as f32 * 0.1)),
     };
     InMemory((0..4).map(patch).collect())
+}
+
+/// Counts the samples that are drawn; the one of number `broken` and those after it cannot be drawn.
+struct Counted {
+    data: InMemory,
+    drawn: AtomicUsize,
+    broken: usize,
+}
+
+impl TrainingData for Counted {
+    fn len(&self) -> usize {
+        self.data.len()
+    }
+
+    fn patch(&self, item: usize, side: usize, rng: &mut Rng) -> Result<Patch> {
+        if self.drawn.fetch_add(1, Ordering::Relaxed) >= self.broken {
+            return Err(Error::Unsupported("the disk is gone".to_owned()));
+        }
+        self.data.patch(item, side, rng)
+    }
+}
+
+fn counted(broken: usize) -> Counted {
+    Counted { data: data(), drawn: AtomicUsize::new(0), broken }
+}
+
+#[test]
+fn steps_are_the_same_whether_their_batches_were_drawn_ahead() {
+    for accumulate in [1, 2] {
+        let mut config = config(2, accumulate);
+        config.iterations = 5;
+        let mut ahead = Trainer::new(&config, None, 4, Backend::default()).unwrap();
+        let mut in_turn = ahead.clone();
+        let data = counted(usize::MAX);
+        for step in 1..=5 {
+            in_turn.ahead = None;
+            assert_eq!(ahead.step(&data).unwrap(), in_turn.step(&self::data()).unwrap());
+            assert_eq!(ahead.ahead.is_some(), step < 5, "nothing is drawn for a step that is not made");
+        }
+        assert_eq!(ahead.state, in_turn.state);
+        assert_eq!(data.drawn.into_inner(), 5 * accumulate * 2, "each sample is drawn once");
+    }
+}
+
+/// One thread has to draw and to compute.
+#[test]
+fn a_single_thread_draws_ahead_too() {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let (alone, steps) = pool.install(|| trained(&config(2, 1), 3));
+    let (together, expected) = trained(&config(2, 1), 3);
+    assert_eq!((alone.state, steps), (together.state, expected));
+}
+
+#[test]
+fn data_that_end_are_reported_by_the_step_that_needs_them() {
+    let mut trainer = Trainer::new(&config(2, 1), None, 4, Backend::default()).unwrap();
+    let data = counted(5);
+    for iteration in 1..=2 {
+        assert_eq!(trainer.step(&data).unwrap().iteration, iteration);
+    }
+    let message = trainer.step(&data).unwrap_err().to_string();
+    assert_eq!((message.as_str(), trainer.iteration()), ("the disk is gone", 2));
 }
 
 fn trained(config: &TrainConfig, steps: usize) -> (Trainer, Vec<Step>) {

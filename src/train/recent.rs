@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 ///
 /// A value is made without the lock: threads that want another one, or do other work while they wait for a part of it,
 /// are never held up. Two threads may make the same value at once; the first to be done is kept.
-pub struct RecentlyUsed<K, V> {
+pub(super) struct RecentlyUsed<K, V> {
     bytes: usize,
     /// The most recently used last.
     kept: Mutex<Vec<Entry<K, V>>>,
@@ -21,7 +21,7 @@ struct Entry<K, V> {
 
 impl<K: PartialEq, V> RecentlyUsed<K, V> {
     /// Keeps at most `bytes`, but always the value that was used last.
-    pub fn new(bytes: usize) -> Self {
+    pub(super) fn new(bytes: usize) -> Self {
         Self { bytes, kept: Mutex::new(Vec::new()) }
     }
 
@@ -29,7 +29,7 @@ impl<K: PartialEq, V> RecentlyUsed<K, V> {
     ///
     /// # Errors
     /// Those of `make`.
-    pub fn get<E>(&self, key: K, make: impl FnOnce() -> Result<(V, usize), E>) -> Result<Arc<V>, E> {
+    pub(super) fn get<E>(&self, key: K, make: impl FnOnce() -> Result<(V, usize), E>) -> Result<Arc<V>, E> {
         if let Some(value) = self.find(&key) {
             return Ok(value);
         }

@@ -1,0 +1,76 @@
+//! A training as it is asked for: data, configuration, and what to begin with.
+
+use std::path::Path;
+
+use super::config::TrainConfig;
+use super::run::{Job, Outcome, Start};
+use super::training_set::TrainingSet;
+use crate::core::error::{Error, Result};
+use crate::core::metrics::Measure;
+use crate::core::progress::Progress;
+use crate::network::{Architecture, Backend, Parameters, weights};
+
+/// A training of data that were opened.
+pub struct Training<'a> {
+    /// How to train.
+    pub config: &'a TrainConfig,
+    /// What to learn from, opened with the same configuration, and to measure on.
+    pub set: &'a TrainingSet,
+    /// The configuration's `validation.metrics`, ready to measure.
+    pub measures: &'a [Measure],
+    /// Where to compute.
+    pub backend: Backend,
+    /// Where to report, and whom to ask whether to stop.
+    pub progress: &'a Progress,
+    /// Where warnings go.
+    pub warn: &'a (dyn Fn(&str) + Sync),
+}
+
+impl Training<'_> {
+    /// Trains in a folder until the configured number of iterations, or until the user asks to stop.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when the network needs codes of another length than the kernels have, or for chosen kernels
+    /// that there are not; those of [`Job::run`] and of reading the data.
+    pub fn run(&self, folder: &Path, start: Start) -> Result<Outcome> {
+        let (config, set) = (self.config, self.set);
+        set.warnings(config).iter().for_each(|warning| (self.warn)(warning));
+        set.check_codes(config)?;
+        let validation = set.validation(config)?;
+        if validation.is_none() {
+            (self.warn)("there is no val or test split; the training is not validated");
+        }
+        let identity = set.identity()?;
+        let job = Job {
+            config,
+            data: &*set.samples(config, self.warn)?,
+            validation: validation.as_ref().map(|data| data as _),
+            measures: self.measures,
+            data_say_formation: set.dataset().is_some(),
+            identity,
+            backend: self.backend,
+            progress: self.progress,
+            warn: self.warn,
+        };
+        job.run(folder, start)
+    }
+}
+
+/// Reads the weights of a model to begin a training with.
+///
+/// # Errors
+/// [`Error::Unsupported`] when the model is a network of another architecture than the configuration's; those of
+/// reading it.
+pub fn read_initial(path: &Path, config: &TrainConfig) -> Result<Parameters> {
+    let initial = weights::read(path).map_err(|error| error.while_doing("reading the initial weights"))?;
+    if initial.architecture != config.architecture {
+        let json = |architecture: &Architecture| architecture.to_json().to_string();
+        return Err(Error::Unsupported(format!(
+            "{} is a network of another architecture than the configuration's; set [architecture] to its {}, found {}",
+            path.display(),
+            json(&initial.architecture),
+            json(&config.architecture)
+        )));
+    }
+    Ok(initial.parameters)
+}

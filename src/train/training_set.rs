@@ -1,0 +1,224 @@
+//! Opens what a training learns from: a dataset's files, or clean images degraded as they are drawn.
+
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use sha2::{Digest, Sha256};
+
+use super::clean::CleanImages;
+use super::config::{DataConfig, Degradation, TrainConfig};
+use super::data::{StoredData, TrainingData};
+use super::identity::DataIdentity;
+use crate::core::error::{Error, Result};
+use crate::core::psf::hex;
+use crate::dataset::{CONFIG_FILE, Dataset, FormationConfig, Split};
+use crate::io;
+
+/// Everything that samples are made of, opened once.
+pub enum TrainingSet {
+    /// A dataset whose degraded images are read.
+    Stored(Dataset),
+    /// Clean images that are degraded as they are drawn, with the dataset that they are of, if any.
+    OnTheFly(Box<CleanImages>, Option<Dataset>),
+}
+
+impl TrainingSet {
+    /// Opens `data` as the configuration asks; `bank` degrades a folder of clean images.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] when configuration, data and bank do not go together; [`Error::Config`] when clean images
+    /// were cut with another margin than the configuration says; those of reading the files.
+    pub fn open(data: &Path, bank: Option<&Path>, config: &TrainConfig) -> Result<Self> {
+        let refuse = |reason: &str| Err(Error::Unsupported(reason.to_owned()));
+        let on_the_fly = config.data.degradation == Degradation::OnTheFly;
+        match bank {
+            Some(_) if !on_the_fly || data.join(CONFIG_FILE).is_file() => refuse(
+                "--bank goes with a folder of clean images and data.degradation = \"on-the-fly\"; a dataset has a \
+                 bank of its own",
+            ),
+            Some(bank) => Ok(Self::OnTheFly(CleanImages::of_folder(data, bank, config)?.into(), None)),
+            None if config.data.formation != FormationConfig::default() => refuse(
+                "data.formation goes with a folder of clean images and --bank; a dataset says itself how its \
+                 images were formed",
+            ),
+            None => {
+                let dataset =
+                    Dataset::open(data).map_err(|error| error.while_doing("opening the dataset"))?;
+                Ok(if on_the_fly {
+                    Self::OnTheFly(CleanImages::of_dataset(&dataset, config)?.into(), Some(dataset))
+                } else {
+                    Self::Stored(dataset)
+                })
+            }
+        }
+    }
+
+    /// Refuses kernel codes of another length than the network reads.
+    pub(super) fn check_codes(&self, config: &TrainConfig) -> Result<()> {
+        let found = match self {
+            Self::Stored(dataset) => dataset.code_dim(),
+            Self::OnTheFly(clean, _) => clean.bank.code_dim(),
+        };
+        let needed = config.architecture.code_dim;
+        if config.architecture.condition.uses_code() && needed != found {
+            let reason = format!(
+                "is {needed}, and the kernels have codes of {found} numbers; set it to {found}, or \
+                 architecture.condition to image"
+            );
+            return Err(Error::config("architecture.code-dim", reason));
+        }
+        Ok(())
+    }
+
+    /// What is wrong between the data and how they are degraded, and need not be.
+    pub fn warnings(&self, config: &TrainConfig) -> Vec<String> {
+        let formation = self.dataset().map_or(&config.data.formation, |dataset| &dataset.formation);
+        let x_max = self.dataset().is_none().then_some("data.formation.x-max");
+        let lost_margin = match self {
+            Self::OnTheFly(_, Some(_)) if formation.margin > 0 => Some(
+                "stored ground truths lack the margin that the dataset's scenes had: what is degraded on the fly lacks the \
+                 flare of lamps outside of the frame; to keep it, name the folder of scenes as --data, the kernels with \
+                 --bank, and the margin with --set data.formation.margin=PX"
+                    .to_owned(),
+            ),
+            _ => None,
+        };
+        formation.scale_warning(x_max).into_iter().chain(lost_margin).collect()
+    }
+
+    /// The dataset, unless a folder of clean images was named.
+    pub fn dataset(&self) -> Option<&Dataset> {
+        match self {
+            Self::Stored(dataset) => Some(dataset),
+            Self::OnTheFly(_, dataset) => dataset.as_ref(),
+        }
+    }
+
+    /// The samples to learn from; `warn` hears of what is found wrong with images as they are drawn.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for chosen kernels that there are not; [`Error::Format`] when no image is left to learn from.
+    pub fn samples<'a>(
+        &'a self,
+        config: &TrainConfig,
+        warn: &'a (dyn Fn(&str) + Sync),
+    ) -> Result<Box<dyn TrainingData + 'a>> {
+        let DataConfig { kernels, cache_mib, .. } = &config.data;
+        Ok(match self {
+            Self::Stored(dataset) => {
+                Box::new(StoredData::new(dataset, Split::Train, *cache_mib)?.only(kernels)?)
+            }
+            Self::OnTheFly(clean, _) => Box::new(clean.samples(config, warn)?),
+        })
+    }
+
+    /// The samples to measure on: those of the first split there is that training does not learn from.
+    ///
+    /// # Errors
+    /// As [`Self::samples`].
+    pub fn validation(&self, config: &TrainConfig) -> Result<Option<StoredData<'_>>> {
+        let Some(dataset) = self.dataset() else { return Ok(None) };
+        let is_there = |split: &Split| dataset.triplets.iter().any(|triplet| triplet.split == *split);
+        let split = [Split::Val, Split::Test].into_iter().find(is_there);
+        split.map(|split| StoredData::new(dataset, split, 0)?.only(&config.data.kernels)).transpose()
+    }
+
+    /// What tells the data from others.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when a clean image cannot be read; [`Error::Config`] for a tone curve that is none.
+    pub fn identity(&self) -> Result<DataIdentity> {
+        Ok(match self {
+            Self::Stored(dataset) => DataIdentity {
+                images_sha256: Some(dataset.triplets_sha256()),
+                kernel_bank_sha256: dataset.bank_sha256().map(str::to_owned),
+                codes_sha256: dataset.config.is_none().then(|| dataset.codes_sha256()),
+                scenes_sha256: None,
+                tone_curve: dataset.formation.curve()?,
+            },
+            Self::OnTheFly(clean, dataset) => DataIdentity {
+                images_sha256: dataset.as_ref().map(Dataset::triplets_sha256),
+                kernel_bank_sha256: Some(clean.bank_sha256.clone()),
+                codes_sha256: None,
+                scenes_sha256: Some(contents_sha256(&clean.scenes)?),
+                tone_curve: clean.curve,
+            },
+        })
+    }
+}
+
+/// SHA-256 of the hashes of files in their order: they may move, and keep what they hold.
+fn contents_sha256(files: &[PathBuf]) -> Result<String> {
+    let hashes: Vec<String> = files.par_iter().map(|path| io::sha256_of_file(path)).collect::<Result<_>>()?;
+    Ok(hex(&Sha256::digest(hashes.concat())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::image::LinearImage;
+    use crate::core::kernel_code::KernelBank;
+    use crate::core::psf::Psf;
+    use ndarray::Array3;
+
+    /// A folder of two clean images, and a bank of one kernel.
+    fn clean_images(root: &Path) -> (PathBuf, PathBuf) {
+        let (folder, bank) = (root.join("views"), root.join("bank.safetensors"));
+        io::create_folder(&folder).unwrap();
+        write_scene(&folder.join("a.npy"), 0.25);
+        write_scene(&folder.join("b.npy"), 0.5);
+        let psf = Psf::from_energy(Array3::ones((3, 3, 3))).unwrap();
+        io::write_bank(&bank, &KernelBank::single(psf), false).unwrap();
+        (folder, bank)
+    }
+
+    fn write_scene(path: &Path, value: f32) {
+        let scene = LinearImage::from_planes(Array3::from_elem((3, 9, 8), value)).unwrap();
+        io::write_image(path, &scene, &io::WriteOptions { overwrite: true, ..Default::default() }).unwrap();
+    }
+
+    fn on_the_fly() -> TrainConfig {
+        let mut config = TrainConfig::default();
+        config.data.degradation = Degradation::OnTheFly;
+        config
+    }
+
+    fn refusal(folder: &Path, bank: Option<&Path>, config: &TrainConfig) -> String {
+        TrainingSet::open(folder, bank, config).err().expect("it is refused").to_string()
+    }
+
+    #[test]
+    fn data_bank_and_configuration_must_go_together() {
+        let root = tempfile::tempdir().unwrap();
+        let (folder, bank) = clean_images(root.path());
+        let stored = TrainConfig::default();
+        assert!(refusal(&folder, Some(&bank), &stored).contains("--bank goes with a folder of clean images"));
+        assert_eq!(refusal(&folder, None, &on_the_fly()), "opening the dataset");
+        let mut config = on_the_fly();
+        config.data.formation.x_max = 16.0;
+        assert!(refusal(&folder, None, &config).contains("data.formation goes with a folder"));
+        let set = TrainingSet::open(&folder, Some(&bank), &config).unwrap();
+        assert!(set.dataset().is_none() && set.validation(&config).unwrap().is_none());
+        assert_eq!(set.samples(&config, &|_| {}).unwrap().len(), 2);
+        let message = set.check_codes(&config).unwrap_err().to_string();
+        assert!(message.contains("codes of 0 numbers"), "{message}");
+        config.data.formation.margin = 4;
+        assert!(refusal(&folder, Some(&bank), &config).contains("data.formation.margin with"));
+    }
+
+    #[test]
+    fn clean_images_are_known_by_what_they_hold() {
+        let root = tempfile::tempdir().unwrap();
+        let (folder, bank) = clean_images(root.path());
+        let identity = |folder: &Path| {
+            TrainingSet::open(folder, Some(&bank), &on_the_fly()).unwrap().identity().unwrap()
+        };
+        let first = identity(&folder);
+        assert!(first.scenes_sha256.is_some() && first.images_sha256.is_none());
+        let moved = root.path().join("moved");
+        std::fs::rename(&folder, &moved).unwrap();
+        assert_eq!(identity(&moved), first);
+        write_scene(&moved.join("b.npy"), 0.75);
+        assert_ne!(identity(&moved).scenes_sha256, first.scenes_sha256);
+    }
+}
