@@ -7,8 +7,6 @@ use serde_json::{Value, json};
 use udc::capture::{Fused, show_time};
 use udc::psf::MeasuredPsf;
 
-use crate::commands::bracket::warnings_of;
-
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
 /// What there is to tell about a fusion.
@@ -29,7 +27,7 @@ impl Summary<'_> {
                 "{saturated} {values} saturated in every exposure and brighter than written; add a shorter exposure"
             ));
         }
-        warnings.extend(warnings_of(self.fused));
+        warnings.extend(self.fused.warnings());
         if let Some(measured) = self.measured {
             warnings.extend(psf_warnings(measured));
         }
