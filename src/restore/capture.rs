@@ -1,14 +1,16 @@
 //! What a restoration is given and what it gives: an image, and what is known of its capture.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::FoundAngle;
+use crate::capture::{Developed, Pictures, SCENE_BRACKET, Told, names_of};
 use crate::core::capture::CaptureInfo;
-use crate::core::error::Result;
+use crate::core::error::{Error, Result};
 use crate::core::image::{LinearImage, ToneMappedImage};
+use crate::core::progress::Progress;
 use crate::core::tone::ToneCurve;
 use crate::finish::{Photograph, photograph};
-use crate::io::{AnyImage, DomainTag, WriteOptions, inspect_any_image};
+use crate::io::{AnyImage, DomainTag, ImageReading, WriteOptions, any_image_of, read_pixels};
 
 /// A capture: its light, and what is known of it beside.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,15 +34,89 @@ pub struct Restored {
     pub curve: ToneCurve,
 }
 
+/// A capture as its files were read.
+#[derive(Debug)]
+pub struct CaptureReading {
+    /// What the user should look at in the files.
+    pub warnings: Vec<String>,
+    light: Light,
+}
+
+#[derive(Debug)]
+enum Light {
+    /// An image.
+    Image(Capture),
+    /// Raw pictures, of which the image is to be made, and the names of their files.
+    Pictures(Pictures, String),
+}
+
 impl Capture {
-    /// Reads a capture that is an image of light, as what the user `told`, or as what the file says, or as linear; raw files
-    /// are developed by [`crate::capture`]. Says what in the file contradicts what was told.
+    /// Reads a capture from one file, an image of light or a raw picture, with what the user should look at.
     ///
     /// # Errors
-    /// As [`inspect_any_image`].
-    pub fn read(path: &Path, told: Option<DomainTag>) -> Result<(Self, Option<String>)> {
-        let reading = inspect_any_image(path, told)?;
-        Ok((Self { image: reading.image, info: reading.info }, reading.contradiction))
+    /// As [`CaptureReading::of_file`] and [`CaptureReading::develop`].
+    pub fn open(file: &Path, told: &Told, progress: &Progress) -> Result<(Self, Vec<String>)> {
+        let mut reading = CaptureReading::of_file(file, told, progress)?;
+        let mut warnings = std::mem::take(&mut reading.warnings);
+        let (capture, of_fusion) = reading.develop()?;
+        warnings.extend(of_fusion);
+        Ok((capture, warnings))
+    }
+}
+
+impl CaptureReading {
+    /// Reads a capture of one exposure: an image of light, unless the file or what is told of it is raw.
+    ///
+    /// # Errors
+    /// As [`any_image_of`] and [`Pictures::read`].
+    pub fn of_file(file: &Path, told: &Told, progress: &Progress) -> Result<Self> {
+        if !told.is_raw() {
+            let pixels = read_pixels(file)?;
+            if pixels.raw.is_none() {
+                let ImageReading { image, info, contradiction } = any_image_of(file, pixels, told.domain)?;
+                let light = Light::Image(Capture { image, info });
+                return Ok(Self { warnings: contradiction.into_iter().collect(), light });
+            }
+        }
+        // A picture alone needs no time.
+        let told = Told { default_times: Some(SCENE_BRACKET), ..told.clone() };
+        Self::of_bracket(&[file.to_owned()], &told, progress)
+    }
+
+    /// Reads a capture of several exposures.
+    ///
+    /// # Errors
+    /// As [`Pictures::read`].
+    pub fn of_bracket(files: &[PathBuf], told: &Told, progress: &Progress) -> Result<Self> {
+        let name = names_of(files);
+        if told.domain == Some(DomainTag::ToneMapped) {
+            let reason =
+                format!("{name}: raw pictures are linear, and --domain says tone-mapped; leave it out");
+            return Err(Error::Unsupported(reason));
+        }
+        let mut pictures = Pictures::read(files, told, progress)?;
+        let warnings = std::mem::take(&mut pictures.warnings);
+        Ok(Self { warnings, light: Light::Pictures(pictures, name) })
+    }
+
+    /// Whether the image is yet to be made of raw pictures.
+    pub fn is_raw(&self) -> bool {
+        matches!(self.light, Light::Pictures(..))
+    }
+
+    /// Makes the image of raw pictures; says what the user should look at in it.
+    ///
+    /// # Errors
+    /// As [`Pictures::develop`].
+    pub fn develop(self) -> Result<(Capture, Vec<String>)> {
+        match self.light {
+            Light::Image(capture) => Ok((capture, Vec::new())),
+            Light::Pictures(pictures, name) => {
+                let Developed { fused, info, warnings, .. } = pictures.develop()?;
+                let warnings = warnings.into_iter().map(|warning| format!("{name}: {warning}")).collect();
+                Ok((Capture { image: AnyImage::Linear(fused.image), info: Some(info) }, warnings))
+            }
+        }
     }
 }
 

@@ -15,7 +15,7 @@ mod restoration;
 mod tiles;
 
 pub use angle::{AngleSearch, FoundAngle, WEAK_LEAD, search_angle};
-pub use capture::{Capture, Restored};
+pub use capture::{Capture, CaptureReading, Restored};
 pub use config::{MethodConfig, RestorationConfig};
 pub use field::code_map;
 pub use highlights::{Highlights, blend_highlights};
