@@ -113,7 +113,11 @@ impl KernelFiles {
     /// [`Error::Config`] or [`Error::Unsupported`] when the files do not tell the code that the network needs; those of reading
     /// them.
     pub fn read_for(&self, model: &Model) -> Result<(KernelKnowledge, Vec<Notice>)> {
-        if !model.architecture().condition.uses_code() {
+        let reads_planes = !model.architecture().planes().is_empty();
+        if !model.architecture().reads_code() {
+            if reads_planes && self.psf.is_some() {
+                return self.read_psf();
+            }
             let is_told = self.bank.is_some() || self.code.is_some() || self.psf.is_some();
             let ignored = "the model was trained without kernel codes; --bank, --angle, --code and --psf change nothing";
             let notices = is_told.then(|| Notice::Warning(ignored.to_owned()));
@@ -183,7 +187,7 @@ impl KernelFiles {
             None => format!(
                 "the model needs a kernel code of {} numbers: add --bank BANK with --angle A or --psf PSF, or \
                  --code CODE.npy",
-                model.architecture().code_dim
+                model.architecture().code_len().unwrap_or_default()
             ),
         })
     }

@@ -4,10 +4,10 @@ use ndarray::{Array3, s};
 
 use super::tiles::{ALIGNMENT, WindowOperator};
 use crate::core::error::{Error, Result};
-use crate::core::image::ToneMappedImage;
+use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::core::kernel_code::KernelCode;
 use crate::core::progress::Progress;
-use crate::network::{Model, map_of_code};
+use crate::network::{Inputs, Model, Planes};
 
 /// What a network is told about the PSF.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,6 +25,8 @@ pub(super) enum Conditioning {
 pub(super) struct NetworkOperator<'a> {
     model: &'a Model,
     conditioning: Conditioning,
+    /// The planes of the whole image that the network reads.
+    planes: Planes,
     /// Bytes beyond the least that many threads may take.
     room: u64,
 }
@@ -32,7 +34,7 @@ pub(super) struct NetworkOperator<'a> {
 impl<'a> NetworkOperator<'a> {
     /// Takes a network that is told nothing yet, and takes as much memory as its threads can use.
     pub(super) fn new(model: &'a Model) -> Self {
-        Self { model, conditioning: Conditioning::None, room: u64::MAX }
+        Self { model, conditioning: Conditioning::None, planes: Planes::default(), room: u64::MAX }
     }
 
     /// The network with what it is told; networks that need no code are told nothing.
@@ -41,23 +43,25 @@ impl<'a> NetworkOperator<'a> {
     /// [`Error::Config`] when the network needs a code and there is none; [`Error::Shape`] when the code has
     /// another length than the network's.
     pub(super) fn told(self, conditioning: Conditioning) -> Result<Self> {
-        let architecture = self.model.architecture();
-        if !architecture.condition.uses_code() {
-            return Ok(self);
-        }
+        let Some(expected) = self.model.architecture().code_len() else { return Ok(self) };
         let dim = match &conditioning {
             Conditioning::None => {
-                let reason = format!("the model needs one of {} numbers", architecture.code_dim);
+                let reason = format!("the model needs one of {expected} numbers");
                 return Err(Error::config("kernel code", reason));
             }
             Conditioning::Code(code) => code.len(),
             Conditioning::Map(map) => map.dim().0,
         };
-        if dim != architecture.code_dim {
+        if dim != expected {
             let found = format!("{dim}; use the bank that the model was trained with");
-            return Err(Error::shape("kernel code", format!("{} numbers", architecture.code_dim), found));
+            return Err(Error::shape("kernel code", format!("{expected} numbers"), found));
         }
         Ok(Self { conditioning, ..self })
+    }
+
+    /// Hands the network planes of the whole image.
+    pub(super) fn with_planes(self, planes: Planes) -> Self {
+        Self { planes, ..self }
     }
 
     /// Takes no more than `bytes` beyond the least, however many threads there are.
@@ -68,7 +72,7 @@ impl<'a> NetworkOperator<'a> {
 
 impl WindowOperator for NetworkOperator<'_> {
     fn halo(&self) -> usize {
-        self.model.architecture().halo().next_multiple_of(self.alignment())
+        self.model.halo().next_multiple_of(self.alignment())
     }
 
     fn alignment(&self) -> usize {
@@ -76,7 +80,8 @@ impl WindowOperator for NetworkOperator<'_> {
     }
 
     fn window_bytes(&self, height: usize, width: usize, room: u64) -> u64 {
-        self.model.working_bytes_in(height, width, room)
+        let planes = self.model.architecture().planes().len() * CHANNELS * size_of::<f32>();
+        self.model.working_bytes_in(height, width, room) + (planes * height * width) as u64
     }
 
     fn apply(
@@ -86,14 +91,16 @@ impl WindowOperator for NetworkOperator<'_> {
         left: usize,
         progress: &Progress,
     ) -> Result<ToneMappedImage> {
-        let map = match &self.conditioning {
-            Conditioning::None => None,
-            Conditioning::Code(code) => Some(map_of_code(code)),
+        let inputs = match &self.conditioning {
+            Conditioning::None => Inputs::new(image, None),
+            Conditioning::Code(code) => Inputs::new(image, Some(code)),
             Conditioning::Map(map) => {
-                Some(map.slice(s![.., top..top + image.height(), left..left + image.width()]))
+                let window = s![.., top..top + image.height(), left..left + image.width()];
+                Inputs::new(image, None).with_map(map.slice(window))
             }
         };
-        self.model.restore_in(image, map, self.room, progress)
+        let planes = self.planes.crop(top, left, image.height(), image.width());
+        self.model.restore_in(&inputs.with_planes(&planes), self.room, progress)
     }
 }
 
@@ -101,7 +108,7 @@ impl WindowOperator for NetworkOperator<'_> {
 mod tests {
     use super::*;
     use crate::network::weights::Weights;
-    use crate::network::{Architecture, Condition, Initialisation, Kind, Origin, Parameters};
+    use crate::network::{Architecture, Condition, Initialisation, Kind, Origin, Parameters, testing};
     use crate::restore::tiles::{Tiling, restore_tiled};
 
     fn model(kind: Kind, condition: Condition) -> Model {
@@ -119,13 +126,16 @@ mod tests {
             (Kind::Srmdnf, Condition::ImagePsf),
             (Kind::Sftmd, Condition::ImagePsf),
             (Kind::DeUnet, Condition::Image),
+            (Kind::Guided, Condition::None),
+            (Kind::GuidedTensors, Condition::None),
         ];
         let value = |(c, y, x)| ((c * 7919 + y * 104_729 + x * 1299) % 1000) as f32 / 1000.0;
         let image = ToneMappedImage::from_planes(Array3::from_shape_fn((3, 50, 403), value)).unwrap();
         for (kind, condition) in kinds {
             let model = model(kind, condition);
             let code = Conditioning::Code(KernelCode::from_elem(5, 0.3));
-            let operator = NetworkOperator::new(&model).told(code).unwrap();
+            let planes = testing::planes_of(&image);
+            let operator = NetworkOperator::new(&model).told(code).unwrap().with_planes(planes);
             let whole = operator.apply(&image, 0, 0, &Progress::default()).unwrap();
             let largest = whole.as_slice().iter().fold(0.0f32, |m, v| m.max(v.abs()));
             let tiling = Tiling::with_tile([50, 403], 48, &operator).unwrap();

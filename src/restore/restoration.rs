@@ -1,15 +1,18 @@
 //! Restores captures by a network or by a deconvolution, with what is known of their kernel.
 
+use std::borrow::Cow;
+
 use serde_json::{Value, json};
 
 use super::angle::{FoundAngle, find_code};
 use super::capture::{Capture, Restored};
-use super::deconvolution::{DeconvolutionConfig, deconvolution_bytes, deconvolve};
+use super::deconvolution::{Border, DeconvolutionConfig, deconvolution_bytes, deconvolve};
 use super::field::code_map;
 use super::highlights::{Highlights, blend_highlights};
 use super::kernel::KernelKnowledge;
 use super::memory::{MemoryBudget, MemoryPlan, with_threads};
 use super::network::{Conditioning, NetworkOperator};
+use super::planes::{PlaneConfig, make_planes};
 use super::precision::Precision;
 use super::tiles::restore_tiled;
 use crate::core::error::{Error, Result};
@@ -19,7 +22,7 @@ use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
 use crate::io::AnyImage;
-use crate::network::Model;
+use crate::network::{Model, Planes};
 
 /// How captures are restored.
 #[derive(Clone, Debug)]
@@ -27,6 +30,8 @@ pub struct Restoration {
     how: How,
     kernel: KernelKnowledge,
     curve: ToneCurve,
+    /// What lies beyond the border of frames.
+    border: Border,
     highlights: Highlights,
     memory: MemoryBudget,
     /// Bytes that reading the kernels took.
@@ -44,12 +49,20 @@ enum How {
 }
 
 impl Restoration {
-    /// Restores by a network that is told what it needs of the kernel; images are tone-mapped as those that it was trained with.
+    /// Restores by a network that is told what it needs of the kernel, and given the planes that it reads, which are made of
+    /// the PSF; images are tone-mapped as those that it was trained with.
     ///
     /// # Errors
-    /// [`Error::Config`] when the network needs a code and none is known; [`Error::Shape`] when the code has another length
-    /// than the network's.
+    /// [`Error::Config`] when the network needs a code, or the PSF for its planes, and it is not known; [`Error::Shape`] when
+    /// the code has another length than the network's.
     pub fn by_network(model: Model, kernel: KernelKnowledge) -> Result<Self> {
+        if let (Some(plane), None) = (model.architecture().planes().first(), kernel.psf()) {
+            let reason = format!(
+                "the model reads the plane \"{}\" of every image, which is made of its PSF: name the PSF itself (--psf)",
+                plane.name()
+            );
+            return Err(Error::config("planes", reason));
+        }
         let example = kernel.example().map_or(Conditioning::None, Conditioning::Code);
         NetworkOperator::new(&model).told(example)?;
         let curve = model.origin().tone_curve().unwrap_or_default();
@@ -64,12 +77,22 @@ impl Restoration {
         psf_of(&kernel)?;
         let x_max = config.saturation.into_iter().fold(0.0, f32::max);
         let curve = ToneCurve { alpha: config.alpha, x_max };
-        Ok(Self::new(How::Deconvolution(config), kernel, curve))
+        let border = config.border;
+        Ok(Self { border, ..Self::new(How::Deconvolution(config), kernel, curve) })
     }
 
     fn new(how: How, kernel: KernelKnowledge, curve: ToneCurve) -> Self {
-        let (highlights, memory) = (Highlights::default(), MemoryBudget::default());
-        Self { how, kernel, curve, highlights, memory, kernel_bytes: 0, tile: None, model_sha256: None }
+        Self {
+            how,
+            kernel,
+            curve,
+            border: Border::default(),
+            highlights: Highlights::default(),
+            memory: MemoryBudget::default(),
+            kernel_bytes: 0,
+            tile: None,
+            model_sha256: None,
+        }
     }
 
     /// Takes another φ∘C for the mapping of images, and its x_max for the light at which captures saturate.
@@ -78,6 +101,16 @@ impl Restoration {
         self.curve = curve;
         if let How::Deconvolution(config) = &mut self.how {
             (config.alpha, config.saturation) = (curve.alpha, [curve.x_max; CHANNELS]);
+        }
+        self
+    }
+
+    /// Takes this to lie beyond the border of frames, where something is deconvolved.
+    #[must_use]
+    pub fn with_border(mut self, border: Border) -> Self {
+        self.border = border;
+        if let How::Deconvolution(config) = &mut self.how {
+            config.border = border;
         }
         self
     }
@@ -125,13 +158,9 @@ impl Restoration {
     pub fn plan(&self, size: [usize; 2]) -> Result<MemoryPlan> {
         match &self.how {
             How::Network(model) => {
-                let map = match &self.kernel {
-                    KernelKnowledge::Field { codes, .. } if model.architecture().condition.uses_code() => {
-                        codes[0].len() * size[0] * size[1] * size_of::<f32>()
-                    }
-                    _ => 0,
-                };
-                let beside = map as u64 + self.memory.others(size, self.kernel_bytes, 1);
+                let pixel = self.floats_of_pixel(model) * size_of::<f32>();
+                let beside =
+                    (pixel * size[0] * size[1]) as u64 + self.memory.others(size, self.kernel_bytes, 1);
                 self.memory.plan_windows(size, self.tile, beside, &NetworkOperator::new(model))
             }
             How::Deconvolution(config) => {
@@ -156,9 +185,11 @@ impl Restoration {
         let Capture { image, info } = capture;
         let (image, angle) = match &self.how {
             How::Network(model) => {
+                let planes = self.planes(model, &image, saturation, progress)?;
                 let image = image.into_tone_mapped(curve);
-                let (restored, angle) =
-                    self.restore_by_network(model, &image, &plan, saturation, progress)?;
+                let (conditioning, angle) = self.conditioning(model, &image, saturation, progress)?;
+                let operator = NetworkOperator::new(model).told(conditioning)?.with_planes(planes);
+                let restored = restore_windows(&image, &plan, operator, progress)?;
                 let level = saturation.map(|white| curve.compress(saturated_from(white)));
                 (AnyImage::ToneMapped(blend_highlights(restored, &image, level, self.highlights)?), angle)
             }
@@ -187,30 +218,55 @@ impl Restoration {
         }
     }
 
-    fn restore_by_network(
+    /// What a network is told of the kernel, and the angle where it is searched in the image.
+    fn conditioning(
         &self,
         model: &Model,
         image: &ToneMappedImage,
-        plan: &MemoryPlan,
         saturation: [f32; CHANNELS],
         progress: &Progress,
-    ) -> Result<(ToneMappedImage, Option<FoundAngle>)> {
+    ) -> Result<(Conditioning, Option<FoundAngle>)> {
         let seen = saturation.map(|x_max| ToneCurve { x_max, ..self.curve });
-        let (conditioning, angle) = match &self.kernel {
-            _ if !model.architecture().condition.uses_code() => (Conditioning::None, None),
+        Ok(match &self.kernel {
+            _ if !model.architecture().reads_code() => (Conditioning::None, None),
             KernelKnowledge::Search(bank) => {
                 let (code, angle) = find_code(image, bank, seen, progress)?;
                 (Conditioning::Code(code), Some(angle))
             }
             KernelKnowledge::Field { codes, grid } => {
-                (Conditioning::Map(code_map(codes, grid, plan.size)?), None)
+                (Conditioning::Map(code_map(codes, grid, [image.height(), image.width()])?), None)
             }
             known => (known.example().map_or(Conditioning::None, Conditioning::Code), None),
+        })
+    }
+
+    /// The planes that a network reads beside the image.
+    fn planes(
+        &self,
+        model: &Model,
+        image: &AnyImage,
+        saturation: [f32; CHANNELS],
+        progress: &Progress,
+    ) -> Result<Planes> {
+        let wanted = model.architecture().planes();
+        if wanted.is_empty() {
+            return Ok(Planes::default());
+        }
+        let config = PlaneConfig { curve: self.curve, border: self.border, saturation };
+        let capture = match image {
+            AnyImage::Linear(image) => Cow::Borrowed(image),
+            AnyImage::ToneMapped(image) => Cow::Owned(self.curve.inverse_tone_map(image)),
         };
-        let operator = NetworkOperator::new(model).told(conditioning)?.with_room(plan.room);
-        let tiling = plan.tiling.as_ref().expect("a network's plan has windows");
-        let restored = with_threads(plan.threads, || restore_tiled(image, tiling, &operator, progress))?;
-        Ok((restored, angle))
+        make_planes(wanted, &capture, psf_of(&self.kernel)?, &config, progress)
+    }
+
+    /// Floats that are kept of every pixel of an image beside the image itself: planes, and a code that changes.
+    fn floats_of_pixel(&self, model: &Model) -> usize {
+        let planes = CHANNELS * model.architecture().planes().len();
+        match (&self.kernel, model.architecture().code_len()) {
+            (KernelKnowledge::Field { .. }, Some(code)) => planes + code,
+            _ => planes,
+        }
     }
 
     /// The irradiance at which each channel of a capture is saturated.
@@ -222,6 +278,17 @@ impl Restoration {
         let levels = capture.info.as_ref().and_then(|info| info.saturation).unwrap_or(usual);
         levels.map(|white| white.min(self.curve.x_max))
     }
+}
+
+fn restore_windows(
+    image: &ToneMappedImage,
+    plan: &MemoryPlan,
+    operator: NetworkOperator<'_>,
+    progress: &Progress,
+) -> Result<ToneMappedImage> {
+    let operator = operator.with_room(plan.room);
+    let tiling = plan.tiling.as_ref().expect("a network's plan has windows");
+    with_threads(plan.threads, || restore_tiled(image, tiling, &operator, progress))
 }
 
 fn psf_of(kernel: &KernelKnowledge) -> Result<&Psf> {

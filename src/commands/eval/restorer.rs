@@ -5,6 +5,7 @@ use anyhow::{Result, bail};
 use udc::core::error;
 use udc::core::image::{LinearImage, ToneMappedImage};
 use udc::core::progress::Progress;
+use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
 use udc::dataset::Dataset;
 use udc::experiment::{Cost, Method};
@@ -56,7 +57,9 @@ impl Restorer {
     pub(super) fn knows_the_kernel(&self) -> bool {
         match self {
             Self::Nothing => false,
-            Self::Network(_, model, _) => model.architecture().condition.uses_code(),
+            Self::Network(_, model, _) => {
+                model.architecture().reads_code() || !model.architecture().planes().is_empty()
+            }
             Self::Deconvolution(..) => true,
         }
     }
@@ -69,7 +72,7 @@ impl Restorer {
                 "{root} has kernel codes and no PSFs, which --method {} needs; name a dataset of `udc synth`",
                 method.name()
             ),
-            Self::Network(name, model, _) if self.knows_the_kernel() => {
+            Self::Network(name, model, _) if model.architecture().reads_code() => {
                 let (needed, found) = (model.architecture().code_dim, dataset.code_dim());
                 if needed != found {
                     bail!("{name} needs kernel codes of {needed} numbers, and those of {root} have {found}");
@@ -106,25 +109,18 @@ impl Restorer {
         let (restoration, highlights) = match self {
             Self::Nothing => return Ok(curve.tone_map(degraded.image)),
             Self::Network(_, model, highlights) => {
-                let kernel = if self.knows_the_kernel() {
-                    KernelKnowledge::Code(degraded.dataset.code_of(degraded.kernel)?)
-                } else {
-                    KernelKnowledge::Nothing
-                };
-                (Restoration::by_network(Model::clone(model), kernel)?, highlights)
+                (Restoration::by_network(Model::clone(model), degraded.kernel_for(model)?)?, highlights)
             }
             Self::Deconvolution(method, highlights) => {
-                let border = (&degraded.dataset.formation).into();
-                let config =
-                    DeconvolutionConfig { border, ..DeconvolutionConfig::of_method((*method).into()) };
-                let bank = degraded.dataset.bank.as_ref().expect("checked before the work");
-                let kernel = KernelKnowledge::of_psf(bank.psfs[degraded.kernel].clone());
+                let config = DeconvolutionConfig::of_method((*method).into());
+                let kernel = degraded.psf().map_or(KernelKnowledge::Nothing, KernelKnowledge::of_psf);
                 (Restoration::by_deconvolution(config, kernel)?, highlights)
             }
         };
         let memory =
             MemoryBudget { limit_bytes: degraded.max_memory, counts_process: false, queued_frames: 0 };
-        let restoration = restoration.with_curve(curve).with_highlights(*highlights).with_memory(memory);
+        let restoration = restoration.with_border((&degraded.dataset.formation).into()).with_curve(curve);
+        let restoration = restoration.with_highlights(*highlights).with_memory(memory);
         let capture = Capture::from(degraded.image.clone());
         Ok(restoration.restore(capture, &Progress::default())?.into_tone_mapped())
     }
@@ -136,5 +132,23 @@ fn with_highlights(name: &str, highlights: Highlights) -> String {
         Highlights::Network => name.to_owned(),
         Highlights::Keep => format!("{name}, highlights kept"),
         Highlights::Blend => format!("{name}, highlights blended"),
+    }
+}
+
+impl Degraded<'_> {
+    /// What a network is told of the kernel.
+    fn kernel_for(&self, model: &Model) -> error::Result<KernelKnowledge> {
+        let architecture = model.architecture();
+        let code = architecture.reads_code().then(|| self.dataset.code_of(self.kernel)).transpose()?;
+        Ok(match (self.psf().filter(|_| !architecture.planes().is_empty()), code) {
+            (Some(psf), code) => KernelKnowledge::Psf { psf: psf.into(), code },
+            (None, Some(code)) => KernelKnowledge::Code(code),
+            (None, None) => KernelKnowledge::Nothing,
+        })
+    }
+
+    /// The PSF of the kernel, where the dataset has PSFs.
+    fn psf(&self) -> Option<Psf> {
+        self.dataset.bank.as_ref().map(|bank| bank.psfs[self.kernel].clone())
     }
 }
