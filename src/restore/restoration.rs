@@ -161,16 +161,16 @@ impl Restoration {
                 let pixel = self.floats_of_pixel(model) * size_of::<f32>();
                 let beside =
                     (pixel * size[0] * size[1]) as u64 + self.memory.others(size, self.kernel_bytes, 1);
-                self.memory.plan_windows(size, self.tile, beside, &NetworkOperator::new(model))
+                let operator = NetworkOperator::new(model);
+                let mut plan = self.memory.plan_windows(size, self.tile, beside, &operator)?;
+                if !model.architecture().planes().is_empty() {
+                    let config =
+                        DeconvolutionConfig { border: self.border, ..DeconvolutionConfig::default() };
+                    plan.bytes = plan.bytes.max(self.plan_deconvolution(size, &config)?.bytes);
+                }
+                Ok(plan)
             }
-            How::Deconvolution(config) => {
-                let psf = psf_of(&self.kernel)?;
-                let of_psf = [psf.height(), psf.width()];
-                // As the file, as the PSF, and as what it is prepared to.
-                let kernel_bytes = 5 * (CHANNELS * size_of::<f32>() * of_psf[0] * of_psf[1]) as u64;
-                let others = self.memory.others(size, kernel_bytes, rayon::current_num_threads());
-                self.memory.plan_whole(size, deconvolution_bytes(size, of_psf, config) + others)
-            }
+            How::Deconvolution(config) => self.plan_deconvolution(size, config),
         }
     }
 
@@ -216,6 +216,15 @@ impl Restoration {
                 "highlights": self.highlights,
             }),
         }
+    }
+
+    fn plan_deconvolution(&self, size: [usize; 2], config: &DeconvolutionConfig) -> Result<MemoryPlan> {
+        let psf = psf_of(&self.kernel)?;
+        let of_psf = [psf.height(), psf.width()];
+        // As the file, as the PSF, and as what it is prepared to.
+        let kernel_bytes = 5 * (CHANNELS * size_of::<f32>() * of_psf[0] * of_psf[1]) as u64;
+        let others = self.memory.others(size, kernel_bytes, rayon::current_num_threads());
+        self.memory.plan_whole(size, deconvolution_bytes(size, of_psf, config) + others)
     }
 
     /// What a network is told of the kernel, and the angle where it is searched in the image.
