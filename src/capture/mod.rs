@@ -15,6 +15,7 @@ mod levels;
 mod pictures;
 mod plausible;
 mod shots;
+mod summary;
 mod told;
 mod warnings;
 

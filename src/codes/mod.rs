@@ -14,12 +14,13 @@ pub use pca::{CODE_DIM, explained_share, make_bank};
 pub use project::{Projection, project};
 pub use rotation::{rotate, rotate_each};
 
-use serde::Serialize;
 use serde_json::json;
 
-use crate::core::error::Result;
+use crate::core::error::{Error, Result};
 use crate::core::kernel_code::KernelBank;
+use crate::core::progress::Progress;
 use crate::core::psf::Psf;
+use crate::psf::{DisplayConfig, simulate_turned};
 
 /// Rotates `psf` to each of `angles_deg` and makes a bank of the set, with codes of `dim` numbers.
 ///
@@ -30,16 +31,30 @@ pub fn make_rotated_bank(psf: &Psf, angles_deg: &[f64], dim: usize) -> Result<Ke
     Ok(bank.with_origin(json!({"rotation": "interpolation"})))
 }
 
-/// Makes a bank of the simulated PSFs of a panel that was turned to each of `angles_deg`; `display` describes the panel.
+/// Simulates a panel that is turned to each of `angles_deg`, and makes a bank of its PSFs.
 ///
 /// # Errors
-/// As [`make_bank`].
+/// [`Error::Unsupported`] for a bare lens, or fewer angles than codes of `dim` numbers need; as [`simulate_turned`] and
+/// [`make_bank`].
 pub fn make_turned_bank(
-    psfs: Vec<Psf>,
+    display: &DisplayConfig,
     angles_deg: &[f64],
     dim: usize,
-    display: &impl Serialize,
+    progress: &Progress,
 ) -> Result<KernelBank> {
+    if display.display.is_bare() {
+        let reason =
+            "there is nothing to turn: the PSF of the bare lens is the same at every angle; describe a panel";
+        return Err(Error::Unsupported(reason.to_owned()));
+    }
+    if dim >= angles_deg.len() {
+        return Err(Error::Unsupported(format!(
+            "{} rotations differ in {} directions at most: choose a smaller --dim, or give more angles",
+            angles_deg.len(),
+            angles_deg.len().saturating_sub(1)
+        )));
+    }
+    let psfs = simulate_turned(display, angles_deg, progress)?;
     let bank = make_bank(psfs, Some(angles_deg.to_vec()), dim)?;
     Ok(bank.with_origin(json!({"rotation": "propagation", "display": display})))
 }

@@ -10,7 +10,6 @@ use udc::codes::{self, CODE_DIM};
 use udc::core::kernel_code::{KernelBank, KernelCode};
 use udc::core::psf::Psf;
 use udc::io;
-use udc::psf::simulate_turned;
 
 use super::Session;
 use super::psf::read_display;
@@ -105,21 +104,7 @@ impl CodesArgs {
             bail!("--domain and --recenter are for PSFs that are read; leave them out with --display");
         }
         let config = read_display(display, self.size)?;
-        if config.display.is_bare() {
-            bail!(
-                "there is nothing to turn: the PSF of the bare lens is the same at every angle; describe a panel"
-            );
-        }
-        let angles = self.angles()?;
-        if self.dim >= angles.len() {
-            bail!(
-                "{} rotations differ in {} directions at most: choose a smaller --dim, or give more angles",
-                angles.len(),
-                angles.len() - 1
-            );
-        }
-        let psfs = simulate_turned(&config, &angles, &session.progress)?;
-        Ok(codes::make_turned_bank(psfs, &angles, self.dim, &config)?)
+        Ok(codes::make_turned_bank(&config, &self.angles()?, self.dim, &session.progress)?)
     }
 
     /// The bank of a PSF that is rotated, or of a set.

@@ -1,17 +1,12 @@
 //! `udc crop`.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::path::PathBuf;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::Result;
 use clap::{Args, ValueEnum};
-use serde::Serialize;
 
-use udc::core::image::Linear;
-use udc::core::provenance::Provenance;
-use udc::crop::{Panorama, View, crop_with_margin, spread_views};
-use udc::io::{self, WriteOptions};
+use udc::crop::{Cut, CutReport, View, spread_views};
+use udc::io;
 
 use super::Session;
 use super::domain::SceneDomainArgs;
@@ -67,68 +62,41 @@ enum ViewFormat {
     Npy,
 }
 
-/// What a view's provenance says.
-#[derive(Serialize)]
-struct Origin<'a> {
-    panorama: &'a str,
-    #[serde(flatten)]
-    view: View,
-    /// The key by which `udc synth` finds it.
-    margin: usize,
-}
-
 impl CropArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let views = self.list_views();
-        views.iter().try_for_each(|view| view.check_margin(self.margin))?;
+        let cut = Cut {
+            views: self.list_views(),
+            margin: self.margin,
+            told: self.scene.told(),
+            image_format: self.format.extension(),
+            half: self.half,
+            overwrite: session.overwrite,
+        };
+        cut.check()?;
         if self.margin > 0 && matches!(self.format, ViewFormat::Npy) {
             session.warn(format_args!(
                 ".npy does not say that these views have a margin of {0}: give `udc synth --margin {0}`, or write .exr",
                 self.margin
             ));
         }
-        let panoramas = name_by_stem(io::expand_inputs(&self.panoramas)?)?;
-        if self.output.exists() {
-            for stem in panoramas.keys() {
-                (1..=views.len())
-                    .try_for_each(|n| io::check_output(&self.path(stem, n), session.overwrite))?;
+        let panoramas = io::expand_inputs(&self.panoramas)?;
+        let panoramas = cut.run(panoramas, &self.output, &session.progress, |report| match report {
+            CutReport::Read { panorama, contradiction, time } => {
+                contradiction.into_iter().for_each(|contradiction| session.warn(contradiction));
+                session.detail(format_args!("{panorama}: read in {time:.2?}"));
             }
-        }
-        let bar = session.progress.bar((panoramas.len() * views.len()) as u64, "views");
-        for (stem, path) in &panoramas {
-            let started = Instant::now();
-            let reading = || format!("reading the panorama {}", path.display());
-            let (panorama, contradiction) =
-                io::read_image_told::<Linear>(path, self.scene.told()).with_context(reading)?;
-            contradiction.into_iter().for_each(|contradiction| session.warn(contradiction));
-            let panorama = Panorama::new(panorama).with_context(reading)?;
-            session.detail(format_args!("{stem}: read in {:.2?}", started.elapsed()));
-            std::fs::create_dir_all(&self.output)
-                .with_context(|| format!("creating the folder {}", self.output.display()))?;
-            for (i, view) in views.iter().enumerate() {
-                session.progress.check()?;
-                let started = Instant::now();
-                let image = crop_with_margin(&panorama, view, self.margin);
-                session.detail(format_args!("{stem} view {}: rendered in {:.2?}", i + 1, started.elapsed()));
-                let provenance =
-                    Provenance::new("crop", &Origin { panorama: stem, view: *view, margin: self.margin });
-                let (half, overwrite) = (self.half, session.overwrite);
-                let provenance = Some(provenance);
-                let options = WriteOptions { half, overwrite, provenance, ..WriteOptions::default() };
-                io::write_image(&self.path(stem, i + 1), &image, &options)?;
-                bar.inc(1);
+            CutReport::Rendered { panorama, view, time } => {
+                session.detail(format_args!("{panorama} view {view}: rendered in {time:.2?}"));
             }
-        }
-        bar.finish_and_clear();
-        let count = panoramas.len() * views.len();
+        })?;
+        let count = panoramas * cut.views.len();
         let margin = match self.margin {
             0 => String::new(),
             margin => format!(" and a margin of {margin} on each side"),
         };
         session.say(format_args!(
-            "{}: {count} views of {} panoramas, {} × {} pixels{margin}",
+            "{}: {count} views of {panoramas} panoramas, {} × {} pixels{margin}",
             self.output.display(),
-            panoramas.len(),
             self.size,
             self.size
         ))
@@ -145,30 +113,13 @@ impl CropArgs {
         };
         or_level(&self.pitch).into_iter().flat_map(views_at).collect()
     }
-
-    fn path(&self, stem: &str, number: usize) -> PathBuf {
-        let extension = match self.format {
-            ViewFormat::Exr => "exr",
-            ViewFormat::Npy => "npy",
-        };
-        self.output.join(format!("{stem}_{number:02}.{extension}"))
-    }
 }
 
-/// Files by their names without extension, which name their views.
-fn name_by_stem(paths: Vec<PathBuf>) -> Result<BTreeMap<String, PathBuf>> {
-    let mut named: BTreeMap<String, PathBuf> = BTreeMap::new();
-    for path in paths {
-        let stem =
-            path.file_stem().unwrap_or(Path::new("panorama").as_os_str()).to_string_lossy().into_owned();
-        if let Some(other) = named.get(&stem) {
-            bail!(
-                "{} and {} would write the same views; rename one of them",
-                other.display(),
-                path.display()
-            );
+impl ViewFormat {
+    fn extension(self) -> &'static str {
+        match self {
+            Self::Exr => "exr",
+            Self::Npy => "npy",
         }
-        named.insert(stem, path);
     }
-    Ok(named)
 }

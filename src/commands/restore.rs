@@ -98,7 +98,7 @@ pub(crate) struct RestoreArgs {
     #[arg(long, value_name = "N", conflicts_with = "method")]
     tile: Option<usize>,
     /// Memory to stay under: 2GiB, 500MB, …
-    #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = udc::restore::parse_bytes)]
+    #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = udc::core::bytes::parse_bytes)]
     max_memory: u64,
     /// Write half floats, in formats that have them
     #[arg(long)]

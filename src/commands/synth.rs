@@ -7,16 +7,15 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result};
 use clap::{ArgGroup, Args, value_parser};
 
-use udc::core::field::PsfField;
-use udc::dataset::{BANK_FILE, DatasetConfig, FORMAT, FormationConfig, Split, VERSION};
-use udc::io::{self, DomainTag};
-use udc::restore::{format_bytes, parse_bytes};
-use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, common_margin, list_scenes};
+use udc::core::bytes::{format_bytes, parse_bytes};
+use udc::dataset::Split;
+use udc::io;
+use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, SynthesisConfig};
 
 use super::Session;
 use super::domain::SceneDomainArgs;
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
-use options::{FormationArgs, KernelArgs, Kernels, SplitName, StorageArgs};
+use options::{FormationArgs, KernelArgs, SplitName, StorageArgs};
 
 /// The largest number that `dataset.toml` can hold.
 const MOST_SEED: u64 = i64::MAX.cast_unsigned();
@@ -123,37 +122,22 @@ impl SynthArgs {
     }
 
     fn plan(&self, session: &Session) -> Result<Synthesis> {
-        let Kernels { bank, file: bank_file, field } = self.kernels.read(&self.psf_file, session)?;
-        let division = match self.split {
-            Some(split) => Division::All(split.into()),
-            None => Division::TestFraction(self.test_fraction),
-        };
-        let scenes = list_scenes(io::expand_inputs(&self.scenes)?, division, self.seed)?;
-        let declared: Vec<_> = scenes.iter().map(|scene| (scene.path.as_path(), scene.margin)).collect();
-        let margin = common_margin(&declared, self.formation.margin)?;
-        let formation = FormationConfig { margin, ..self.formation.resolve() };
-        let config = DatasetConfig {
-            format: FORMAT.to_owned(),
-            version: VERSION,
-            program: concat!("udc ", env!("CARGO_PKG_VERSION")).to_owned(),
-            bank: BANK_FILE.to_owned(),
-            bank_sha256: io::bank_sha256_of(&bank_file.read()?),
-            field_sha256: field.as_ref().map(PsfField::sha256),
-            scene_domain: self
-                .scene
-                .told()
-                .filter(|told| *told == DomainTag::Srgb)
-                .map(|told| told.name().to_owned()),
+        let degradations = self.kernels.read(&self.psf_file, session)?;
+        let config = SynthesisConfig {
+            formation: self.formation.resolve(),
+            margin: self.formation.margin,
+            division: match self.split {
+                Some(split) => Division::All(split.into()),
+                None => Division::TestFraction(self.test_fraction),
+            },
             seed: self.seed,
-            division: division.to_string(),
-            image_format: self.storage.format.extension().to_owned(),
+            shard: self.shard,
+            told: self.scene.told(),
+            image_format: self.storage.format.extension(),
             half: self.storage.half,
-            formation,
+            max_bytes: self.max_memory,
         };
-        let scenes = self.shard.choose(scenes);
-        let (shard, max_bytes) = (self.shard, self.max_memory);
-        let told = self.scene.told();
-        Ok(Synthesis { config, bank, bank_file, field, scenes, told, shard, max_bytes })
+        Ok(Synthesis::plan(io::expand_inputs(&self.scenes)?, degradations, config)?)
     }
 
     fn warn_of_one_source(&self, session: &Session, synthesis: &Synthesis) {

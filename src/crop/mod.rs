@@ -1,8 +1,10 @@
 //! Turns an equirectangular panorama into perspective views, as a camera in its middle would see them.
 
+mod cut;
 mod panorama;
 mod view;
 
+pub use cut::{Cut, CutReport};
 use panorama::Footprint;
 pub use panorama::Panorama;
 pub use view::{View, spread_views};

@@ -1,10 +1,14 @@
 //! What made a dataset, as `dataset.toml` says it: the formation model with its noise, the bank, the seed.
 
+use std::path::Path;
+
 use serde::{Deserialize, Serialize};
 
+use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
 use crate::core::fft::Boundary;
 use crate::core::tone::ToneCurve;
+use crate::io;
 
 use super::sensor::{SensorConfig, require};
 
@@ -177,6 +181,36 @@ pub enum NoiseConfig {
 }
 
 impl NoiseConfig {
+    /// Reads the noise that a text names: `none`, `gaussian:SIGMA`, `sensor`, or `sensor:FILE.toml` with a file that
+    /// describes the sensor.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for any other text, or parameters out of range; those of reading the sensor's file.
+    pub fn parse(text: &str) -> Result<Self> {
+        let noise = match text.split_once(':') {
+            None if text == "none" => Self::None,
+            None if text == "sensor" => Self::Sensor(SensorConfig::default()),
+            Some(("gaussian", sigma)) => {
+                let expected = "expected gaussian:SIGMA such as gaussian:0.01";
+                let sigma = sigma
+                    .parse()
+                    .map_err(|_| Error::config("noise", format!("{expected}, found `{text}`")))?;
+                Self::Gaussian { sigma }
+            }
+            Some(("sensor", file)) => {
+                let path = Path::new(file);
+                let sensor = parse_toml(&io::read_text(path)?);
+                Self::Sensor(sensor.map_err(|reason| Error::format(path, reason))?)
+            }
+            _ => {
+                let expected = "expected none, gaussian:SIGMA, sensor or sensor:FILE.toml";
+                return Err(Error::config("noise", format!("{expected}, found `{text}`")));
+            }
+        };
+        noise.validate()?;
+        Ok(noise)
+    }
+
     /// Checks every parameter's range.
     ///
     /// # Errors
@@ -238,6 +272,18 @@ mod tests {
         assert!(!config(500.0).scale_warning(None).unwrap().contains("leave"));
         assert!(config(4.0).scale_warning(None).unwrap().contains("is clipped"));
         assert_eq!(FormationConfig::default().scale_warning(None), None);
+    }
+
+    #[test]
+    fn noise_is_named_by_its_kind_and_parameter() {
+        let parse = |text| NoiseConfig::parse(text).map_err(|error| error.to_string());
+        assert_eq!(parse("none"), Ok(NoiseConfig::None));
+        assert_eq!(parse("gaussian:0.5"), Ok(NoiseConfig::Gaussian { sigma: 0.5 }));
+        assert_eq!(parse("sensor"), Ok(NoiseConfig::Sensor(SensorConfig::default())));
+        assert!(parse("gaussian:much").unwrap_err().contains("such as gaussian:0.01, found `gaussian:much`"));
+        for text in ["gaussian:-1", "gaussian", "poisson", "sensor:absent.toml"] {
+            assert!(parse(text).is_err(), "{text}");
+        }
     }
 
     #[test]

@@ -33,6 +33,7 @@
 #![warn(unsafe_op_in_unsafe_fn, clippy::missing_safety_doc, clippy::undocumented_unsafe_blocks)]
 
 mod ahead;
+mod allocator;
 pub mod benchmark;
 pub mod convolution;
 mod direct;
@@ -59,11 +60,11 @@ mod testing;
 pub mod up_convolution;
 mod winograd;
 
+pub use allocator::{keep_freed_memory, share_freed_memory};
 pub use convolution::Convolution;
 pub use direct::forward::Geometry;
 pub use dynamic_filter::DynamicFilter;
 pub use finish::Finish;
 pub(crate) use scratch::zeros;
-pub use scratch::{keep_freed_memory, share_freed_memory};
 pub use shape::Shape;
 pub use simd::Isa;

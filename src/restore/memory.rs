@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-use super::tiles::{Tiling, WindowOperator, format_bytes};
+use super::tiles::{Tiling, WindowOperator};
+use crate::core::bytes::format_bytes;
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
 

@@ -26,4 +26,4 @@ pub use notice::Notice;
 pub use planes::{PlaneConfig, make_plane, make_planes};
 pub use precision::Precision;
 pub use restoration::Restoration;
-pub use tiles::{Tiling, format_bytes, parse_bytes};
+pub use tiles::Tiling;

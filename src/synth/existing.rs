@@ -11,9 +11,9 @@ use crate::core::error::{Error, Result};
 use crate::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Split, Triplet, TripletFiles};
 use crate::io::{self, LineLog};
 
-use super::folder::listed;
-use super::run::Synthesis;
+use super::list::listed;
 use super::scenes::{Scene, Shard};
+use super::synthesis::Synthesis;
 
 /// What to do about what is in the folder already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -9,17 +9,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use rayon::prelude::*;
-
 use crate::core::error::Result;
-use crate::core::image::Linear;
 use crate::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Triplet};
 use crate::io::{self, LineLog};
 
 use super::existing::{Existing, Place};
 use super::kept::check_scenes;
-use super::run::Synthesis;
+use super::list::{finished_triplets, to_line};
 use super::scenes::Scene;
+use super::synthesis::Synthesis;
 
 /// A dataset folder that is being written.
 #[derive(Debug)]
@@ -130,10 +128,6 @@ fn remove_unfinished(root: &Path) -> Result<()> {
     folders.into_iter().try_for_each(|folder| io::remove_unfinished(&folder, ABANDONED_AFTER))
 }
 
-fn to_line(triplet: &Triplet) -> String {
-    serde_json::to_string(triplet).expect("triplets are plain data")
-}
-
 fn describe(root: &Path, synthesis: &Synthesis, place: &Place, overwrite: bool) -> Result<()> {
     let Synthesis { config, bank_file, .. } = synthesis;
     let write = |config: &DatasetConfig| {
@@ -153,32 +147,4 @@ fn describe(root: &Path, synthesis: &Synthesis, place: &Place, overwrite: bool) 
         Some(extended) => write(extended),
         None => Ok(()),
     }
-}
-
-/// The triplets of a list; lines that a killed run left unfinished are skipped.
-pub(super) fn listed(list: &Path) -> Result<Vec<Triplet>> {
-    let text = io::read_text(list)?;
-    let triplets = text.lines().filter_map(|line| serde_json::from_str(line).ok());
-    Ok(triplets.filter(|triplet: &Triplet| triplet.check_paths().is_ok()).collect())
-}
-
-/// The triplets of a list whose files are there: the degraded image with the recorded hash, and a ground truth, whose
-/// hash nobody recorded, that can be read.
-fn finished_triplets(root: &Path, list: &Path) -> Result<Vec<Triplet>> {
-    if !list.is_file() {
-        return Ok(Vec::new());
-    }
-    let triplets = listed(list)?;
-    let truths: BTreeSet<&str> = triplets.iter().map(|triplet| triplet.gt.as_str()).collect();
-    let truths: BTreeSet<String> = truths
-        .into_par_iter()
-        .filter(|gt| io::read_image::<Linear>(&root.join(gt)).is_ok())
-        .map(str::to_owned)
-        .collect();
-    let intact = |triplet: &Triplet| {
-        truths.contains(&triplet.gt)
-            && io::sha256_of_file(&root.join(&triplet.degraded)).ok() == triplet.sha256
-            && triplet.sha256.is_some()
-    };
-    Ok(triplets.into_par_iter().filter(intact).collect())
 }

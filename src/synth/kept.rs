@@ -14,8 +14,8 @@ use crate::dataset::Triplet;
 use crate::io;
 
 use super::Formation;
-use super::run::Synthesis;
 use super::scenes::Scene;
+use super::synthesis::Synthesis;
 
 /// The key of the provenance of a ground truth.
 const SCENE_SHA256: &str = "scene-sha256";

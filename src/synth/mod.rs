@@ -3,21 +3,26 @@
 //! [`Formation`] is the model, for one scene and one PSF; [`Synthesis`] makes a dataset folder with it, every
 //! scene through every kernel of a bank.
 
+mod degradations;
 mod existing;
 mod field;
 mod folder;
 mod formation;
 mod kept;
 mod kernels;
+mod list;
 mod noise;
 mod run;
 mod scene_run;
 mod scenes;
+mod synthesis;
 
+pub use degradations::{BankFile, Degradations};
 pub use existing::Existing;
 pub use field::convolve_field;
 pub use formation::Formation;
 pub use kernels::MemoryPlan;
 pub use noise::add_noise;
-pub use run::{BankFile, Needs, SceneReport, Synthesis};
+pub use scene_run::SceneReport;
 pub use scenes::{Division, Scene, Shard, common_margin, list_scenes};
+pub use synthesis::{Needs, Synthesis, SynthesisConfig};

@@ -19,8 +19,8 @@ use super::Formation;
 use super::field::convolve_nodes;
 use super::folder::DatasetFolder;
 use super::kernels::Kernels;
-use super::run::{SceneReport, Synthesis};
 use super::scenes::Scene;
+use super::synthesis::Synthesis;
 
 /// A synthesis at work.
 pub(super) struct Run<'a> {
@@ -31,6 +31,25 @@ pub(super) struct Run<'a> {
     pub(super) names: Vec<String>,
     /// The kernels' transforms for scenes of the last size.
     pub(super) kernels: Option<Kernels<'a>>,
+}
+
+/// What happened to one scene.
+#[derive(Clone, Debug)]
+pub struct SceneReport {
+    /// The scene.
+    pub id: String,
+    /// Its height and width.
+    pub size: [usize; 2],
+    /// Images that were made; the others were there.
+    pub made: usize,
+    /// What its file says of its colours against what the user says.
+    pub contradiction: Option<String>,
+    /// Time to read it and to write its ground truth.
+    pub reading: Duration,
+    /// Time for transforms, noise and clipping, on all threads together.
+    pub computing: Duration,
+    /// Time to encode and write the degraded images, on all threads together.
+    pub writing: Duration,
 }
 
 /// What an image's provenance says.

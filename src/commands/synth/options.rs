@@ -4,17 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
-use ndarray::Axis;
 
-use udc::codes::project;
-use udc::core::config::parse_toml;
-use udc::core::error::Error;
 use udc::core::fft::Boundary;
-use udc::core::field::PsfField;
-use udc::core::kernel_code::KernelBank;
-use udc::dataset::{FormationConfig, NoiseConfig, SensorConfig, Split};
+use udc::dataset::{FormationConfig, NoiseConfig, Split};
 use udc::io;
-use udc::synth::BankFile;
+use udc::synth::Degradations;
 
 use crate::commands::Session;
 use crate::commands::psf_file::PsfAmongImagesArgs;
@@ -32,14 +26,6 @@ pub(super) struct KernelArgs {
     /// PSF is interpolated between them. With --bank, the PSF in the middle of the frame gets its code in that basis
     #[arg(long, value_name = "FIELD")]
     field: Option<PathBuf>,
-}
-
-/// What scenes are degraded by.
-pub(super) struct Kernels {
-    pub(super) bank: KernelBank,
-    /// The bank's file.
-    pub(super) file: BankFile,
-    pub(super) field: Option<PsfField>,
 }
 
 #[derive(Args, Debug)]
@@ -67,7 +53,7 @@ pub(super) struct FormationArgs {
     clip_ground_truth: bool,
     /// Noise: none, gaussian:SIGMA (in units of irradiance), sensor, or sensor:FILE.toml. A sensor says where it
     /// saturates, which is then x-max
-    #[arg(long, value_name = "NOISE", default_value = "none", value_parser = parse_noise)]
+    #[arg(long, value_name = "NOISE", default_value = "none", value_parser = NoiseConfig::parse)]
     noise: NoiseConfig,
 }
 
@@ -108,35 +94,20 @@ pub(super) enum SplitName {
 }
 
 impl KernelArgs {
-    pub(super) fn read(&self, psf_file: &PsfAmongImagesArgs, session: &Session) -> Result<Kernels> {
+    pub(super) fn read(&self, psf_file: &PsfAmongImagesArgs, session: &Session) -> Result<Degradations> {
         let reading = |path: &Path| format!("reading {}", path.display());
-        let bank = self.bank.as_deref();
-        let read_bank = |path: &Path| io::read_bank(path).with_context(|| reading(path));
         if let Some(path) = &self.field {
             let field = psf_file.read_field(path, session).with_context(|| reading(path))?;
-            let bank =
-                central_bank(&field, bank.map(read_bank).transpose()?).with_context(|| reading(path))?;
-            return Ok(Kernels { file: BankFile::Encoded(io::encode_bank(&bank)), bank, field: Some(field) });
+            let read_bank = |path: &PathBuf| io::read_bank(path).with_context(|| reading(path));
+            let bank = self.bank.as_ref().map(read_bank).transpose()?;
+            return Degradations::of_field(field, bank).with_context(|| reading(path));
         }
-        if let Some(path) = bank {
-            return Ok(Kernels {
-                bank: read_bank(path)?,
-                file: BankFile::Stored(path.to_owned()),
-                field: None,
-            });
+        if let Some(path) = &self.bank {
+            return Degradations::of_bank(path).with_context(|| reading(path));
         }
         let path = self.psf.as_ref().context("name a --bank, a --psf or a --field")?;
-        let bank = KernelBank::single(psf_file.read(path, session).with_context(|| reading(path))?);
-        Ok(Kernels { file: BankFile::Encoded(io::encode_bank(&bank)), bank, field: None })
+        Ok(Degradations::of_psf(psf_file.read(path, session).with_context(|| reading(path))?))
     }
-}
-
-/// A bank of the PSF in the middle of the frame, with its code in the basis of `bank`.
-fn central_bank(field: &PsfField, bank: Option<KernelBank>) -> Result<KernelBank> {
-    let psf = field.centre()?;
-    let Some(bank) = bank else { return Ok(KernelBank::single(psf)) };
-    let code = project(&bank, &psf)?.code;
-    Ok(KernelBank::new(vec![psf], code.insert_axis(Axis(0)), bank.basis, Some(vec![0.0]))?)
 }
 
 impl FormationArgs {
@@ -189,31 +160,4 @@ impl ImageFormat {
             Self::Npy => "npy",
         }
     }
-}
-
-fn parse_noise(text: &str) -> Result<NoiseConfig, Error> {
-    let noise = match text.split_once(':') {
-        None if text == "none" => NoiseConfig::None,
-        None if text == "sensor" => NoiseConfig::Sensor(SensorConfig::default()),
-        Some(("gaussian", sigma)) => {
-            let sigma = sigma.parse().map_err(|_| {
-                Error::config(
-                    "noise",
-                    format!("expected gaussian:SIGMA such as gaussian:0.01, found `{text}`"),
-                )
-            })?;
-            NoiseConfig::Gaussian { sigma }
-        }
-        Some(("sensor", file)) => {
-            let path = Path::new(file);
-            let sensor = parse_toml(&io::read_text(path)?);
-            NoiseConfig::Sensor(sensor.map_err(|reason| Error::format(path, reason))?)
-        }
-        _ => {
-            let reason = format!("expected none, gaussian:SIGMA, sensor or sensor:FILE.toml, found `{text}`");
-            return Err(Error::config("noise", reason));
-        }
-    };
-    noise.validate()?;
-    Ok(noise)
 }

@@ -1,28 +1,25 @@
-//! What `udc eval` compares: the degraded image itself, networks, deconvolutions.
+//! What an experiment compares: the degraded image itself, networks, deconvolutions.
 
-use anyhow::{Result, bail};
-
-use udc::core::error;
-use udc::core::image::{LinearImage, ToneMappedImage};
-use udc::core::progress::Progress;
-use udc::core::psf::Psf;
-use udc::core::tone::ToneCurve;
-use udc::dataset::Dataset;
-use udc::experiment::{Cost, Method};
-use udc::network::Model;
-use udc::restore::deconvolution::DeconvolutionConfig;
-use udc::restore::{Capture, Highlights, KernelKnowledge, MemoryBudget, Restoration};
-
-use crate::commands::method::MethodArg;
+use super::{Cost, Method};
+use crate::core::error::{Error, Result};
+use crate::core::image::{LinearImage, ToneMappedImage};
+use crate::core::progress::Progress;
+use crate::core::psf::Psf;
+use crate::core::tone::ToneCurve;
+use crate::dataset::Dataset;
+use crate::network::Model;
+use crate::restore::deconvolution::{self, DeconvolutionConfig};
+use crate::restore::{Capture, Highlights, KernelKnowledge, MemoryBudget, Restoration};
 
 /// Something that makes an image of a degraded one.
-pub(in crate::commands) enum Restorer {
+#[derive(Clone, Debug)]
+pub enum Candidate {
     /// Leaves the image as it is, to compare with.
     Nothing,
     /// A network, by its name in tables.
     Network(String, Box<Model>, Highlights),
     /// A deconvolution with the kernel's PSF.
-    Deconvolution(MethodArg, Highlights),
+    Deconvolution(deconvolution::Method, Highlights),
 }
 
 /// A degraded image with what a restoration may know of it.
@@ -35,7 +32,27 @@ pub(super) struct Degraded<'a> {
     pub(super) max_memory: u64,
 }
 
-impl Restorer {
+impl Candidate {
+    /// The degraded images themselves, every model (by its name in tables) and every deconvolution, these with each of
+    /// the treatments of highlights, or with the usual one where none is named.
+    pub fn list(
+        models: Vec<(String, Model)>,
+        methods: &[deconvolution::Method],
+        highlights: &[Highlights],
+    ) -> Vec<Self> {
+        let treatments = if highlights.is_empty() { &[Highlights::default()] } else { highlights };
+        let mut candidates = vec![Self::Nothing];
+        for (name, model) in models {
+            let of = |&highlights| Self::Network(name.clone(), Box::new(model.clone()), highlights);
+            candidates.extend(treatments.iter().map(of));
+        }
+        for &method in methods {
+            candidates.extend(treatments.iter().map(|&highlights| Self::Deconvolution(method, highlights)));
+        }
+        candidates
+    }
+
+    /// How tables name it.
     pub(super) fn method(&self) -> Method {
         match self {
             Self::Nothing => Method::baseline("degraded"),
@@ -68,14 +85,16 @@ impl Restorer {
     pub(super) fn check(&self, dataset: &Dataset) -> Result<()> {
         let root = dataset.root.display();
         match self {
-            Self::Deconvolution(method, _) if dataset.bank.is_none() => bail!(
+            Self::Deconvolution(method, _) if dataset.bank.is_none() => Err(Error::Unsupported(format!(
                 "{root} has kernel codes and no PSFs, which --method {} needs; name a dataset of `udc synth`",
                 method.name()
-            ),
+            ))),
             Self::Network(name, model, _) if model.architecture().reads_code() => {
                 let (needed, found) = (model.architecture().code_dim, dataset.code_dim());
                 if needed != found {
-                    bail!("{name} needs kernel codes of {needed} numbers, and those of {root} have {found}");
+                    return Err(Error::Unsupported(format!(
+                        "{name} needs kernel codes of {needed} numbers, and those of {root} have {found}"
+                    )));
                 }
                 Ok(())
             }
@@ -104,7 +123,7 @@ impl Restorer {
         bank.into_iter().chain(curve).collect()
     }
 
-    pub(super) fn restore(&self, degraded: &Degraded<'_>) -> error::Result<ToneMappedImage> {
+    pub(super) fn restore(&self, degraded: &Degraded<'_>) -> Result<ToneMappedImage> {
         let curve = degraded.dataset.formation.curve()?;
         let (restoration, highlights) = match self {
             Self::Nothing => return Ok(curve.tone_map(degraded.image)),
@@ -112,7 +131,7 @@ impl Restorer {
                 (Restoration::by_network(Model::clone(model), degraded.kernel_for(model)?)?, highlights)
             }
             Self::Deconvolution(method, highlights) => {
-                let config = DeconvolutionConfig::of_method((*method).into());
+                let config = DeconvolutionConfig::of_method(*method);
                 let kernel = degraded.psf().map_or(KernelKnowledge::Nothing, KernelKnowledge::of_psf);
                 (Restoration::by_deconvolution(config, kernel)?, highlights)
             }
@@ -137,7 +156,7 @@ fn with_highlights(name: &str, highlights: Highlights) -> String {
 
 impl Degraded<'_> {
     /// What a network is told of the kernel.
-    fn kernel_for(&self, model: &Model) -> error::Result<KernelKnowledge> {
+    fn kernel_for(&self, model: &Model) -> Result<KernelKnowledge> {
         let architecture = model.architecture();
         let code = architecture.reads_code().then(|| self.dataset.code_of(self.kernel)).transpose()?;
         Ok(match (self.psf().filter(|_| !architecture.planes().is_empty()), code) {

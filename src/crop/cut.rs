@@ -1,0 +1,190 @@
+//! Cuts views out of the panoramas of files, and writes them to a folder.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+
+use super::{Panorama, View, crop_with_margin};
+use crate::core::error::{Error, Result};
+use crate::core::image::Linear;
+use crate::core::progress::Progress;
+use crate::core::provenance::Provenance;
+use crate::io::{self, DomainTag, WriteOptions};
+
+/// Views that are to be cut out of each panorama.
+#[derive(Clone, Debug)]
+pub struct Cut {
+    /// The views; the n-th of a panorama becomes `<panorama>_<nn>`.
+    pub views: Vec<View>,
+    /// Pixels more on each side.
+    pub margin: usize,
+    /// What the user says that the panoramas' files hold.
+    pub told: Option<DomainTag>,
+    /// Extension of the views' files: `exr` or `npy`.
+    pub image_format: &'static str,
+    /// Whether half floats are written.
+    pub half: bool,
+    /// Whether files that are there may be replaced.
+    pub overwrite: bool,
+}
+
+/// What happened to a panorama.
+#[derive(Clone, Debug)]
+pub enum CutReport<'a> {
+    /// It was read.
+    Read {
+        /// Its name.
+        panorama: &'a str,
+        /// What its file says of its colours against what the user says.
+        contradiction: Option<String>,
+        /// How long it took.
+        time: Duration,
+    },
+    /// One of its views was rendered.
+    Rendered {
+        /// Its name.
+        panorama: &'a str,
+        /// Which of its views, from 1.
+        view: usize,
+        /// How long it took.
+        time: Duration,
+    },
+}
+
+/// What a view's provenance says.
+#[derive(Serialize)]
+struct Origin<'a> {
+    panorama: &'a str,
+    #[serde(flatten)]
+    view: View,
+    /// The key by which `udc synth` finds it.
+    margin: usize,
+}
+
+impl Cut {
+    /// Cuts all views out of the panoramas of files, into `folder`, telling `on_report` of each; returns the number of
+    /// panoramas.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] when two panoramas would have views of one name; [`Error::Config`] for views that cannot
+    /// be rendered; [`Error::Interrupted`] after an interrupt; else of reading or writing a file.
+    pub fn run(
+        &self,
+        panoramas: Vec<PathBuf>,
+        folder: &Path,
+        progress: &Progress,
+        mut on_report: impl FnMut(CutReport<'_>),
+    ) -> Result<usize> {
+        self.check()?;
+        let panoramas = name_by_stem(panoramas)?;
+        if folder.exists() {
+            for stem in panoramas.keys() {
+                (1..=self.views.len())
+                    .try_for_each(|n| io::check_output(&self.path(folder, stem, n), self.overwrite))?;
+            }
+        }
+        let bar = progress.bar((panoramas.len() * self.views.len()) as u64, "views");
+        for (stem, path) in &panoramas {
+            let started = Instant::now();
+            let (panorama, contradiction) = self
+                .read(path)
+                .map_err(|error| error.while_doing(format!("reading the panorama {}", path.display())))?;
+            on_report(CutReport::Read { panorama: stem, contradiction, time: started.elapsed() });
+            io::create_folder(folder)?;
+            for (i, view) in self.views.iter().enumerate() {
+                progress.check()?;
+                let started = Instant::now();
+                let image = crop_with_margin(&panorama, view, self.margin);
+                on_report(CutReport::Rendered { panorama: stem, view: i + 1, time: started.elapsed() });
+                let origin = Origin { panorama: stem, view: *view, margin: self.margin };
+                let provenance = Some(Provenance::new("crop", &origin));
+                let (half, overwrite) = (self.half, self.overwrite);
+                let options = WriteOptions { half, overwrite, provenance, ..WriteOptions::default() };
+                io::write_image(&self.path(folder, stem, i + 1), &image, &options)?;
+                bar.inc(1);
+            }
+        }
+        bar.finish_and_clear();
+        Ok(panoramas.len())
+    }
+
+    /// Checks that all views can be rendered.
+    ///
+    /// # Errors
+    /// As [`View::check_margin`].
+    pub fn check(&self) -> Result<()> {
+        self.views.iter().try_for_each(|view| view.check_margin(self.margin))
+    }
+
+    fn read(&self, path: &Path) -> Result<(Panorama, Option<String>)> {
+        let (image, contradiction) = io::read_image_told::<Linear>(path, self.told)?;
+        Ok((Panorama::new(image)?, contradiction))
+    }
+
+    fn path(&self, folder: &Path, stem: &str, number: usize) -> PathBuf {
+        folder.join(format!("{stem}_{number:02}.{}", self.image_format))
+    }
+}
+
+/// Files by their names without extension, which name their views.
+fn name_by_stem(paths: Vec<PathBuf>) -> Result<BTreeMap<String, PathBuf>> {
+    let mut named: BTreeMap<String, PathBuf> = BTreeMap::new();
+    for path in paths {
+        let stem =
+            path.file_stem().unwrap_or(Path::new("panorama").as_os_str()).to_string_lossy().into_owned();
+        if let Some(other) = named.get(&stem) {
+            return Err(Error::Unsupported(format!(
+                "{} and {} would write the same views; rename one of them",
+                other.display(),
+                path.display()
+            )));
+        }
+        named.insert(stem, path);
+    }
+    Ok(named)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::image::LinearImage;
+    use ndarray::Array3;
+
+    #[test]
+    fn every_view_of_every_panorama_becomes_a_file() {
+        let root = tempfile::tempdir().unwrap();
+        let write = |name: &str| {
+            let path = root.path().join(name);
+            let image = LinearImage::from_planes(Array3::from_elem((3, 8, 16), 0.5)).unwrap();
+            io::create_folder(path.parent().unwrap()).unwrap();
+            io::write_image(&path, &image, &WriteOptions::default()).unwrap();
+            path
+        };
+        let view = |yaw_deg| View { yaw_deg, pitch_deg: 0.0, fov_deg: 60.0, size: 16 };
+        let views = vec![view(0.0), view(90.0)];
+        let cut = Cut { views, margin: 1, told: None, image_format: "exr", half: false, overwrite: false };
+        let run = |paths: &[&PathBuf], on_report: &mut dyn FnMut(CutReport<'_>)| {
+            let paths = paths.iter().map(|&path| path.clone()).collect();
+            cut.run(paths, &root.path().join("views"), &Progress::default(), on_report)
+        };
+        let [street, beach, other] = ["street.npy", "beach.npy", "other/street.npy"].map(write);
+        let mut reports = Vec::new();
+        let count = run(&[&street, &beach], &mut |report| {
+            reports.push(match report {
+                CutReport::Read { panorama, .. } => panorama.to_owned(),
+                CutReport::Rendered { panorama, view, .. } => format!("{panorama} {view}"),
+            });
+        });
+        assert_eq!(count.unwrap(), 2);
+        assert_eq!(reports, ["beach", "beach 1", "beach 2", "street", "street 1", "street 2"]);
+        let path = root.path().join("views/street_02.exr");
+        assert_eq!(io::read_image::<Linear>(&path).unwrap().height(), 18);
+        assert_eq!(io::read_provenance(&path).unwrap().unwrap().margin(), Some(1));
+        let again = run(&[&street], &mut |_| {}).unwrap_err().to_string();
+        assert!(again.contains("street_01.exr"), "{again}");
+        let twice = run(&[&street, &other], &mut |_| {}).unwrap_err().to_string();
+        assert!(twice.contains("would write the same views"), "{twice}");
+    }
+}
