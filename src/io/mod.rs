@@ -4,6 +4,7 @@
 //! Sizes that a header declares are checked against the file's length and [`MAX_PIXELS`] before anything is
 //! allocated for them.
 
+mod any_image;
 mod array;
 mod atomic;
 mod bank;
@@ -32,6 +33,7 @@ mod tell;
 mod tiff;
 mod write;
 
+pub use any_image::{AnyImage, ImageReading, any_image_of, inspect_any_image};
 pub use array::{read_array, write_array};
 pub use atomic::{WriteSeek, check_output, remove_unfinished, write_atomically};
 pub use bank::{

@@ -6,16 +6,14 @@ use std::sync::OnceLock;
 
 use anyhow::{Result, bail};
 
-use udc::capture::{Developed, Pictures, SCENE_BRACKET, Told, names_of};
-use udc::core::capture::CaptureInfo;
+use udc::capture::names_of;
 use udc::core::error::Error;
-use udc::io::{DomainTag, expand_inputs, is_hidden, list_folder, read_pixels, sha256_of_file};
+use udc::io::{DomainTag, Format, expand_inputs, is_hidden, list_folder, sha256_of_file};
+use udc::restore::{Capture, CaptureReading};
 
 use super::RestoreArgs;
 use crate::commands::Session;
 use crate::commands::destination::{Destination, Unplaced, identity, without_repeats};
-use crate::commands::domain::DomainArg;
-use crate::commands::picture::AnyImage;
 
 /// Where the published dataset keeps its captures.
 const PUBLISHED_CAPTURES: &str = "real_data/input";
@@ -30,17 +28,14 @@ pub(super) struct Job {
     sha256: OnceLock<Vec<Option<String>>>,
 }
 
-/// What was read for a job.
-pub(super) struct Capture {
-    /// The image.
-    pub(super) pixels: AnyImage,
-    /// What is known of the capture, where the files say it.
-    pub(super) info: Option<CaptureInfo>,
-}
-
 impl Job {
     pub(super) fn name(&self) -> String {
         names_of(&self.inputs)
+    }
+
+    /// Whether the image is a picture for viewing.
+    pub(super) fn is_photograph(&self) -> bool {
+        Format::of_extension(&self.output).is_ok_and(|format| format == Format::Jpeg)
     }
 
     /// SHA-256 of the inputs, which are read for it once; what is no file, such as a pipe, can be read once only and has
@@ -104,37 +99,20 @@ impl RestoreArgs {
     }
 
     pub(super) fn read_capture(&self, job: &Job, session: &Session) -> Result<Capture> {
-        if !self.is_bracket() && !self.raw.is_raw() {
-            let file = &job.inputs[0];
-            let read = || read_pixels(file);
-            let pixels = session.timed(format_args!("reading {}", job.name()), read)?;
-            if pixels.raw.is_none() {
-                let (pixels, info) = AnyImage::of(file, pixels, self.domain, session)?;
-                return Ok(Capture { pixels, info });
-            }
-        }
-        if let Some(domain @ DomainArg::ToneMapped) = self.domain {
-            bail!(
-                "{}: raw pictures are linear, and --domain says {}; leave it out",
-                job.name(),
-                domain.name()
-            );
-        }
-        let told = Told {
-            // A picture alone needs no time.
-            default_times: (!self.is_bracket()).then_some(SCENE_BRACKET),
-            ..self.raw.told(self.domain.map(DomainTag::from))?
+        let told = self.raw.told(self.domain.map(DomainTag::from))?;
+        let read = || match self.is_bracket() {
+            true => CaptureReading::of_bracket(&job.inputs, &told, &session.progress),
+            false => CaptureReading::of_file(&job.inputs[0], &told, &session.progress),
         };
-        let read = || Pictures::read(&job.inputs, &told, &session.progress);
-        let mut pictures = session.timed(format_args!("reading {}", job.name()), read)?;
-        std::mem::take(&mut pictures.warnings).into_iter().for_each(|warning| session.warn(warning));
-        let develop = || pictures.develop();
-        let developed = session.timed(format_args!("fusing {}", job.name()), develop)?;
-        for warning in &developed.warnings {
-            session.warn(format_args!("{}: {warning}", job.name()));
+        let reading = session.timed(format_args!("reading {}", job.name()), read)?;
+        reading.warnings.iter().for_each(|warning| session.warn(warning));
+        if !reading.is_raw() {
+            return Ok(reading.develop()?.0);
         }
-        let Developed { fused, info, .. } = developed;
-        Ok(Capture { pixels: AnyImage::Linear(fused.image), info: Some(info) })
+        let (capture, warnings) =
+            session.timed(format_args!("fusing {}", job.name()), || reading.develop())?;
+        warnings.iter().for_each(|warning| session.warn(warning));
+        Ok(capture)
     }
 }
 
