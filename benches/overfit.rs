@@ -12,7 +12,7 @@ use ndarray::{Array1, Array3};
 use udc::core::image::ToneMappedImage;
 use udc::core::metrics::{MetricDefinition, psnr};
 use udc::network::weights::Weights;
-use udc::network::{Architecture, Backend, Condition, Initialisation, Kind, Model, Origin};
+use udc::network::{Architecture, Backend, Condition, Initialisation, Inputs, Kind, Model, Origin, Planes};
 use udc::train::{InMemory, Patch, ScheduleConfig, TrainConfig, Trainer};
 
 /// Side of the patches.
@@ -123,7 +123,9 @@ fn learns(name: &str, config: &TrainConfig) -> bool {
 fn quality(data: &InMemory, model: Option<&Model>) -> f64 {
     let of_patch = |patch: &Patch| {
         let restored = match model {
-            Some(model) => model.restore(&patch.degraded, patch.code.as_ref()).expect("a patch fits"),
+            Some(model) => {
+                model.restore(&Inputs::new(&patch.degraded, patch.code.as_ref())).expect("a patch fits")
+            }
             None => patch.degraded.clone(),
         };
         psnr(&restored, &patch.ground_truth, &MetricDefinition::float()).expect("patches of one size")
@@ -139,7 +141,12 @@ fn data() -> InMemory {
             Array3::from_shape_fn((3, SIDE, SIDE), |at| 0.6 * clean[at] + 0.4 * blurred(&clean, n, at));
         let image = |planes| ToneMappedImage::from_planes(planes).expect("three channels");
         let code = Array1::from_shape_fn(5, |i| ((n * 5 + i) as f32).sin());
-        Patch { degraded: image(degraded), ground_truth: image(clean), code: Some(code) }
+        Patch {
+            degraded: image(degraded),
+            ground_truth: image(clean),
+            code: Some(code),
+            planes: Planes::default(),
+        }
     };
     InMemory((0..4).map(patch).collect())
 }

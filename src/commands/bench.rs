@@ -9,7 +9,9 @@ use ndarray::Array3;
 use udc::core::image::ToneMappedImage;
 use udc::core::kernel_code::KernelCode;
 use udc::kernels::{Isa, benchmark, peak};
-use udc::network::{Architecture, Backend, Initialisation, Model, Origin, Parameters, weights::Weights};
+use udc::network::{
+    Architecture, Backend, Initialisation, Inputs, Model, Origin, Parameters, Planes, weights::Weights,
+};
 use udc::train::{InMemory, Patch, TrainConfig, Trainer, TrainingData as _};
 
 use super::{Session, peak_memory_bytes};
@@ -103,7 +105,12 @@ fn time_training(session: &Session, Batch { crops, side }: Batch, patience: Dura
     (config.data.batch, config.data.accumulate, config.data.crop) = (crops, 1, side);
     let image = |value| ToneMappedImage::from_planes(Array3::from_elem((3, side, side), value));
     let code = Some(KernelCode::zeros(config.architecture.code_dim));
-    let data = InMemory(vec![Patch { degraded: image(0.5)?, ground_truth: image(0.25)?, code }]);
+    let data = InMemory(vec![Patch {
+        degraded: image(0.5)?,
+        ground_truth: image(0.25)?,
+        code,
+        planes: Planes::default(),
+    }]);
     let mut trainer = Trainer::new(&config, None, data.len(), Backend::default())?;
     let mut outcome = Ok(());
     let seconds = benchmark::best_time(patience, || {
@@ -128,9 +135,9 @@ fn time_network(session: &Session, side: usize, patience: Duration) -> Result<()
     let image = ToneMappedImage::from_planes(Array3::from_elem((3, side, side), 0.5))?;
     let rounded = model.with_bf16_products();
     for model in std::iter::once(model).chain(rounded) {
-        model.restore(&image, Some(&code))?;
+        model.restore(&Inputs::new(&image, Some(&code)))?;
         let seconds = benchmark::best_time(patience, || {
-            model.restore(&image, Some(&code)).expect("the same image was restored before");
+            model.restore(&Inputs::new(&image, Some(&code))).expect("the same image was restored before");
         });
         let speed = 2.0 * macs as f64 / seconds / 1e9;
         let memory = model.working_bytes(side, side) >> 20;

@@ -3,21 +3,23 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use udc::core::metrics::{Measure, Metric, MetricDefinition};
 use udc::experiment::EvalConfig;
 use udc::perceptual::Lpips;
 
+use super::choices::Choices;
+
 /// What is measured and how it is defined.
 #[derive(Args, Debug)]
 pub(super) struct MetricArgs {
     /// Metrics to compute
-    #[arg(long, value_enum, value_delimiter = ',', default_value = "psnr,ssim")]
-    metrics: Vec<MetricArg>,
+    #[arg(long, value_parser = METRICS, value_delimiter = ',', default_value = "psnr,ssim")]
+    metrics: Vec<Metric>,
     /// Round images to 8 bits first, as the published evaluation does, or not
-    #[arg(long, value_enum, default_value_t = DefinitionArg::Released)]
-    definition: DefinitionArg,
+    #[arg(long, value_parser = DEFINITIONS, default_value = "released")]
+    definition: fn() -> MetricDefinition,
     /// AlexNet's weights for lpips: torchvision's alexnet-owt-7be5be79.pth, or its tensors as .safetensors
     #[arg(long, value_name = "FILE", requires = "lpips_linear")]
     lpips_alexnet: Option<PathBuf>,
@@ -26,30 +28,19 @@ pub(super) struct MetricArgs {
     lpips_linear: Option<PathBuf>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum MetricArg {
-    Psnr,
-    Ssim,
-    Lpips,
-}
+const METRICS: Choices<Metric> =
+    Choices(&[("psnr", Metric::Psnr, ""), ("ssim", Metric::Ssim, ""), ("lpips", Metric::Lpips, "")]);
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum DefinitionArg {
-    Released,
-    Float,
-}
+const DEFINITIONS: Choices<fn() -> MetricDefinition> =
+    Choices(&[("released", MetricDefinition::released, ""), ("float", MetricDefinition::float, "")]);
 
 impl MetricArgs {
     /// The metrics that were asked for, in the order of tables.
     pub(super) fn config(&self, allow_missing: bool) -> Result<EvalConfig> {
-        let definition = match self.definition {
-            DefinitionArg::Released => MetricDefinition::released(),
-            DefinitionArg::Float => MetricDefinition::float(),
-        };
-        let is_asked = |metric: &Metric| self.metrics.iter().any(|&asked| Metric::from(asked) == *metric);
+        let is_asked = |metric: &Metric| self.metrics.contains(metric);
         let metrics: Vec<Metric> = Metric::ALL.into_iter().filter(is_asked).collect();
         let lpips = self.lpips_alexnet.as_deref().zip(self.lpips_linear.as_deref());
-        Ok(EvalConfig { metrics: measures(&metrics, lpips)?, definition, allow_missing })
+        Ok(EvalConfig { metrics: measures(&metrics, lpips)?, definition: (self.definition)(), allow_missing })
     }
 }
 
@@ -70,14 +61,4 @@ pub(super) fn measures(metrics: &[Metric], lpips: Option<(&Path, &Path)>) -> Res
         _ => Ok(Measure::of(metric)),
     };
     metrics.iter().map(ready).collect()
-}
-
-impl From<MetricArg> for Metric {
-    fn from(metric: MetricArg) -> Self {
-        match metric {
-            MetricArg::Psnr => Self::Psnr,
-            MetricArg::Ssim => Self::Ssim,
-            MetricArg::Lpips => Self::Lpips,
-        }
-    }
 }

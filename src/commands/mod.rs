@@ -4,6 +4,7 @@ mod bars;
 mod bench;
 mod bracket;
 mod capture;
+mod choices;
 mod codes;
 mod completions;
 mod convert;

@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde_json::{Value, json};
 
 use super::Session;
 use super::capture::note_what_is_lost;
+use super::choices::FORMATS;
 use super::destination::{Destination, OutputFolder, Unplaced, without_repeats};
 use super::domain::LightDomainArg;
 use super::picture::AnyImage;
@@ -49,19 +50,11 @@ pub(crate) struct TonemapArgs {
     #[arg(long, value_name = "X", default_value_t = ToneCurve::default().x_max)]
     x_max: f32,
     /// Format of the files in an output folder
-    #[arg(long, value_enum, default_value_t = FormatArg::Exr)]
-    format: FormatArg,
+    #[arg(long, value_parser = FORMATS, default_value = "exr")]
+    format: &'static str,
     /// Write half floats, in formats that have them
     #[arg(long)]
     half: bool,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum FormatArg {
-    Exr,
-    Npy,
-    Png,
-    Tif,
 }
 
 impl TonemapArgs {
@@ -75,12 +68,8 @@ impl TonemapArgs {
     /// What becomes what; refuses outputs that exist before any work.
     fn jobs(&self, session: &Session) -> Result<Vec<Job>> {
         let files = without_repeats(expand_inputs(&self.inputs)?);
-        let format = self.format.to_possible_value().expect("no format is hidden");
-        let destination = Destination {
-            path: &self.output,
-            extension: format.get_name(),
-            accepts_existing: session.overwrite,
-        };
+        let destination =
+            Destination { path: &self.output, extension: self.format, accepts_existing: session.overwrite };
         let results: Vec<Unplaced> = files.iter().map(|file| Unplaced::of_file(file)).collect();
         let outputs = destination.place(&results, self.inputs.iter().any(|input| input.is_dir()))?;
         Ok(files.into_iter().zip(outputs).map(|(input, output)| Job { input, output }).collect())

@@ -3,29 +3,13 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::family::{Family, Kind};
+use super::inputs::Plane;
 use super::layers::{Layer, LayerWeights, TensorSpec};
-use super::{de_unet, discnet, sftmd, srmdnf};
 use crate::core::error::{Error, Result};
 
 /// The side of the image that descriptions give the cost of.
 const DESCRIBED_SIDE: usize = 800;
-
-/// The family of networks that a model belongs to.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Kind {
-    /// The dynamic skip connection network.
-    #[default]
-    Discnet,
-    /// Its restoration branch alone: a U-Net with plain skip connections.
-    Unet,
-    /// SRMD without noise input and without up-sampling: plain convolutions of image and degradation map.
-    Srmdnf,
-    /// SFTMD without up-sampling: residual blocks that the degradation map modulates.
-    Sftmd,
-    /// A U-Net with two image encoders.
-    DeUnet,
-}
 
 /// What the filters of the skip connections are predicted from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -118,21 +102,7 @@ impl Architecture {
             let reason = format!("must be between 1 and 1024, found {}", self.code_dim);
             return Err(Error::config("code-dim", reason));
         }
-        self.validate_condition()
-    }
-
-    /// Every kind but DISCNet reads one thing only; the key says so for all who look at it.
-    fn validate_condition(&self) -> Result<()> {
-        let (fixed, name) = match self.kind {
-            Kind::Discnet => return Ok(()),
-            Kind::Unet => (Condition::None, "none"),
-            Kind::DeUnet => (Condition::Image, "image"),
-            Kind::Srmdnf | Kind::Sftmd => (Condition::ImagePsf, "image+psf"),
-        };
-        if self.condition == fixed {
-            return Ok(());
-        }
-        Err(Error::config("condition", format!("must be \"{name}\" for this kind of network; set it so")))
+        self.family().validate(self)
     }
 
     /// The configuration as JSON, as files carry it.
@@ -148,9 +118,8 @@ impl Architecture {
     pub fn describe(&self) -> String {
         let json = self.to_json();
         let is_read = |key: &str| match key {
-            "scales" | "filter-size" => self.kind == Kind::Discnet && self.condition != Condition::None,
-            "code-dim" => self.condition.uses_code(),
-            _ => true,
+            "code-dim" => self.code_len().is_some(),
+            key => self.family().reads_key(self, key),
         };
         let of_key = |(key, value): (&String, &serde_json::Value)| {
             let text = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
@@ -191,22 +160,33 @@ impl Architecture {
     /// What the sides that the network computes are multiples of: it halves its resolution so many times.
     /// Images of other sides are continued by repetition at the bottom and on the right.
     pub fn side_multiple(&self) -> usize {
-        match self.kind {
-            Kind::Discnet | Kind::Unet => 1 << (discnet::LEVELS - 1),
-            Kind::Srmdnf | Kind::Sftmd => 1,
-            Kind::DeUnet => 1 << (de_unet::LEVELS - 1),
-        }
+        self.family().side_multiple()
     }
 
     /// Pixels around a tile, starting at a multiple of [`Self::side_multiple`], that its restoration may
     /// depend on, rounded up to such a multiple.
     pub fn halo(&self) -> usize {
-        match self.kind {
-            Kind::Discnet | Kind::Unet => discnet::HALO,
-            Kind::Srmdnf => srmdnf::HALO,
-            Kind::Sftmd => sftmd::HALO,
-            Kind::DeUnet => de_unet::HALO,
-        }
+        self.family().halo()
+    }
+
+    /// Length of the kernel codes that the network reads; `None` when it reads none.
+    pub fn code_len(&self) -> Option<usize> {
+        self.family().code_len(self)
+    }
+
+    /// Whether the network reads kernel codes.
+    pub fn reads_code(&self) -> bool {
+        self.code_len().is_some()
+    }
+
+    /// The planes that the network reads beside the image.
+    pub fn planes(&self) -> &'static [Plane] {
+        self.family().planes()
+    }
+
+    /// What the networks of this kind have in common.
+    pub(super) fn family(&self) -> &'static dyn Family {
+        self.kind.family()
     }
 
     /// Every weight tensor under its released name, in a fixed order.
@@ -215,13 +195,8 @@ impl Architecture {
     }
 
     /// Every layer with weights, in a fixed order.
-    fn layers(&self) -> Vec<Layer> {
-        match self.kind {
-            Kind::Discnet | Kind::Unet => discnet::layers(self),
-            Kind::Srmdnf => srmdnf::layers(self),
-            Kind::Sftmd => sftmd::layers(self),
-            Kind::DeUnet => de_unet::layers(self),
-        }
+    pub(super) fn layers(&self) -> Vec<Layer> {
+        self.family().layers(self)
     }
 }
 

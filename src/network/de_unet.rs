@@ -19,30 +19,72 @@
 use burn::module::Module;
 use burn::tensor::Tensor;
 
-use super::architecture::Architecture;
+use super::architecture::{Architecture, Condition};
 use super::builder::Builder;
-use super::inference::{Part, StreamBuilder};
+use super::family::{Family, Forward, Stream, check_condition};
+use super::inputs::InputTensors;
 use super::layers::{Layer, LayerList};
 use super::operations::{
     Activation, Convolution, LEAKY_SLOPE, convolution, enlarged_convolution, enlarging_weights, from_layout,
     to_layout,
 };
+use super::streamed::{Part, StreamBuilder};
+use crate::core::error::Result;
 use crate::core::image::CHANNELS;
 use crate::kernels::{self, stream};
 
 /// Number of resolutions.
-pub(super) const LEVELS: usize = 5;
+const LEVELS: usize = 5;
 
 /// The surroundings of a tile that starts at a multiple of 16. Its first row depends on 2, 4, 5, 5, 4 rows above it
 /// in the decoder's resolutions, from the finest to the coarsest, and through these on 10, 22, 46 and at last 95 in
 /// the encoders', back to the finest; its last row on fewer below.
-pub(super) const HALO: usize = 96;
+const HALO: usize = 96;
 
 /// The encoder that reaches down to the coarsest resolution, and the one that stops before it.
 const ENCODERS: [(&str, usize); 2] = [("content", LEVELS), ("detail", LEVELS - 1)];
 
+/// The family.
+pub(super) struct DeUnet;
+
+impl Family for DeUnet {
+    type Network = Layers;
+
+    fn layers(&self, architecture: &Architecture) -> Vec<Layer> {
+        layers(architecture)
+    }
+
+    fn halo(&self) -> usize {
+        HALO
+    }
+
+    fn side_multiple(&self) -> usize {
+        1 << (LEVELS - 1)
+    }
+
+    fn validate(&self, architecture: &Architecture) -> Result<()> {
+        check_condition(architecture, (Condition::Image, "image"))
+    }
+
+    fn stream(&self) -> Option<Stream> {
+        Some(stream)
+    }
+
+    fn build(&self, _architecture: &Architecture, build: &Builder<'_>) -> Layers {
+        let [content, detail] = ENCODERS.map(|(encoder, levels)| {
+            (0..levels).map(|level| Pair::new(build, &format!("{encoder}.{level}"))).collect()
+        });
+        let decoder = |level: usize| DecoderScale {
+            up: build.convolution(&format!("decoder.{level}.up")),
+            pair: Pair::new(build, &format!("decoder.{level}")),
+        };
+        let decoder = (0..LEVELS - 1).map(decoder).collect();
+        Layers { content, detail, decoder, last: build.convolution("last") }
+    }
+}
+
 /// Every layer with weights, in order.
-pub(super) fn layers(architecture: &Architecture) -> Vec<Layer> {
+fn layers(architecture: &Architecture) -> Vec<Layer> {
     let channels = |level: usize| architecture.features << level;
     let mut list = LayerList::default();
     for (encoder, levels) in ENCODERS {
@@ -83,7 +125,7 @@ struct DecoderScale {
 
 /// The network's weights.
 #[derive(Module, Debug)]
-pub(super) struct DeUnet {
+pub(super) struct Layers {
     content: Vec<Pair>,
     detail: Vec<Pair>,
     decoder: Vec<DecoderScale>,
@@ -102,22 +144,9 @@ impl Pair {
     }
 }
 
-impl DeUnet {
-    /// Arranges the weights.
-    pub(super) fn new(build: &Builder<'_>) -> Self {
-        let [content, detail] = ENCODERS.map(|(encoder, levels)| {
-            (0..levels).map(|level| Pair::new(build, &format!("{encoder}.{level}"))).collect()
-        });
-        let decoder = |level: usize| DecoderScale {
-            up: build.convolution(&format!("decoder.{level}.up")),
-            pair: Pair::new(build, &format!("decoder.{level}")),
-        };
-        let decoder = (0..LEVELS - 1).map(decoder).collect();
-        Self { content, detail, decoder, last: build.convolution("last") }
-    }
-
-    /// Restores a batch of images whose sides are multiples of 16.
-    pub(super) fn forward(&self, image: Tensor<4>) -> Tensor<4> {
+impl Forward for Layers {
+    fn forward(&self, inputs: InputTensors) -> Tensor<4> {
+        let image = inputs.image;
         let input = to_layout(image.clone());
         let (mut content, mut detail) = (input.clone(), input);
         let mut skips = Vec::with_capacity(self.detail.len());
@@ -140,7 +169,7 @@ impl DeUnet {
 }
 
 /// Appends all steps.
-pub(super) fn stream(build: &mut StreamBuilder<'_>) {
+fn stream(build: &mut StreamBuilder<'_>, _architecture: &Architecture) {
     let image = build.input(&[Part::Image]);
     let (mut content, mut detail) = (image, image);
     let mut skips = Vec::new();

@@ -1,14 +1,17 @@
 //! The networks in Burn: what they are made of, how they compute, and the files that keep their weights.
 //!
 //! An [`Architecture`] lists the weights; [`Parameters`] are such weights in main memory; a [`Network`]
-//! is the network built of them on a device; a [`Model`] is a network together with where it came from.
+//! is the network built of them on a device; a [`Model`] is a network together with where it came from, ready to restore
+//! what its [`Inputs`] are.
 
 mod architecture;
 mod backend;
 mod builder;
 mod de_unet;
 mod discnet;
-mod inference;
+mod engine;
+mod family;
+mod inputs;
 mod layers;
 mod model;
 mod networks;
@@ -16,12 +19,16 @@ pub mod operations;
 mod parameters;
 mod sftmd;
 mod srmdnf;
+mod streamed;
+#[cfg(test)]
+pub(crate) mod testing;
 pub mod weights;
 
 pub use crate::kernels::{Isa, keep_freed_memory, share_freed_memory};
-pub use architecture::{Architecture, Condition, Kind, Scales};
+pub use architecture::{Architecture, Condition, Scales};
 pub use backend::Backend;
-pub(crate) use model::map_of_code;
+pub use family::Kind;
+pub use inputs::{InputTensors, Inputs, Plane, Planes};
 pub use model::{Model, Origin};
 pub use networks::Network;
 pub use parameters::{Initialisation, Parameter, Parameters, Values};

@@ -3,15 +3,15 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-use ndarray::{ArrayRef3, ArrayView3, Axis};
 use serde_json::Value;
 
 use super::architecture::Architecture;
-use super::inference::Inference;
+use super::backend::Backend;
+use super::engine::{Engine, engine};
+use super::inputs::Inputs;
 use super::weights::{self, Weights};
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
-use crate::core::kernel_code::KernelCode;
 use crate::core::progress::Progress;
 use crate::core::tone::ToneCurve;
 use crate::kernels::Isa;
@@ -36,14 +36,16 @@ impl Origin {
     }
 }
 
-/// A network with its weights, for inference: whole images go through the kernels, without tensors of Burn.
+/// A network with its weights, for inference: on CPUs whole images go through the kernels, without tensors of Burn, when
+/// the network is written for them.
 #[derive(Clone, Debug)]
 pub struct Model {
     weights: Arc<Weights>,
+    backend: Backend,
     /// What computes, where it is not the usual set.
     isa: Option<Isa>,
-    /// The weights packed for whole images, once the first is restored.
-    inference: Arc<OnceLock<Inference>>,
+    /// The weights ready for whole images, once the first is restored.
+    engine: Arc<OnceLock<Box<dyn Engine>>>,
 }
 
 impl Model {
@@ -57,18 +59,25 @@ impl Model {
 
     /// Takes weights over.
     pub fn new(weights: Weights) -> Self {
-        Self { weights: Arc::new(weights), isa: None, inference: Arc::default() }
+        Self { weights: Arc::new(weights), backend: Backend::default(), isa: None, engine: Arc::default() }
+    }
+
+    /// The same network on another backend.
+    #[must_use]
+    pub fn with_backend(&self, backend: Backend) -> Self {
+        Self { weights: Arc::clone(&self.weights), backend, isa: self.isa, engine: Arc::default() }
     }
 
     /// The same network, but with products of numbers rounded to bfloat16; nothing where this CPU has no instructions
-    /// for them.
+    /// for them, or the network is not streamed through the kernels.
     ///
     /// # Accuracy
     /// A trained network's results differ from those of 32-bit products by up to 3e-3 of white, 3e-4 in the mean square:
     /// sums, images and features stay 32 bits wide.
     pub fn with_bf16_products(&self) -> Option<Self> {
+        self.architecture().family().stream()?;
         let isa = Isa::current().with_bf16_products()?;
-        Some(Self { weights: Arc::clone(&self.weights), isa: Some(isa), inference: Arc::default() })
+        Some(Self { isa: Some(isa), ..self.with_backend(self.backend) })
     }
 
     /// Whether products are of numbers rounded to bfloat16.
@@ -93,52 +102,38 @@ impl Model {
 
     /// Packs the weights for whole images; the first that is restored or asked about does it otherwise.
     pub fn prepare(&self) {
-        self.inference();
+        self.engine();
     }
 
-    /// Restores an image of any size; `code` describes its PSF, and is not looked at by networks that need
-    /// none.
+    /// Restores an image of any size; what the network does not read of its inputs is not looked at.
     ///
     /// # Errors
-    /// [`Error::Config`] when the network needs a code and there is none; [`Error::Shape`] when the code has
-    /// another length; [`Error::Diverged`] when what the network computes is not finite.
-    pub fn restore(&self, image: &ToneMappedImage, code: Option<&KernelCode>) -> Result<ToneMappedImage> {
-        self.restore_in(image, code.map(map_of_code), u64::MAX, &Progress::default())
+    /// [`Error::Config`] when the network reads a code or a plane and there is none; [`Error::Shape`] when one does not
+    /// fit the image or the network; [`Error::Diverged`] when what the network computes is not finite.
+    pub fn restore(&self, inputs: &Inputs<'_>) -> Result<ToneMappedImage> {
+        self.restore_in(inputs, u64::MAX, &Progress::default())
     }
 
-    /// Restores an image whose PSF changes from pixel to pixel.
-    ///
-    /// # Shapes
-    /// `map` `[b, height, width]`, of the image's sides.
+    /// Restores an image with up to `room` bytes more than the least that it takes, which many threads make use of. The
+    /// result does not depend on `room`.
     ///
     /// # Errors
-    /// [`Error::Shape`] when the map does not fit the image or the network.
-    pub fn restore_with_map(&self, image: &ToneMappedImage, map: &ArrayRef3<f32>) -> Result<ToneMappedImage> {
-        let (_, height, width) = map.dim();
-        if (height, width) != (image.height(), image.width()) {
-            let expected = format!("{} × {} as the image has", image.height(), image.width());
-            return Err(Error::shape("degradation map", expected, format!("{height} × {width}")));
-        }
-        self.restore_in(image, Some(map.view()), u64::MAX, &Progress::default())
-    }
-
-    /// Restores an image with up to `room` bytes more than the least that it takes, which many threads make use of;
-    /// `map` has the image's sides, or is that of one code. The result does not depend on `room`.
-    pub(crate) fn restore_in(
-        &self,
-        image: &ToneMappedImage,
-        map: Option<ArrayView3<'_, f32>>,
-        room: u64,
-        progress: &Progress,
-    ) -> Result<ToneMappedImage> {
-        let map = if self.architecture().condition.uses_code() { Some(self.check_map(map)?) } else { None };
-        let planes = self.inference().restore(image, map, room, progress)?;
+    /// Those of [`restore`](Self::restore); [`Error::Interrupted`].
+    pub fn restore_in(&self, inputs: &Inputs<'_>, room: u64, progress: &Progress) -> Result<ToneMappedImage> {
+        let inputs = inputs.checked(self.architecture())?;
+        let planes = self.engine().restore(&inputs, room, progress)?;
         if let Some(value) = planes.iter().find(|value| !value.is_finite()) {
             return Err(Error::Diverged(format!(
                 "the network's output holds {value}: its weights have diverged; use a model of an earlier iteration"
             )));
         }
         ToneMappedImage::from_planes(planes)
+    }
+
+    /// Pixels around a tile, starting at a multiple of [`Architecture::side_multiple`], that its restoration may depend
+    /// on.
+    pub fn halo(&self) -> usize {
+        self.engine().halo()
     }
 
     /// Estimates the bytes of working memory that restoring an image of these sides takes at least, whatever the number
@@ -148,42 +143,20 @@ impl Model {
     }
 
     /// Estimates the bytes that it takes with up to `room` bytes more than the least.
-    pub(crate) fn working_bytes_in(&self, height: usize, width: usize, room: u64) -> u64 {
-        self.inference().bytes(self.architecture(), [height, width], room)
+    pub fn working_bytes_in(&self, height: usize, width: usize, room: u64) -> u64 {
+        self.engine().bytes([height, width], room)
     }
 
-    fn inference(&self) -> &Inference {
+    fn engine(&self) -> &dyn Engine {
         let isa = || self.isa.unwrap_or_else(Isa::current);
-        self.inference.get_or_init(|| Inference::new(self.architecture(), &self.weights.parameters, isa()))
+        self.engine.get_or_init(|| engine(&self.weights, self.backend, isa())).as_ref()
     }
-
-    fn check_map<'a>(&self, map: Option<ArrayView3<'a, f32>>) -> Result<ArrayView3<'a, f32>> {
-        let expected = self.architecture().code_dim;
-        let Some(map) = map else {
-            return Err(Error::config(
-                "kernel code",
-                format!(
-                    "the model needs a code of {expected} numbers; give --bank BANK --angle A, --code FILE or \
-                     --psf PSF"
-                ),
-            ));
-        };
-        if map.dim().0 != expected {
-            let found = format!("{}; use the bank that the model was trained with", map.dim().0);
-            return Err(Error::shape("kernel code", format!("{expected} numbers"), found));
-        }
-        Ok(map)
-    }
-}
-
-/// A code as the degradation map of an image of one pixel.
-pub(crate) fn map_of_code(code: &KernelCode) -> ArrayView3<'_, f32> {
-    code.view().insert_axis(Axis(1)).insert_axis(Axis(2))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::core::kernel_code::KernelCode;
     use crate::network::{Initialisation, Parameters};
     use ndarray::Array3;
 
@@ -207,7 +180,7 @@ mod tests {
         assert!(rounded.has_bf16_products() && !exact.has_bf16_products());
         let code = KernelCode::from_elem(5, 0.5);
         let [of_exact, of_rounded] =
-            [&exact, &rounded].map(|model| model.restore(&image(21, 34), Some(&code)).unwrap());
+            [&exact, &rounded].map(|model| model.restore(&Inputs::new(&image(21, 34), Some(&code))).unwrap());
         let differences = of_exact.as_slice().iter().zip(of_rounded.as_slice()).map(|(a, b)| (a - b).abs());
         let largest = differences.fold(0.0, f32::max);
         assert!(largest > 1e-6 && largest < 3e-3, "{largest}");
@@ -217,7 +190,7 @@ mod tests {
     fn images_of_any_size_keep_it() {
         let (model, code) = (model(super::super::Condition::ImagePsf), KernelCode::from_elem(5, 0.5));
         for (height, width) in [(1, 1), (2, 9), (4, 8), (13, 6)] {
-            let restored = model.restore(&image(height, width), Some(&code)).unwrap();
+            let restored = model.restore(&Inputs::new(&image(height, width), Some(&code))).unwrap();
             assert_eq!((restored.height(), restored.width()), (height, width));
         }
     }
@@ -226,14 +199,16 @@ mod tests {
     fn networks_that_need_no_code_do_not_look_at_one() {
         let (model, code) = (model(super::super::Condition::Image), KernelCode::from_elem(2, 0.5));
         let image = image(6, 7);
-        assert_eq!(model.restore(&image, Some(&code)).unwrap(), model.restore(&image, None).unwrap());
+        let restore = |code| model.restore(&Inputs::new(&image, code)).unwrap();
+        assert_eq!(restore(Some(&code)), restore(None));
     }
 
     #[test]
     fn a_map_of_other_sides_than_the_image_is_refused() {
         let model = model(super::super::Condition::Psf);
-        let message =
-            model.restore_with_map(&image(6, 7), &Array3::zeros((5, 6, 6))).unwrap_err().to_string();
+        let (image, map) = (image(6, 7), Array3::zeros((5, 6, 6)));
+        let inputs = Inputs::new(&image, None).with_map(map.view());
+        let message = model.restore(&inputs).unwrap_err().to_string();
         assert!(message.contains("expected 6 × 7"), "{message}");
     }
 }

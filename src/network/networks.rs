@@ -4,13 +4,11 @@ use burn::module::Module;
 use burn::tensor::ops::PadMode;
 use burn::tensor::{Device, Tensor, s};
 
-use super::architecture::{Architecture, Kind};
+use super::architecture::Architecture;
 use super::builder::{Builder, Collect};
-use super::de_unet::DeUnet;
-use super::discnet::DiscNet;
+use super::family::Layers;
+use super::inputs::{InputTensors, Plane};
 use super::parameters::{Parameter, Parameters};
-use super::sftmd::Sftmd;
-use super::srmdnf::Srmdnf;
 
 /// A restoration network with its weights on a device.
 #[derive(Module, Debug)]
@@ -20,29 +18,13 @@ pub struct Network {
     architecture: Architecture,
 }
 
-/// The weights, arranged as each kind computes with them.
-#[derive(Module, Debug)]
-#[expect(clippy::large_enum_variant, reason = "a program holds a few networks, not lists of them")]
-enum Layers {
-    Discnet(DiscNet),
-    Srmdnf(Srmdnf),
-    Sftmd(Sftmd),
-    DeUnet(DeUnet),
-}
-
 impl Network {
     /// Builds the network with the given weights; on a device with gradients they can be trained.
     ///
     /// # Panics
     /// When the weights are those of another architecture.
     pub fn new(architecture: &Architecture, parameters: &Parameters, device: &Device) -> Self {
-        let build = Builder::new(parameters, device);
-        let layers = match architecture.kind {
-            Kind::Discnet | Kind::Unet => Layers::Discnet(DiscNet::new(architecture, &build)),
-            Kind::Srmdnf => Layers::Srmdnf(Srmdnf::new(&build)),
-            Kind::Sftmd => Layers::Sftmd(Sftmd::new(&build)),
-            Kind::DeUnet => Layers::DeUnet(DeUnet::new(&build)),
-        };
+        let layers = Layers::build(architecture, &Builder::new(parameters, device));
         Self { layers, architecture: architecture.clone() }
     }
 
@@ -51,29 +33,18 @@ impl Network {
         &self.architecture
     }
 
-    /// Restores a batch of tone-mapped images.
-    ///
-    /// # Shapes
-    /// `image` `[item, 3, height, width]` of any size, `degradation_map` `[item, b, height, width]`, or
-    /// `[item, b, 1, 1]` for a code that is the same everywhere; the result is shaped like the image.
+    /// Restores a batch of tone-mapped images; the result is shaped like them.
     ///
     /// # Panics
-    /// When the network needs a degradation map and there is none.
-    pub fn forward(&self, image: Tensor<4>, degradation_map: Option<Tensor<4>>) -> Tensor<4> {
-        let [_, _, height, width] = image.dims();
-        let image = self.pad(image);
-        let [items, channels, padded_height, padded_width] = image.dims();
-        let map = self.architecture.condition.uses_code().then(|| {
-            let map = degradation_map.expect("a network that reads kernel codes is given a degradation map");
-            self.stretch(map, &image)
-        });
-        let restored = match (&self.layers, map) {
-            (Layers::Discnet(network), map) => network.forward(image, map),
-            (Layers::DeUnet(network), _) => network.forward(image),
-            (Layers::Srmdnf(network), Some(map)) => network.forward(image, map),
-            (Layers::Sftmd(network), Some(map)) => network.forward(image, map),
-            (layers, None) => unreachable!("{layers:?} was validated to read kernel codes"),
-        };
+    /// When the network reads a degradation map or a plane and there is none.
+    pub fn forward(&self, inputs: InputTensors) -> Tensor<4> {
+        let [items, channels, height, width] = inputs.image.dims();
+        let image = self.pad(inputs.image.clone());
+        let [_, _, padded_height, padded_width] = image.dims();
+        let map = self.architecture.reads_code().then(|| self.stretch(inputs.map(), &image));
+        let plane = |&plane: &Plane| (plane, self.pad(inputs.plane(plane)));
+        let planes = self.architecture.planes().iter().map(plane).collect();
+        let restored = self.layers.forward(InputTensors { image, map, planes });
         if (padded_height, padded_width) == (height, width) {
             return restored;
         }
@@ -119,12 +90,13 @@ mod tests {
     use super::*;
     use crate::core::image::{CHANNELS, ToneMappedImage};
     use crate::core::kernel_code::KernelCode;
+    use crate::network::testing;
     use crate::network::weights::Weights;
-    use crate::network::{Backend, Condition, Initialisation, Model, Origin};
+    use crate::network::{Backend, Condition, Initialisation, Inputs, Kind, Model, Origin};
     use burn::module::{ModuleVisitor, Param};
     use burn::tensor::{Gradients, TensorData};
 
-    fn architectures() -> [Architecture; 5] {
+    fn architectures() -> [Architecture; 7] {
         let of_kind = |kind, condition| Architecture {
             kind,
             condition,
@@ -140,6 +112,8 @@ mod tests {
             of_kind(Kind::Srmdnf, Condition::ImagePsf),
             of_kind(Kind::Sftmd, Condition::ImagePsf),
             of_kind(Kind::DeUnet, Condition::Image),
+            of_kind(Kind::Guided, Condition::None),
+            of_kind(Kind::GuidedTensors, Condition::None),
         ]
     }
 
@@ -148,8 +122,8 @@ mod tests {
     /// Weights under which neither signals nor gradients vanish or explode.
     fn random(architecture: &Architecture) -> Parameters {
         let initialisation = match architecture.kind {
-            Kind::Unet | Kind::Srmdnf | Kind::DeUnet => Initialisation::Paper,
             Kind::Discnet | Kind::Sftmd => Initialisation::Released,
+            _ => Initialisation::Paper,
         };
         Parameters::random(architecture, initialisation, 4)
     }
@@ -162,10 +136,21 @@ mod tests {
         (0..len).map(|i| (i * 2_654_435_761 % 1000) as f32 / 1000.0).collect()
     }
 
+    fn image() -> ToneMappedImage {
+        let planes = values(CHANNELS * SIDES[0] * SIDES[1]);
+        let planes = ndarray::Array3::from_shape_vec((CHANNELS, SIDES[0], SIDES[1]), planes).unwrap();
+        ToneMappedImage::from_planes(planes).unwrap()
+    }
+
     fn forward(network: &Network, device: &Device) -> Tensor<4> {
-        let data = TensorData::new(values(CHANNELS * SIDES[0] * SIDES[1]), [1, CHANNELS, SIDES[0], SIDES[1]]);
+        let tensor = |image: &ToneMappedImage| {
+            let shape = [1, CHANNELS, image.height(), image.width()];
+            Tensor::from_data(TensorData::new(image.as_slice().to_vec(), shape), device)
+        };
         let code = Tensor::from_data(TensorData::new(vec![0.4_f32, -0.7], [1, 2, 1, 1]), device);
-        network.forward(Tensor::from_data(data, device), Some(code))
+        let planes = testing::planes_of(&image());
+        let planes = testing::PLANES.iter().map(|&plane| (plane, tensor(planes.get(plane).unwrap())));
+        network.forward(InputTensors { image: tensor(&image()), map: Some(code), planes: planes.collect() })
     }
 
     /// A loss in double precision whose gradient to the output is not uniform.
@@ -252,11 +237,10 @@ mod tests {
             assert_eq!(network.parameters(), parameters);
             let trained = forward(&network, &device).try_into_vec_as::<f32>().unwrap();
             let weights = Weights { architecture, parameters, origin: Origin::default() };
-            let planes = values(CHANNELS * SIDES[0] * SIDES[1]);
-            let planes = ndarray::Array3::from_shape_vec((CHANNELS, SIDES[0], SIDES[1]), planes).unwrap();
-            let image = ToneMappedImage::from_planes(planes).unwrap();
+            let (image, planes) = (image(), testing::planes_of(&image()));
             let model = Model::new(weights.clone());
-            let streamed = model.restore(&image, Some(&KernelCode::from_vec(vec![0.4, -0.7]))).unwrap();
+            let code = KernelCode::from_vec(vec![0.4, -0.7]);
+            let streamed = model.restore(&Inputs::new(&image, Some(&code)).with_planes(&planes)).unwrap();
             let largest = trained.iter().fold(0.0f32, |m, v| m.max(v.abs()));
             for (a, b) in trained.iter().zip(streamed.as_slice()) {
                 assert!((a - b).abs() <= 5e-5 * largest, "{:?}: {a} {b}", weights.architecture.kind);
@@ -276,7 +260,9 @@ mod tests {
             image[width / 2] = f32::NAN;
             let image = Tensor::from_data(TensorData::new(image, [1, CHANNELS, 1, width]), &device);
             let code = Tensor::from_data(TensorData::new(vec![0.4_f32, -0.7], [1, 2, 1, 1]), &device);
-            let output = network.forward(image, Some(code)).try_into_vec_as::<f32>().unwrap();
+            let planes = testing::PLANES.iter().map(|&plane| (plane, image.clone())).collect();
+            let output = network.forward(InputTensors { image, map: Some(code), planes });
+            let output = output.try_into_vec_as::<f32>().unwrap();
             let first = output.iter().position(|v| v.is_nan()).unwrap();
             let reach = width / 2 - first;
             assert_eq!(reach.next_multiple_of(4), architecture.halo(), "{:?}", architecture.kind);

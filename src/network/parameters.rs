@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use rand_distr::{Distribution, StandardNormal, Uniform};
 use serde::{Deserialize, Serialize};
 
-use super::architecture::{Architecture, Kind};
+use super::architecture::Architecture;
 use super::layers::{LayerWeights, TensorSpec};
 use crate::core::error::{Error, Result};
 use crate::core::image::all_finite;
@@ -38,12 +38,7 @@ impl Initialisation {
     /// [`Error::Config`] for SFTMD and [`Paper`](Self::Paper): its sixteen residual blocks in a row multiply their signals
     /// to some 10⁶.
     pub fn check(self, architecture: &Architecture) -> Result<()> {
-        if (self, architecture.kind) == (Self::Paper, Kind::Sftmd) {
-            let reason = "\"paper\" makes the sixteen residual blocks of sftmd multiply their signals to 10⁶; use \
-                          \"released\"";
-            return Err(Error::config("initialisation", reason));
-        }
-        Ok(())
+        architecture.family().check_initialisation(self)
     }
 }
 

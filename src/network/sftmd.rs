@@ -15,13 +15,17 @@
 use burn::module::Module;
 use burn::tensor::Tensor;
 
-use super::architecture::Architecture;
+use super::architecture::{Architecture, Condition};
 use super::builder::Builder;
-use super::inference::{Part, StreamBuilder};
+use super::family::{Family, Forward, Stream, check_condition};
+use super::inputs::InputTensors;
 use super::layers::{Layer, LayerList};
 use super::operations::{
     Activation, Convolution, LEAKY_SLOPE, convolution, from_layout, modulation, to_layout,
 };
+use super::parameters::Initialisation;
+use super::streamed::{Part, StreamBuilder};
+use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
 use crate::kernels::stream;
 
@@ -33,14 +37,56 @@ const LAST_SIDE: usize = 9;
 
 /// The surroundings of a tile: 3 pixels for the head, 6 for each block, 3 for modulation and convolution, 4 for
 /// the last; 106 rounded up to a multiple of 4.
-pub(super) const HALO: usize = (3 + 6 * BLOCKS + 3 + LAST_SIDE / 2_usize).next_multiple_of(4);
+const HALO: usize = (3 + 6 * BLOCKS + 3 + LAST_SIDE / 2_usize).next_multiple_of(4);
 
 fn block_name(index: usize) -> String {
     format!("SFT-residual{}", index + 1)
 }
 
+/// The family.
+pub(super) struct Sftmd;
+
+impl Family for Sftmd {
+    type Network = Layers;
+
+    fn layers(&self, architecture: &Architecture) -> Vec<Layer> {
+        layers(architecture)
+    }
+
+    fn halo(&self) -> usize {
+        HALO
+    }
+
+    fn validate(&self, architecture: &Architecture) -> Result<()> {
+        check_condition(architecture, (Condition::ImagePsf, "image+psf"))
+    }
+
+    fn check_initialisation(&self, initialisation: Initialisation) -> Result<()> {
+        if initialisation == Initialisation::Paper {
+            let reason = "\"paper\" makes the sixteen residual blocks of sftmd multiply their signals to 10⁶; use \
+                          \"released\"";
+            return Err(Error::config("initialisation", reason));
+        }
+        Ok(())
+    }
+
+    fn stream(&self) -> Option<Stream> {
+        Some(stream)
+    }
+
+    fn build(&self, _architecture: &Architecture, build: &Builder<'_>) -> Layers {
+        Layers {
+            head: ["conv1", "conv2", "conv3"].map(|name| build.convolution(name)),
+            blocks: (0..BLOCKS).map(|index| Block::new(build, &block_name(index))).collect(),
+            modulation: Modulation::new(build, "sft"),
+            middle: build.convolution("conv_mid"),
+            last: build.convolution("conv_output"),
+        }
+    }
+}
+
 /// Every layer with weights, in order.
-pub(super) fn layers(architecture: &Architecture) -> Vec<Layer> {
+fn layers(architecture: &Architecture) -> Vec<Layer> {
     let (n, b) = (architecture.features, architecture.code_dim);
     let mut list = LayerList::default();
     let modulation = |list: &mut LayerList, name: &str| {
@@ -88,7 +134,7 @@ struct Block {
 
 /// The network's weights.
 #[derive(Module, Debug)]
-pub(super) struct Sftmd {
+pub(super) struct Layers {
     head: [Convolution; 3],
     blocks: Vec<Block>,
     modulation: Modulation,
@@ -132,23 +178,11 @@ impl Block {
     }
 }
 
-impl Sftmd {
-    /// Arranges the weights.
-    pub(super) fn new(build: &Builder<'_>) -> Self {
-        Self {
-            head: ["conv1", "conv2", "conv3"].map(|name| build.convolution(name)),
-            blocks: (0..BLOCKS).map(|index| Block::new(build, &block_name(index))).collect(),
-            modulation: Modulation::new(build, "sft"),
-            middle: build.convolution("conv_mid"),
-            last: build.convolution("conv_output"),
-        }
-    }
-
-    /// Restores a batch of images, each with its degradation map.
-    pub(super) fn forward(&self, image: Tensor<4>, map: Tensor<4>) -> Tensor<4> {
-        let map = to_layout(map);
+impl Forward for Layers {
+    fn forward(&self, inputs: InputTensors) -> Tensor<4> {
+        let map = to_layout(inputs.map());
         let [first, second, third] = &self.head;
-        let x = convolution(to_layout(image), first, 1, Activation::LeakyRelu);
+        let x = convolution(to_layout(inputs.image), first, 1, Activation::LeakyRelu);
         let x = convolution(x, second, 1, Activation::LeakyRelu);
         let head = convolution(x, third, 1, Activation::None);
         let x = self.blocks.iter().fold(head.clone(), |x, block| block.forward(x, &map));
@@ -159,7 +193,7 @@ impl Sftmd {
 }
 
 /// Appends all steps.
-pub(super) fn stream(build: &mut StreamBuilder<'_>, architecture: &Architecture) {
+fn stream(build: &mut StreamBuilder<'_>, architecture: &Architecture) {
     let image = build.input(&[Part::Image]);
     let map = build.input(&[Part::Map(architecture.code_dim)]);
     let x = build.convolution("conv1", image, LEAKY_SLOPE, None);

@@ -10,57 +10,77 @@
 use burn::module::Module;
 use burn::tensor::Tensor;
 
-use super::architecture::Architecture;
+use super::architecture::{Architecture, Condition};
 use super::builder::Builder;
-use super::inference::{Part, StreamBuilder};
+use super::family::{Family, Forward, Stream, check_condition};
+use super::inputs::InputTensors;
 use super::layers::{Layer, LayerList};
 use super::operations::{Activation, Convolution, convolution, from_layout, to_layout};
+use super::streamed::{Part, StreamBuilder};
+use crate::core::error::Result;
 use crate::core::image::CHANNELS;
 
 /// Number of convolutions.
 const DEPTH: usize = 12;
 
 /// The surroundings of a tile: a pixel for each convolution.
-pub(super) const HALO: usize = DEPTH;
+const HALO: usize = DEPTH;
 
 fn name(index: usize) -> String {
     format!("model.{}", 2 * index)
 }
 
-/// Every layer with weights, in order.
-pub(super) fn layers(architecture: &Architecture) -> Vec<Layer> {
-    let mut list = LayerList::default();
-    for index in 0..DEPTH {
-        let inputs = if index == 0 { CHANNELS + architecture.code_dim } else { architecture.features };
-        let outputs = if index == DEPTH - 1 { CHANNELS } else { architecture.features };
-        list.convolution(name(index), [inputs, outputs, 3], 0);
+/// The family.
+pub(super) struct Srmdnf;
+
+impl Family for Srmdnf {
+    type Network = Layers;
+
+    fn layers(&self, architecture: &Architecture) -> Vec<Layer> {
+        let mut list = LayerList::default();
+        for index in 0..DEPTH {
+            let inputs = if index == 0 { CHANNELS + architecture.code_dim } else { architecture.features };
+            let outputs = if index == DEPTH - 1 { CHANNELS } else { architecture.features };
+            list.convolution(name(index), [inputs, outputs, 3], 0);
+        }
+        list.0
     }
-    list.0
+
+    fn halo(&self) -> usize {
+        HALO
+    }
+
+    fn validate(&self, architecture: &Architecture) -> Result<()> {
+        check_condition(architecture, (Condition::ImagePsf, "image+psf"))
+    }
+
+    fn stream(&self) -> Option<Stream> {
+        Some(stream)
+    }
+
+    fn build(&self, _architecture: &Architecture, build: &Builder<'_>) -> Layers {
+        Layers { convolutions: (0..DEPTH).map(|index| build.convolution(&name(index))).collect() }
+    }
 }
 
 /// The network's weights.
 #[derive(Module, Debug)]
-pub(super) struct Srmdnf {
+pub(super) struct Layers {
     convolutions: Vec<Convolution>,
 }
 
-impl Srmdnf {
-    /// Arranges the weights.
-    pub(super) fn new(build: &Builder<'_>) -> Self {
-        Self { convolutions: (0..DEPTH).map(|index| build.convolution(&name(index))).collect() }
-    }
-
-    /// Restores a batch of images, each with its degradation map.
-    pub(super) fn forward(&self, image: Tensor<4>, map: Tensor<4>) -> Tensor<4> {
+impl Forward for Layers {
+    fn forward(&self, inputs: InputTensors) -> Tensor<4> {
         let (last, first) = self.convolutions.split_last().expect("there are twelve");
-        let input = to_layout(Tensor::cat(vec![image, map], 1));
+        let map = inputs.map();
+        let input = to_layout(Tensor::cat(vec![inputs.image, map], 1));
         let features = first.iter().fold(input, |x, layer| convolution(x, layer, 1, Activation::Relu));
         from_layout(convolution(features, last, 1, Activation::None))
     }
 }
 
 /// Appends all steps.
-pub(super) fn stream(build: &mut StreamBuilder<'_>, architecture: &Architecture) {
+fn stream(build: &mut StreamBuilder<'_>, architecture: &Architecture) {
     let input = build.input(&[Part::Image, Part::Map(architecture.code_dim)]);
     let features = (0..DEPTH - 1).fold(input, |x, index| build.convolution(&name(index), x, 0.0, None));
     build.convolution(&name(DEPTH - 1), features, 1.0, None);

@@ -7,7 +7,7 @@ use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
 use crate::core::progress::Progress;
-use crate::network::{Model, map_of_code};
+use crate::network::{Inputs, Model, Planes};
 
 /// What a network is told about the PSF.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,6 +25,8 @@ pub enum Conditioning {
 pub struct NetworkRestorer<'a> {
     model: &'a Model,
     conditioning: Conditioning,
+    /// The planes of the whole image that the network reads.
+    planes: Planes,
     /// Bytes beyond the least that many threads may take.
     room: u64,
 }
@@ -36,23 +38,33 @@ impl<'a> NetworkRestorer<'a> {
     /// [`Error::Config`] when the network needs a code and there is none; [`Error::Shape`] when the code has
     /// another length than the network's.
     pub fn new(model: &'a Model, conditioning: Conditioning) -> Result<Self> {
-        let architecture = model.architecture();
-        if !architecture.condition.uses_code() {
-            return Ok(Self { model, conditioning: Conditioning::None, room: u64::MAX });
-        }
+        let Some(expected) = model.architecture().code_len() else {
+            return Ok(Self {
+                model,
+                conditioning: Conditioning::None,
+                planes: Planes::default(),
+                room: u64::MAX,
+            });
+        };
         let dim = match &conditioning {
             Conditioning::None => {
-                let reason = format!("the model needs one of {} numbers", architecture.code_dim);
+                let reason = format!("the model needs one of {expected} numbers");
                 return Err(Error::config("kernel code", reason));
             }
             Conditioning::Code(code) => code.len(),
             Conditioning::Map(map) => map.dim().0,
         };
-        if dim != architecture.code_dim {
+        if dim != expected {
             let found = format!("{dim}; use the bank that the model was trained with");
-            return Err(Error::shape("kernel code", format!("{} numbers", architecture.code_dim), found));
+            return Err(Error::shape("kernel code", format!("{expected} numbers"), found));
         }
-        Ok(Self { model, conditioning, room: u64::MAX })
+        Ok(Self { model, conditioning, planes: Planes::default(), room: u64::MAX })
+    }
+
+    /// Hands the network planes of the whole image.
+    #[must_use]
+    pub fn with_planes(self, planes: Planes) -> Self {
+        Self { planes, ..self }
     }
 
     /// Takes no more than `bytes` beyond the least, however many threads there are.
@@ -70,7 +82,7 @@ impl<'a> NetworkRestorer<'a> {
 
 impl Restorer for NetworkRestorer<'_> {
     fn halo(&self) -> usize {
-        self.model.architecture().halo().next_multiple_of(self.alignment())
+        self.model.halo().next_multiple_of(self.alignment())
     }
 
     fn alignment(&self) -> usize {
@@ -88,14 +100,16 @@ impl Restorer for NetworkRestorer<'_> {
         left: usize,
         progress: &Progress,
     ) -> Result<ToneMappedImage> {
-        let map = match &self.conditioning {
-            Conditioning::None => None,
-            Conditioning::Code(code) => Some(map_of_code(code)),
+        let inputs = match &self.conditioning {
+            Conditioning::None => Inputs::new(image, None),
+            Conditioning::Code(code) => Inputs::new(image, Some(code)),
             Conditioning::Map(map) => {
-                Some(map.slice(s![.., top..top + image.height(), left..left + image.width()]))
+                let window = s![.., top..top + image.height(), left..left + image.width()];
+                Inputs::new(image, None).with_map(map.slice(window))
             }
         };
-        self.model.restore_in(image, map, self.room, progress)
+        let planes = self.planes.crop(top, left, image.height(), image.width());
+        self.model.restore_in(&inputs.with_planes(&planes), self.room, progress)
     }
 }
 
@@ -103,7 +117,7 @@ impl Restorer for NetworkRestorer<'_> {
 mod tests {
     use super::*;
     use crate::network::weights::Weights;
-    use crate::network::{Architecture, Condition, Initialisation, Kind, Origin, Parameters};
+    use crate::network::{Architecture, Condition, Initialisation, Kind, Origin, Parameters, testing};
     use crate::restore::{Tiling, restore_tiled};
 
     fn model(kind: Kind, condition: Condition) -> Model {
@@ -121,13 +135,16 @@ mod tests {
             (Kind::Srmdnf, Condition::ImagePsf),
             (Kind::Sftmd, Condition::ImagePsf),
             (Kind::DeUnet, Condition::Image),
+            (Kind::Guided, Condition::None),
+            (Kind::GuidedTensors, Condition::None),
         ];
         let value = |(c, y, x)| ((c * 7919 + y * 104_729 + x * 1299) % 1000) as f32 / 1000.0;
         let image = ToneMappedImage::from_planes(Array3::from_shape_fn((3, 50, 403), value)).unwrap();
         for (kind, condition) in kinds {
             let model = model(kind, condition);
             let code = Conditioning::Code(KernelCode::from_elem(5, 0.3));
-            let restorer = NetworkRestorer::new(&model, code).unwrap();
+            let planes = testing::planes_of(&image);
+            let restorer = NetworkRestorer::new(&model, code).unwrap().with_planes(planes);
             let whole = restorer.restore(&image, 0, 0, &Progress::default()).unwrap();
             let largest = whole.as_slice().iter().fold(0.0f32, |m, v| m.max(v.abs()));
             let tiling = Tiling::with_tile(50, 403, 48, &restorer).unwrap();

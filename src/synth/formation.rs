@@ -49,6 +49,11 @@ impl Formation {
         Convolver::new(scene, psf, self.config.boundary)
     }
 
+    /// The model's parameters.
+    pub fn config(&self) -> &FormationConfig {
+        &self.config
+    }
+
     /// Pixels by which scenes are larger than the frame on each side.
     pub fn margin(&self) -> usize {
         self.config.margin

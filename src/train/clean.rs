@@ -102,6 +102,7 @@ impl CleanImages {
         let scenes = self.scenes.clone();
         OnTheFlyData::new(scenes, &self.bank, self.curve, Box::new(degrade), config.data.cache_mib)
             .with_margin(self.formation.margin())
+            .with_planes(config.architecture.planes(), self.formation.config())?
             .only(&config.data.kernels)
     }
 

@@ -29,13 +29,15 @@ pub(super) fn write(folder: &Path, index: usize, patch: &Patch, restored: &ToneM
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::network::Planes;
     use ndarray::Array3;
 
     #[test]
     fn shows_degraded_restored_and_clean_image_from_left_to_right() {
         let folder = tempfile::tempdir().unwrap();
         let flat = |value| ToneMappedImage::from_planes(Array3::from_elem((3, 2, 4), value)).unwrap();
-        let patch = Patch { degraded: flat(0.2), ground_truth: flat(1.0), code: None };
+        let patch =
+            Patch { degraded: flat(0.2), ground_truth: flat(1.0), code: None, planes: Planes::default() };
         for index in 0..COUNT + 1 {
             write(folder.path(), index, &patch, &flat(-0.5)).unwrap();
         }

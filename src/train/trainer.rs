@@ -14,7 +14,7 @@ use super::schedule::learning_rate;
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::core::rng::Rng;
-use crate::network::{Backend, Network, Parameters, keep_freed_memory};
+use crate::network::{Backend, InputTensors, Network, Parameters, Plane, keep_freed_memory};
 
 /// What one step did.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -185,7 +185,7 @@ impl Trainer {
         for parameters in [&self.state.parameters].into_iter().chain(&self.state.average) {
             let network = Network::new(&self.config.architecture, parameters, &self.device);
             let batch = Batch::new(&network, &self.recent, &self.device)?;
-            let (loss, _) = self.loss.of(network.forward(batch.degraded, batch.codes), batch.ground_truth)?;
+            let (loss, _) = self.loss.of(network.forward(batch.inputs), batch.ground_truth)?;
             if !loss.is_finite() {
                 return Err(diverged(self.state.iteration, "with the weights after", loss));
             }
@@ -212,7 +212,7 @@ impl Trainer {
     /// The loss of a batch and its gradients.
     fn differentiate(&self, network: &Network, patches: &[Patch]) -> Result<(f64, Gradients)> {
         let batch = Batch::new(network, patches, &self.device)?;
-        let restored = network.forward(batch.degraded, batch.codes);
+        let restored = network.forward(batch.inputs);
         let (value, loss) = self.loss.of(restored, batch.ground_truth)?;
         let mut collect =
             Collect { gradients: loss.backward(), found: vec![None; self.state.parameters.len()] };
@@ -301,30 +301,23 @@ fn accumulate(sum: &mut Gradients, part: Gradients, count: usize) {
 
 /// Samples as tensors.
 struct Batch {
-    degraded: Tensor<4>,
+    inputs: InputTensors,
     ground_truth: Tensor<4>,
-    codes: Option<Tensor<4>>,
 }
 
 impl Batch {
     fn new(network: &Network, patches: &[Patch], device: &Device) -> Result<Self> {
-        let images = |of: fn(&Patch) -> &ToneMappedImage| {
-            let (height, width) = (of(&patches[0]).height(), of(&patches[0]).width());
-            let values: Vec<f32> = patches.iter().flat_map(|patch| of(patch).as_slice()).copied().collect();
-            Tensor::from_data(TensorData::new(values, [patches.len(), CHANNELS, height, width]), device)
-        };
-        Ok(Self {
-            degraded: images(|patch| &patch.degraded),
-            ground_truth: images(|patch| &patch.ground_truth),
-            codes: Self::codes(network, patches, device)?,
-        })
+        let degraded = stack(patches.iter().map(|patch| &patch.degraded), device);
+        let mut inputs = InputTensors::new(degraded, Self::codes(network, patches, device)?);
+        for &plane in network.architecture().planes() {
+            let planes = patches.iter().map(|patch| patch.planes.get(plane).ok_or_else(|| lacking(plane)));
+            inputs.planes.insert(plane, stack(planes.collect::<Result<Vec<_>>>()?.into_iter(), device));
+        }
+        Ok(Self { inputs, ground_truth: stack(patches.iter().map(|patch| &patch.ground_truth), device) })
     }
 
     fn codes(network: &Network, patches: &[Patch], device: &Device) -> Result<Option<Tensor<4>>> {
-        if !network.architecture().condition.uses_code() {
-            return Ok(None);
-        }
-        let dim = network.architecture().code_dim;
+        let Some(dim) = network.architecture().code_len() else { return Ok(None) };
         let mut values = Vec::with_capacity(patches.len() * dim);
         for patch in patches {
             let code = patch.code.as_ref().map_or(&[][..], |code| code.as_slice().unwrap_or_default());
@@ -340,6 +333,26 @@ impl Batch {
         }
         Ok(Some(Tensor::from_data(TensorData::new(values, [patches.len(), dim, 1, 1]), device)))
     }
+}
+
+/// Images of one size, one after another.
+fn stack<'a>(
+    images: impl ExactSizeIterator<Item = &'a ToneMappedImage> + Clone,
+    device: &Device,
+) -> Tensor<4> {
+    let count = images.len();
+    let first = images.clone().next().expect("a batch has samples");
+    let shape = [count, CHANNELS, first.height(), first.width()];
+    let values: Vec<f32> = images.flat_map(|image| image.as_slice()).copied().collect();
+    Tensor::from_data(TensorData::new(values, shape), device)
+}
+
+fn lacking(plane: Plane) -> Error {
+    let reason = format!(
+        "the network reads the plane \"{}\" of every image, and the training data have none",
+        plane.name()
+    );
+    Error::config("planes", reason)
 }
 
 /// Copies every weight's gradient to its place in the architecture's order.

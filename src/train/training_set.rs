@@ -59,8 +59,8 @@ impl TrainingSet {
             Self::Stored(dataset) => dataset.code_dim(),
             Self::OnTheFly(clean, _) => clean.bank.code_dim(),
         };
-        let needed = config.architecture.code_dim;
-        if config.architecture.condition.uses_code() && needed != found {
+        let needed = config.architecture.code_len().unwrap_or(found);
+        if needed != found {
             let reason = format!(
                 "is {needed}, and the kernels have codes of {found} numbers; set it to {found}, or \
                  architecture.condition to image"
@@ -103,11 +103,11 @@ impl TrainingSet {
         config: &TrainConfig,
         warn: &'a (dyn Fn(&str) + Sync),
     ) -> Result<Box<dyn TrainingData + 'a>> {
-        let DataConfig { kernels, cache_mib, .. } = &config.data;
+        let (DataConfig { kernels, cache_mib, .. }, planes) = (&config.data, config.architecture.planes());
         Ok(match self {
-            Self::Stored(dataset) => {
-                Box::new(StoredData::new(dataset, Split::Train, *cache_mib)?.only(kernels)?)
-            }
+            Self::Stored(dataset) => Box::new(
+                StoredData::new(dataset, Split::Train, *cache_mib)?.only(kernels)?.with_planes(planes)?,
+            ),
             Self::OnTheFly(clean, _) => Box::new(clean.samples(config, warn)?),
         })
     }
@@ -120,7 +120,12 @@ impl TrainingSet {
         let Some(dataset) = self.dataset() else { return Ok(None) };
         let is_there = |split: &Split| dataset.triplets.iter().any(|triplet| triplet.split == *split);
         let split = [Split::Val, Split::Test].into_iter().find(is_there);
-        split.map(|split| StoredData::new(dataset, split, 0)?.only(&config.data.kernels)).transpose()
+        let data = |split| {
+            StoredData::new(dataset, split, 0)?
+                .only(&config.data.kernels)?
+                .with_planes(config.architecture.planes())
+        };
+        split.map(data).transpose()
     }
 
     /// What tells the data from others.

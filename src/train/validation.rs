@@ -13,8 +13,8 @@ use crate::core::image::ToneMappedImage;
 use crate::core::metrics::{Measure, Metric, MetricDefinition};
 use crate::core::rng;
 use crate::core::spread::spread;
-use crate::network::Model;
 use crate::network::weights::Weights;
+use crate::network::{Inputs, Model};
 
 /// What equal images count as: no restored photograph comes near it.
 const HIGHEST_PSNR: f64 = 100.0;
@@ -88,7 +88,8 @@ impl Validator {
         let model = Model::new(weights.clone());
         let (mut restored, mut degraded) = (vec![0.0; self.measures.len()], vec![0.0; self.measures.len()]);
         for (index, patch) in self.patches.iter().enumerate() {
-            let image = model.restore(&patch.degraded, patch.code.as_ref())?;
+            let inputs = Inputs::new(&patch.degraded, patch.code.as_ref()).with_planes(&patch.planes);
+            let image = model.restore(&inputs)?;
             for (index, measure) in self.measures.iter().enumerate() {
                 restored[index] += compare(measure, &image, &patch.ground_truth)?;
                 degraded[index] += compare(measure, &patch.degraded, &patch.ground_truth)?;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use ndarray::{Array1, Array3, ArrayD};
 use serde_json::Value;
 use udc::core::image::ToneMappedImage;
-use udc::network::{Architecture, Condition, Model, Scales, weights};
+use udc::network::{Architecture, Condition, Inputs, Model, Scales, weights};
 
 /// Reads an array of a fixture.
 pub(crate) fn npy(path: &Path) -> ArrayD<f32> {
@@ -73,7 +73,8 @@ fn every_architecture_is_recognised_from_its_checkpoint() {
 fn every_network_computes_what_pytorch_computes() {
     for index in 0..cases().len() {
         let model = Model::load(&fixture(format!("{index}.pth"))).unwrap();
-        let restored = model.restore(&image(format!("{index}_input.npy")), Some(&code(index))).unwrap();
+        let restored =
+            model.restore(&Inputs::new(&image(format!("{index}_input.npy")), Some(&code(index)))).unwrap();
         let error = difference(&restored, &image(format!("{index}_output.npy")));
         assert!(error <= 1e-5, "case {index}: {error:e}");
     }
@@ -87,7 +88,10 @@ fn a_model_file_computes_what_its_checkpoint_computes() {
     let (before, after) = (Model::load(&fixture("5.pth")).unwrap(), Model::load(&path).unwrap());
     assert_eq!(before.architecture(), after.architecture());
     let (image, code) = (image("5_input.npy".to_owned()), code(5));
-    assert_eq!(before.restore(&image, Some(&code)).unwrap(), after.restore(&image, Some(&code)).unwrap());
+    assert_eq!(
+        before.restore(&Inputs::new(&image, Some(&code))).unwrap(),
+        after.restore(&Inputs::new(&image, Some(&code))).unwrap()
+    );
 }
 
 #[test]
@@ -95,16 +99,16 @@ fn a_uniform_degradation_map_equals_its_code() {
     let model = Model::load(&fixture("0.pth")).unwrap();
     let (image, code) = (image("0_input.npy".to_owned()).crop(3, 5, 22, 30), code(0));
     let map = Array3::from_shape_fn((code.len(), 22, 30), |(i, _, _)| code[i]);
-    let by_map = model.restore_with_map(&image, &map).unwrap();
-    assert_eq!(by_map, model.restore(&image, Some(&code)).unwrap());
+    let by_map = model.restore(&Inputs::new(&image, None).with_map(map.view())).unwrap();
+    assert_eq!(by_map, model.restore(&Inputs::new(&image, Some(&code))).unwrap());
 }
 
 #[test]
 fn a_missing_code_and_one_of_another_length_are_refused() {
     let model = Model::load(&fixture("5.pth")).unwrap();
     let image = image("5_input.npy".to_owned());
-    let message = model.restore(&image, None).unwrap_err().to_string();
+    let message = model.restore(&Inputs::new(&image, None)).unwrap_err().to_string();
     assert!(message.contains("needs a code of 5 numbers"), "{message}");
-    let message = model.restore(&image, Some(&Array1::zeros(4))).unwrap_err().to_string();
+    let message = model.restore(&Inputs::new(&image, Some(&Array1::zeros(4)))).unwrap_err().to_string();
     assert!(message.contains("expected 5 numbers, found 4"), "{message}");
 }

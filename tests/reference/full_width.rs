@@ -8,7 +8,7 @@ use serde_json::Value;
 use udc::core::image::ToneMappedImage;
 use udc::core::kernel_code::KernelCode;
 use udc::network::weights::Weights;
-use udc::network::{Architecture, Backend, Initialisation, Model, Origin, Parameters};
+use udc::network::{Architecture, Backend, Initialisation, Inputs, Model, Origin, Parameters, Planes};
 use udc::train::{InMemory, Patch, TrainConfig, Trainer};
 
 use crate::discnet::npy;
@@ -69,7 +69,7 @@ fn a_network_of_published_width_computes_what_pytorch_computes() {
     assert_eq!(architecture.features, 32);
     let parameters = parameters(&architecture);
     let model = Model::new(Weights { architecture, parameters, origin: Origin::default() });
-    let restored = model.restore(&images("image", 1, 40, 200)[0], Some(&codes(1)[0])).unwrap();
+    let restored = model.restore(&Inputs::new(&images("image", 1, 40, 200)[0], Some(&codes(1)[0]))).unwrap();
     let expected: Array3<f32> = npy(&fixture("output.npy")).into_dimensionality().unwrap();
     let expected = expected.permuted_axes([2, 0, 1]);
     let error = restored.planes().iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
@@ -102,7 +102,12 @@ fn gradients_of_a_batch_at_published_width_are_those_of_pytorch() {
     let mut config = TrainConfig::default();
     (config.data.batch, config.data.accumulate, config.data.crop, config.data.shuffle) = (4, 1, 64, false);
     let pairs = images("degraded", 4, 64, 64).into_iter().zip(images("ground truth", 4, 64, 64));
-    let patch = |((degraded, ground_truth), code)| Patch { degraded, ground_truth, code: Some(code) };
+    let patch = |((degraded, ground_truth), code)| Patch {
+        degraded,
+        ground_truth,
+        code: Some(code),
+        planes: Planes::default(),
+    };
     let data = InMemory(pairs.zip(codes(4)).map(patch).collect());
     let initial = parameters(&config.architecture);
     let (loss, norm, gradients) = gradients(&mut config, &initial, &data);

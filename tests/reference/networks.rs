@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use ndarray::{Array1, Array3};
 use udc::core::image::ToneMappedImage;
 use udc::network::weights::{self, Weights};
-use udc::network::{Architecture, Condition, Kind, Model};
+use udc::network::{Architecture, Condition, Inputs, Kind, Model};
 
 use crate::discnet::npy;
 
@@ -26,7 +26,7 @@ fn every_network_computes_what_pytorch_computes() {
         let code: Array1<f32> =
             npy(&fixture(format!("networks/{kind}_code.npy"))).into_dimensionality().unwrap();
         let input = image(&format!("networks/{kind}_input.npy"));
-        let restored = model.restore(&input, Some(&code)).unwrap();
+        let restored = model.restore(&Inputs::new(&input, Some(&code))).unwrap();
         let expected = image(&format!("networks/{kind}_output.npy"));
         let largest = expected.as_slice().iter().fold(0.0f32, |m, v| m.max(v.abs()));
         let pairs = restored.as_slice().iter().zip(expected.as_slice());
@@ -46,7 +46,7 @@ fn a_unet_is_a_discnet_without_conditions() {
     let unet = Weights { architecture, ..discnet.clone() };
     let restore = |weights: &Weights| {
         let model = Model::new(weights.clone());
-        model.restore(&image("networks/de-unet_input.npy"), None).unwrap()
+        model.restore(&Inputs::new(&image("networks/de-unet_input.npy"), None)).unwrap()
     };
     assert_eq!(restore(&unet), restore(&discnet));
 }

@@ -6,7 +6,7 @@ use ndarray::{Array2, Array4, Axis};
 use serde_json::Value;
 use udc::core::image::{LinearImage, ToneMappedImage};
 use udc::core::tone::ToneCurve;
-use udc::network::{Backend, weights};
+use udc::network::{Backend, Planes, weights};
 use udc::train::{InMemory, Patch, TrainConfig, Trainer};
 
 use crate::discnet::npy;
@@ -32,6 +32,7 @@ fn data() -> InMemory {
         degraded,
         ground_truth,
         code: Some(code.to_owned()),
+        planes: Planes::default(),
     };
     InMemory(pairs.map(patch).collect())
 }

@@ -58,7 +58,7 @@ impl Restorer {
     pub(super) fn knows_the_kernel(&self) -> bool {
         match self {
             Self::Nothing => false,
-            Self::Network(_, model, _) => model.architecture().condition.uses_code(),
+            Self::Network(_, model, _) => model.architecture().reads_code(),
             Self::Deconvolution(..) => true,
         }
     }
@@ -141,7 +141,7 @@ impl Degraded<'_> {
     }
 
     fn restore_by_network(&self, model: &Model, curve: ToneCurve) -> error::Result<ToneMappedImage> {
-        let code = match model.architecture().condition.uses_code() {
+        let code = match model.architecture().reads_code() {
             true => Conditioning::Code(self.dataset.code_of(self.kernel)?),
             false => Conditioning::None,
         };

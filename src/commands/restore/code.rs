@@ -81,7 +81,7 @@ impl CodeArgs {
         psf_file: &PsfAmongImagesArgs,
         session: &Session,
     ) -> Result<KnownCode> {
-        if !model.architecture().condition.uses_code() {
+        if !model.architecture().reads_code() {
             if self.bank.is_some() || self.code.is_some() || self.psf.is_some() {
                 session.warn("the model was trained without kernel codes; --bank, --angle, --code and --psf change nothing");
             }

@@ -5,7 +5,7 @@ use crate::network::architecture::{Architecture, Condition, Scales};
 use crate::network::layers::{Layer, LayerList};
 
 /// Number of resolutions of the network; each has half the sides of the one before.
-pub(in crate::network) const LEVELS: usize = 3;
+pub(super) const LEVELS: usize = 3;
 
 /// Channels at a level: n, 2n, 4n.
 fn channels(architecture: &Architecture, level: usize) -> usize {
@@ -32,7 +32,7 @@ pub(super) fn filter_generator_name(level: usize) -> String {
 }
 
 /// Every layer with weights, in a fixed order.
-pub(in crate::network) fn layers(architecture: &Architecture) -> Vec<Layer> {
+pub(super) fn layers(architecture: &Architecture) -> Vec<Layer> {
     let mut list = LayerList::default();
     encoder(&mut list, architecture, "conv", CHANNELS);
     if let Some((code, image)) = condition_channels(architecture) {

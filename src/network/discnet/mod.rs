@@ -1,5 +1,9 @@
 //! DISCNet: a U-Net whose skip connections are filtered, pixel by pixel, with filters predicted from the
 //! degraded image and the kernel code.
+//!
+//! The graph is written three times, as the list of layers, as tensors and as streamed steps: the second must keep each
+//! weight in a field of a module, by which Burn finds it, and the third counts rows, so that one text for all would be an
+//! interpreter longer than the three.
 
 mod layers;
 mod stream;
@@ -9,17 +13,84 @@ use burn::tensor::Tensor;
 
 use super::architecture::{Architecture, Condition};
 use super::builder::Builder;
+use super::family::{Family, Forward, Stream, check_condition};
+use super::inputs::InputTensors;
+use super::layers::Layer;
 use super::operations::{
     Activation, Convolution, FilterHead, ResBlock, convolution, dynamic_filter, from_layout, res_block,
     to_layout, up_convolution,
 };
-use layers::{filter_generator_name, has_filters};
-
-pub(super) use layers::{LEVELS, layers};
-pub(super) use stream::stream;
+use crate::core::error::Result;
+use layers::{LEVELS, filter_generator_name, has_filters};
 
 /// The surroundings of a tile: the receptive field has a radius of 79 for every filter size.
-pub(super) const HALO: usize = 80;
+const HALO: usize = 80;
+
+/// The family of DISCNet and its ablations.
+pub(super) struct Discnet;
+
+impl Family for Discnet {
+    type Network = DiscNet;
+
+    fn layers(&self, architecture: &Architecture) -> Vec<Layer> {
+        layers::layers(architecture)
+    }
+
+    fn halo(&self) -> usize {
+        HALO
+    }
+
+    fn side_multiple(&self) -> usize {
+        1 << (LEVELS - 1)
+    }
+
+    fn validate(&self, _architecture: &Architecture) -> Result<()> {
+        Ok(())
+    }
+
+    fn reads_key(&self, architecture: &Architecture, key: &str) -> bool {
+        !["scales", "filter-size"].contains(&key) || architecture.condition != Condition::None
+    }
+
+    fn stream(&self) -> Option<Stream> {
+        Some(stream::stream)
+    }
+
+    fn build(&self, architecture: &Architecture, build: &Builder<'_>) -> DiscNet {
+        DiscNet::new(architecture, build)
+    }
+}
+
+/// The family of its restoration branch, a DISCNet that is told nothing.
+pub(super) struct Unet;
+
+impl Family for Unet {
+    type Network = DiscNet;
+
+    fn layers(&self, architecture: &Architecture) -> Vec<Layer> {
+        Discnet.layers(architecture)
+    }
+
+    fn halo(&self) -> usize {
+        Discnet.halo()
+    }
+
+    fn side_multiple(&self) -> usize {
+        Discnet.side_multiple()
+    }
+
+    fn validate(&self, architecture: &Architecture) -> Result<()> {
+        check_condition(architecture, (Condition::None, "none"))
+    }
+
+    fn stream(&self) -> Option<Stream> {
+        Discnet.stream()
+    }
+
+    fn build(&self, architecture: &Architecture, build: &Builder<'_>) -> DiscNet {
+        Discnet.build(architecture, build)
+    }
+}
 
 /// A strided convolution and two residual blocks: one resolution of an encoder.
 #[derive(Module, Debug)]
@@ -59,8 +130,7 @@ pub(super) struct DiscNet {
 }
 
 impl DiscNet {
-    /// Arranges the weights.
-    pub(super) fn new(architecture: &Architecture, build: &Builder<'_>) -> Self {
+    fn new(architecture: &Architecture, build: &Builder<'_>) -> Self {
         let encoder = |prefix: &str| {
             (1..=LEVELS).map(|scale| EncoderScale::new(build, prefix, scale)).collect::<Vec<_>>()
         };
@@ -75,17 +145,6 @@ impl DiscNet {
             condition: architecture.condition,
             filter_size: architecture.filter_size,
         }
-    }
-
-    /// Restores a batch of images whose sides are multiples of 4.
-    pub(super) fn forward(&self, image: Tensor<4>, map: Option<Tensor<4>>) -> Tensor<4> {
-        let skips = encode(&self.encoder, to_layout(image.clone())); // n, 2n, 4n channels
-        let skips = match self.condition_input(&image, map) {
-            Some(input) => self.filter_skips(skips, encode(&self.condition_encoder, to_layout(input))),
-            None => skips,
-        };
-        let decoded = self.decode(skips); // n channels
-        from_layout(convolution(decoded, &self.last, 1, Activation::LeakyRelu)) + image
     }
 
     /// What the condition encoder reads: the code's map first, then the image.
@@ -112,6 +171,18 @@ impl DiscNet {
             .zip(&self.decoder)
             .rev()
             .fold(coarsest, |x, (skip, scale)| refine(up_convolution(x, &scale.conv, skip), &scale.blocks))
+    }
+}
+
+impl Forward for DiscNet {
+    fn forward(&self, InputTensors { image, map, .. }: InputTensors) -> Tensor<4> {
+        let skips = encode(&self.encoder, to_layout(image.clone())); // n, 2n, 4n channels
+        let skips = match self.condition_input(&image, map) {
+            Some(input) => self.filter_skips(skips, encode(&self.condition_encoder, to_layout(input))),
+            None => skips,
+        };
+        let decoded = self.decode(skips); // n channels
+        from_layout(convolution(decoded, &self.last, 1, Activation::LeakyRelu)) + image
     }
 }
 

@@ -4,11 +4,11 @@ use super::layers::{LEVELS, condition_channels, filter_generator_name, has_filte
 use crate::kernels::stream::Tensor;
 use crate::kernels::{Convolution, DynamicFilter};
 use crate::network::architecture::Architecture;
-use crate::network::inference::{Part, StreamBuilder};
 use crate::network::operations::LEAKY_SLOPE;
+use crate::network::streamed::{Part, StreamBuilder};
 
 /// Appends all steps.
-pub(in crate::network) fn stream(build: &mut StreamBuilder<'_>, architecture: &Architecture) {
+pub(super) fn stream(build: &mut StreamBuilder<'_>, architecture: &Architecture) {
     let image = build.input(&[Part::Image]);
     let condition_input = condition_channels(architecture).map(|condition| match condition {
         (0, _) => build.input(&[Part::Image]),

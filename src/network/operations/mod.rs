@@ -3,21 +3,33 @@
 //!
 //! Between [`to_layout`] and [`from_layout`] only these functions look at the order of a tensor's axes: here
 //! `[item, height, width, channel]`, that of the [`kernels`](crate::kernels) which do the work. `custom` tells
-//! Burn how to run them and how to take their gradients, `host` how to get at a tensor's numbers.
+//! Burn how to run them and how to take their gradients, `host` how to get at a tensor's numbers. On devices without the
+//! kernels `plain` computes the same with Burn's own operations.
 
 mod custom;
 mod enlarge;
 mod host;
+mod plain;
 
 use burn::backend::Dispatch;
 use burn::backend::tensor::FloatTensor;
 use burn::module::{Module, Param};
-use burn::tensor::Tensor;
+use burn::tensor::{Device, Tensor};
 
 use custom::NetworkOperations as _;
 use enlarge::enlarging_tensors;
 
 pub(super) use enlarge::enlarging_weights;
+
+/// Whether a device computes in main memory, where the kernels do the work; the others are given plain tensor operations.
+pub(super) fn uses_kernels(device: &Device) -> bool {
+    #[cfg(feature = "ndarray-backend")]
+    #[expect(deprecated, reason = "burn-flex succeeds it; it is kept for comparison")]
+    if *device == Device::ndarray() {
+        return true;
+    }
+    *device == Device::flex()
+}
 
 /// The slope of every LeakyReLU.
 pub(super) const LEAKY_SLOPE: f32 = 0.2;
@@ -80,6 +92,9 @@ pub fn convolution(
     stride: usize,
     activation: Activation<'_>,
 ) -> Tensor<4> {
+    if !uses_kernels(&x.device()) {
+        return plain::convolution(x, layer, stride, activation);
+    }
     let (x, weight, bias) = (x.into_dispatch(), primitive(&layer.weight), primitive(&layer.bias));
     let leaky =
         |slope: f32| Dispatch::leaky_convolution(x.clone(), weight.clone(), bias.clone(), stride, slope);
@@ -96,6 +111,9 @@ pub fn convolution(
 /// # Equation
 /// `Res(x) = x + conv2(LeakyReLU(conv1(x)))`.
 pub fn res_block(x: Tensor<4>, block: &ResBlock) -> Tensor<4> {
+    if !uses_kernels(&x.device()) {
+        return plain::res_block(x, block);
+    }
     let [conv1, conv2] = [&block.conv1, &block.conv2].map(|c| (primitive(&c.weight), primitive(&c.bias)));
     Tensor::from_dispatch(Dispatch::residual_block(x.into_dispatch(), conv1.0, conv1.1, conv2.0, conv2.1))
 }
@@ -114,6 +132,9 @@ pub fn dynamic_filter(
     head: &FilterHead,
     filter_size: usize,
 ) -> Tensor<4> {
+    if !uses_kernels(&features.device()) {
+        return plain::dynamic_filter(condition, features, head, filter_size);
+    }
     let (condition, features) = (condition.clone().into_dispatch(), features.into_dispatch());
     let (weight, bias) = (primitive(&head.conv.weight), primitive(&head.conv.bias));
     let slope = primitive(&head.slope);
@@ -123,6 +144,9 @@ pub fn dynamic_filter(
 /// Convolves to four times the channels, spreads them over twice the sides, and adds the skip connection
 /// after the LeakyReLU.
 pub fn up_convolution(x: Tensor<4>, layer: &Convolution, skip: Tensor<4>) -> Tensor<4> {
+    if !uses_kernels(&x.device()) {
+        return plain::up_convolution(x, layer, skip);
+    }
     let (weight, bias) = (primitive(&layer.weight), primitive(&layer.bias));
     Tensor::from_dispatch(Dispatch::leaky_up_convolution(x.into_dispatch(), weight, bias)) + skip
 }
@@ -132,6 +156,9 @@ pub fn up_convolution(x: Tensor<4>, layer: &Convolution, skip: Tensor<4>) -> Ten
 /// # Shapes
 /// `inputs` × height × width to `outputs` × 2·height × 2·width, as `skip` has.
 pub fn enlarged_convolution(x: Tensor<4>, layer: &Convolution, skip: Tensor<4>) -> Tensor<4> {
+    if !uses_kernels(&x.device()) {
+        return plain::enlarged_convolution(x, layer, skip);
+    }
     let (weight, bias) = enlarging_tensors(layer);
     let (x, weight, bias) = (x.into_dispatch(), weight.into_dispatch(), bias.into_dispatch());
     Tensor::from_dispatch(Dispatch::leaky_up_convolution(x, weight, bias)) + skip
@@ -148,6 +175,9 @@ pub fn modulation(
     [scale, offset]: [[&Convolution; 2]; 2],
     slope: f32,
 ) -> Tensor<4> {
+    if !uses_kernels(&x.device()) {
+        return plain::modulation(x, map, [scale, offset], slope);
+    }
     let parameters = |[first, second]: [&Convolution; 2]| {
         [primitive(&first.weight), primitive(&first.bias), primitive(&second.weight), primitive(&second.bias)]
     };

@@ -164,6 +164,21 @@ pub fn deconvolve(
     LinearImage::from_planes(restored)
 }
 
+/// Estimates for each channel the standard deviation of the noise of `log(capture + α)`, as [`Method::Constrained`] does.
+pub(super) fn relative_noise(
+    capture: &LinearImage,
+    psf: &Psf,
+    config: &DeconvolutionConfig,
+) -> Result<[f64; CHANNELS]> {
+    let mut relative = [0.0; CHANNELS];
+    for (channel, sigma) in relative.iter_mut().enumerate() {
+        let size = [capture.height(), capture.width()];
+        let blur = operator::Blur::new(size, psf.channel(channel), config.border)?;
+        *sigma = noise::estimate(capture.channel(channel), blur.otf(), config.alpha);
+    }
+    Ok(relative)
+}
+
 /// Bytes that [`deconvolve`] takes, the image and the result included.
 pub fn deconvolution_bytes(image: [usize; 2], psf: [usize; 2], config: &DeconvolutionConfig) -> u64 {
     let pixels = (image[0] * image[1]) as u64;

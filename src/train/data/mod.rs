@@ -8,6 +8,7 @@ use crate::core::error::{Error, Result};
 use crate::core::image::{Domain, Image, ToneMappedImage};
 use crate::core::kernel_code::KernelCode;
 use crate::core::rng::Rng;
+use crate::network::Planes;
 
 pub use on_the_fly::{Degrade, OnTheFlyData};
 pub use stored::StoredData;
@@ -21,6 +22,8 @@ pub struct Patch {
     pub ground_truth: ToneMappedImage,
     /// The kernel's code, where the data have codes.
     pub code: Option<KernelCode>,
+    /// The planes of the degraded crop that the network reads.
+    pub planes: Planes,
 }
 
 /// Items that samples can be cut from.
@@ -96,6 +99,7 @@ impl TrainingData for InMemory {
             degraded: window.of(&whole.degraded),
             ground_truth: window.of(&whole.ground_truth),
             code: whole.code.clone(),
+            planes: whole.planes.crop(window.top, window.left, side, side),
         })
     }
 }

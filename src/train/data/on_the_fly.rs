@@ -10,10 +10,13 @@ use super::{Patch, TrainingData, Window};
 use crate::core::error::Result;
 use crate::core::image::{Linear, LinearImage};
 use crate::core::kernel_code::KernelBank;
+use crate::core::progress::Progress;
 use crate::core::rng::Rng;
 use crate::core::tone::ToneCurve;
-use crate::dataset::KernelChoice;
+use crate::dataset::{FormationConfig, KernelChoice};
 use crate::io;
+use crate::network::{Plane, Planes};
+use crate::restore::{PlaneConfig, make_planes};
 
 /// Degrades a clean image by the kernel of an index: the image formation model.
 pub type Degrade<'a> = dyn Fn(&LinearImage, usize, &mut Rng) -> Result<LinearImage> + Sync + 'a;
@@ -29,6 +32,8 @@ pub struct OnTheFlyData<'a> {
     cache: ImageCache<Linear>,
     /// Pixels by which clean images are larger than the frame on each side.
     margin: usize,
+    /// The planes that samples carry, and what they are made by.
+    planes: Option<(&'static [Plane], PlaneConfig)>,
 }
 
 impl<'a> OnTheFlyData<'a> {
@@ -41,7 +46,18 @@ impl<'a> OnTheFlyData<'a> {
         cache_mib: usize,
     ) -> Self {
         let kernels = (0..bank.len()).collect();
-        Self { scenes, bank, kernels, curve, degrade, cache: ImageCache::new(cache_mib), margin: 0 }
+        let cache = ImageCache::new(cache_mib);
+        Self { scenes, bank, kernels, curve, degrade, cache, margin: 0, planes: None }
+    }
+
+    /// Gives samples planes, made anew of every image that is degraded, as images of `formation` are.
+    ///
+    /// # Errors
+    /// Those of [`PlaneConfig::of_formation`].
+    pub fn with_planes(self, planes: &'static [Plane], formation: &FormationConfig) -> Result<Self> {
+        let planes =
+            if planes.is_empty() { None } else { Some((planes, PlaneConfig::of_formation(formation)?)) };
+        Ok(Self { planes, ..self })
     }
 
     /// The same for clean images with a margin around the frame, which `degrade` returns without it.
@@ -75,10 +91,19 @@ impl TrainingData for OnTheFlyData<'_> {
         // The whole image: a PSF's support reaches as far as the image's own sides.
         let degraded = (self.degrade)(&clean, kernel, rng)?;
         let in_scene = Window { top: window.top + self.margin, left: window.left + self.margin, ..window };
+        let planes = match &self.planes {
+            Some((wanted, config)) => {
+                let psf = &self.bank.psfs[kernel];
+                let planes = make_planes(wanted, &degraded, psf, config, &Progress::default())?;
+                planes.crop(window.top, window.left, side, side)
+            }
+            None => Planes::default(),
+        };
         Ok(Patch {
             degraded: self.curve.tone_map(&window.of(&degraded)),
             ground_truth: self.curve.tone_map(&in_scene.of(&clean)),
             code: Some(self.bank.code(kernel).to_owned()),
+            planes,
         })
     }
 }
@@ -140,6 +165,30 @@ mod tests {
             for (degraded, clean) in pairs {
                 assert!((degraded - curve.compress(curve.expand(*clean) + kernel)).abs() < 1e-4);
             }
+        }
+    }
+
+    #[test]
+    fn a_sample_carries_the_planes_of_its_place_in_the_whole_image() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, bank) = scene_and_bank(folder.path());
+        let brighten = |image: &LinearImage| image.map_values(|x| 7.4 * x);
+        let degrade = move |image: &LinearImage, _: usize, _: &mut Rng| Ok(brighten(image));
+        let curve = ToneCurve::default();
+        let planes = &[Plane::Deconvolved, Plane::Saturated];
+        let data = OnTheFlyData::new(vec![path.clone()], &bank, curve, Box::new(degrade), 16)
+            .with_planes(planes, &FormationConfig::default())
+            .unwrap();
+        let whole = brighten(&io::read_image(&path).unwrap());
+        let config = PlaneConfig::of_formation(&FormationConfig::default()).unwrap();
+        let expected = make_planes(planes, &whole, &bank.psfs[0], &config, &Progress::default()).unwrap();
+        let whole = curve.tone_map(&whole);
+        for position in 0..4 {
+            let patch = data.patch(0, 4, &mut rng::stream(1, &position.to_string())).unwrap();
+            let places = (0..=5).flat_map(|top| (0..=4).map(move |left| (top, left)));
+            let mut places = places.filter(|&(top, left)| whole.crop(top, left, 4, 4) == patch.degraded);
+            let (top, left) = places.next().expect("the crop is of the image");
+            assert_eq!(patch.planes, expected.crop(top, left, 4, 4));
         }
     }
 }

@@ -6,9 +6,12 @@ use super::{Patch, TrainingData, Window};
 use crate::core::error::{Error, Result};
 use crate::core::image::{ToneMapped, ToneMappedImage};
 use crate::core::kernel_code::KernelCode;
+use crate::core::progress::Progress;
 use crate::core::rng::Rng;
 use crate::core::tone::ToneCurve;
 use crate::dataset::{Dataset, KernelChoice, Split, Triplet};
+use crate::network::Plane;
+use crate::restore::{PlaneConfig, make_plane};
 
 /// The triplets of one split.
 #[derive(Debug)]
@@ -17,6 +20,8 @@ pub struct StoredData<'a> {
     items: Vec<(&'a Triplet, Option<KernelCode>)>,
     curve: ToneCurve,
     cache: ImageCache<ToneMapped>,
+    /// The planes that samples carry.
+    planes: &'static [Plane],
 }
 
 impl<'a> StoredData<'a> {
@@ -32,7 +37,23 @@ impl<'a> StoredData<'a> {
         };
         let items = dataset.split(split)?.into_iter().map(with_code).collect::<Result<_>>()?;
         let curve = dataset.formation.curve()?;
-        Ok(Self { dataset, items, curve, cache: ImageCache::new(cache_mib) })
+        Ok(Self { dataset, items, curve, cache: ImageCache::new(cache_mib), planes: &[] })
+    }
+
+    /// Gives samples planes, made of each whole image once where there is room to keep them.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when the dataset has no PSFs to make them with.
+    pub fn with_planes(self, planes: &'static [Plane]) -> Result<Self> {
+        if !planes.is_empty() && self.dataset.bank.is_none() {
+            let root = self.dataset.root.display();
+            let reason = format!(
+                "the network reads planes that are made with PSFs, and {root} has kernel codes alone; train on a dataset \
+                 of `udc synth`"
+            );
+            return Err(Error::config("architecture.kind", reason));
+        }
+        Ok(Self { planes, ..self })
     }
 
     /// Keeps the triplets of the chosen kernels; files of others are never read.
@@ -51,6 +72,20 @@ impl<'a> StoredData<'a> {
             return Err(Error::format(&self.dataset.root, reason));
         }
         Ok(self)
+    }
+}
+
+impl StoredData<'_> {
+    /// The part of a plane of a degraded image that lies in a window.
+    fn cut_plane(&self, plane: Plane, triplet: &Triplet, window: Window) -> Result<(Plane, ToneMappedImage)> {
+        let whole = self.cache.get(&format!("{}#{}", triplet.degraded, plane.name()), || {
+            let bank = self.dataset.bank.as_ref().expect("there is one where planes are wanted");
+            let psf = &bank.psfs[self.dataset.kernel_index(triplet)?];
+            let config = PlaneConfig::of_formation(&self.dataset.formation)?;
+            let degraded = self.dataset.read_degraded(triplet)?;
+            make_plane(plane, &degraded, psf, &config, &Progress::default())
+        })?;
+        Ok((plane, window.of(&whole)))
     }
 }
 
@@ -74,6 +109,15 @@ impl TrainingData for StoredData<'_> {
             return Err(Error::shape(what, size(&clean), size(&degraded)));
         }
         let window = Window::draw(side, degraded.height(), degraded.width(), rng)?;
-        Ok(Patch { degraded: window.of(&degraded), ground_truth: window.of(&clean), code: code.clone() })
+        Ok(Patch {
+            degraded: window.of(&degraded),
+            ground_truth: window.of(&clean),
+            code: code.clone(),
+            planes: self
+                .planes
+                .iter()
+                .map(|&plane| self.cut_plane(plane, triplet, window))
+                .collect::<Result<_>>()?,
+        })
     }
 }

@@ -1,7 +1,7 @@
 //! Tests of the steps of a training.
 
 use super::*;
-use crate::network::{Architecture, Condition, Initialisation, Kind, Scales};
+use crate::network::{Architecture, Condition, Initialisation, Inputs, Kind, Plane, Scales, testing};
 use crate::perceptual::{FeatureDistance, PerceptualLoss};
 use crate::train::InMemory;
 use ndarray::{Array1, Array3};
@@ -25,6 +25,7 @@ fn data() -> InMemory {
         degraded: image(i as f32 + 0.4),
         ground_truth: image(i as f32),
         code: Some(Array1::from_elem(5, i as f32 * 0.1)),
+        planes: crate::network::Planes::default(),
     };
     InMemory((0..4).map(patch).collect())
 }
@@ -320,7 +321,7 @@ fn the_loss_of_a_step_is_l1_and_the_weighted_distance_of_features() {
         });
         let (mut l1, mut far) = (0.0, 0.0);
         for patch in &data.0[..2] {
-            let restored = model.restore(&patch.degraded, patch.code.as_ref()).unwrap();
+            let restored = model.restore(&Inputs::new(&patch.degraded, patch.code.as_ref())).unwrap();
             let pairs = restored.as_slice().iter().zip(patch.ground_truth.as_slice());
             l1 += pairs.map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / (2 * 3 * 16 * 16) as f64;
             let [found, wanted] =
@@ -404,4 +405,63 @@ fn a_training_that_overflows_leaves_its_last_checkpoint_as_it_was() {
         "the checkpoint is whole, and the training comes to the same end"
     );
     assert!(state() == before && !folder.path().join("checkpoints/3").exists());
+}
+
+/// Data whose planes hold what the degraded image lost: the ground truth under the name of the deconvolved image.
+fn data_with_planes(truth: f32) -> InMemory {
+    let InMemory(patches) = data();
+    let with_planes = |mut patch: Patch| {
+        let plane = |plane| match plane {
+            Plane::Deconvolved => patch.ground_truth.map_values(|v| truth * v),
+            Plane::Noise | Plane::Saturated => patch.degraded.map_values(|_| 0.0),
+        };
+        patch.planes = testing::PLANES.iter().map(|&name| (name, plane(name))).collect();
+        patch
+    };
+    InMemory(patches.into_iter().map(with_planes).collect())
+}
+
+#[test]
+fn a_network_that_reads_planes_learns_from_them_and_restores_with_them() {
+    use crate::network::weights::Weights;
+    use crate::network::{Model, Origin};
+    for kind in [Kind::Guided, Kind::GuidedTensors] {
+        let mut config = config(4, 1);
+        config.architecture =
+            Architecture { kind, condition: Condition::None, features: 4, ..config.architecture };
+        (config.optimizer.learning_rate, config.data.shuffle) = (2e-2, false);
+        let train = |data: &InMemory| {
+            let mut trainer = Trainer::new(&config, None, 4, Backend::default()).unwrap();
+            let steps: Vec<Step> = (0..40).map(|_| trainer.step(data).unwrap()).collect();
+            (trainer, steps)
+        };
+        let (told, blind) = (data_with_planes(1.0), data_with_planes(0.0));
+        let (trainer, steps) = train(&told);
+        let last = |steps: &[Step]| steps.last().unwrap().loss;
+        assert!(last(&steps) < 0.5 * last(&train(&blind).1), "{kind:?}: {steps:?}");
+
+        // The loss of whole patches, which the crops of a step are nearly all of.
+        let architecture = config.architecture.clone();
+        let weights =
+            Weights { architecture, parameters: trainer.weights().clone(), origin: Origin::default() };
+        let model = Model::new(weights);
+        let loss = |patch: &Patch| {
+            let inputs = Inputs::new(&patch.degraded, None).with_planes(&patch.planes);
+            let restored = model.restore(&inputs).unwrap();
+            let pairs = restored.as_slice().iter().zip(patch.ground_truth.as_slice());
+            pairs.map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / restored.as_slice().len() as f64
+        };
+        let mean = told.0.iter().map(loss).sum::<f64>() / 4.0;
+        assert!((mean / last(&steps) - 1.0).abs() < 0.5, "{kind:?}: {mean} {}", last(&steps));
+    }
+}
+
+#[test]
+fn data_without_the_planes_that_a_network_reads_are_refused() {
+    let mut config = config(1, 1);
+    config.architecture =
+        Architecture { kind: Kind::Guided, condition: Condition::None, ..config.architecture };
+    let mut trainer = Trainer::new(&config, None, 4, Backend::default()).unwrap();
+    let message = trainer.step(&data()).unwrap_err().to_string();
+    assert!(message.contains("the plane \"deconvolved\""), "{message}");
 }

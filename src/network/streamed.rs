@@ -5,11 +5,13 @@ use std::sync::{Mutex, PoisonError};
 
 use ndarray::{Array3, ArrayView3, Axis};
 
-use super::architecture::{Architecture, Kind};
+use super::architecture::Architecture;
+use super::engine::Engine;
+use super::family::Stream;
+use super::inputs::{Inputs, Plane};
 use super::parameters::Parameters;
-use super::{de_unet, discnet, sftmd, srmdnf};
 use crate::core::error::Result;
-use crate::core::image::{CHANNELS, ToneMappedImage};
+use crate::core::image::CHANNELS;
 use crate::core::progress::Progress;
 use crate::kernels::stream::{Arena, Network, Plan, Source, Tensor};
 use crate::kernels::{Convolution, Geometry, Isa};
@@ -27,39 +29,46 @@ pub(super) enum Part {
     Image,
     /// The degradation map, of so many channels.
     Map(usize),
+    /// A plane of the image's sides.
+    #[cfg_attr(not(test), expect(dead_code, reason = "no published network reads planes"))]
+    Plane(Plane),
 }
 
 impl Part {
     fn channels(self) -> usize {
         match self {
-            Self::Image => CHANNELS,
+            Self::Image | Self::Plane(_) => CHANNELS,
             Self::Map(channels) => channels,
         }
     }
 }
 
-/// A network whose weights are packed for the kernels.
-pub(super) struct Inference {
+/// A network whose weights are packed for the kernels: the engine of CPUs.
+pub(super) struct Streamed {
+    architecture: Architecture,
     network: Network,
     /// What each of the network's inputs is made of.
     inputs: Vec<Vec<Part>>,
-    /// The sides that the network computes are multiples of this.
-    multiple: usize,
     /// Number of weights that were made of the named ones, to be packed in their place.
     derived_weights: usize,
     /// The memory of the last run.
     arena: Mutex<Arena>,
 }
 
-impl std::fmt::Debug for Inference {
+impl std::fmt::Debug for Streamed {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Inference").field("inputs", &self.inputs).finish_non_exhaustive()
+        f.debug_struct("Streamed").field("inputs", &self.inputs).finish_non_exhaustive()
     }
 }
 
-impl Inference {
+impl Streamed {
     /// Packs the weights for an instruction set.
-    pub(super) fn new(architecture: &Architecture, parameters: &Parameters, isa: Isa) -> Self {
+    pub(super) fn new(
+        architecture: &Architecture,
+        parameters: &Parameters,
+        stream: Stream,
+        isa: Isa,
+    ) -> Self {
         let mut build = StreamBuilder {
             values: parameters.iter().map(|p| (p.name.as_str(), p.values.as_slice())).collect(),
             isa,
@@ -67,33 +76,15 @@ impl Inference {
             inputs: Vec::new(),
             derived_weights: 0,
         };
-        match architecture.kind {
-            Kind::Discnet | Kind::Unet => discnet::stream(&mut build, architecture),
-            Kind::Srmdnf => srmdnf::stream(&mut build, architecture),
-            Kind::Sftmd => sftmd::stream(&mut build, architecture),
-            Kind::DeUnet => de_unet::stream(&mut build),
-        }
+        stream(&mut build, architecture);
         let StreamBuilder { network, inputs, derived_weights, .. } = build;
-        Self {
-            network,
-            inputs,
-            multiple: architecture.side_multiple(),
-            derived_weights,
-            arena: Mutex::default(),
-        }
-    }
-
-    /// Estimates the bytes that a run on an image takes with `room` bytes more than the least to use, the weights
-    /// included, the image's own and the result's not.
-    pub(super) fn bytes(&self, architecture: &Architecture, [height, width]: [usize; 2], room: u64) -> u64 {
-        let rows = self.plan(height, width, room).bytes();
-        rows as u64 + (architecture.parameters() + self.derived_weights as u64) * WEIGHT_BYTES
+        Self { architecture: architecture.clone(), network, inputs, derived_weights, arena: Mutex::default() }
     }
 
     /// The schedule for an image, which is continued by repetition to sides that the network can halve: for all threads,
     /// or as many as take no more than `room` bytes beyond the least. It does not change what is computed.
     fn plan(&self, height: usize, width: usize, room: u64) -> Plan<'_> {
-        let padded = |side: usize| side.next_multiple_of(self.multiple);
+        let padded = |side: usize| side.next_multiple_of(self.architecture.side_multiple());
         let plan = |threads| Plan::new(&self.network, padded(height), padded(width), threads);
         let least = plan(FEWEST_THREADS);
         let most = (least.bytes() as u64).saturating_add(room);
@@ -104,23 +95,27 @@ impl Inference {
             .find(|plan| plan.bytes() as u64 <= most);
         fitting.unwrap_or(least)
     }
+}
 
-    /// Restores an image with `room` bytes more than the least to use; `map` is `[b, height, width]`, or `[b, 1, 1]` for
-    /// a code that is the same everywhere.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`](crate::core::error::Error::Interrupted) between portions of rows.
-    pub(super) fn restore(
-        &self,
-        image: &ToneMappedImage,
-        map: Option<ArrayView3<'_, f32>>,
-        room: u64,
-        progress: &Progress,
-    ) -> Result<Array3<f32>> {
-        let (height, width) = (image.height(), image.width());
+impl Engine for Streamed {
+    fn bytes(&self, [height, width]: [usize; 2], room: u64) -> u64 {
+        let rows = self.plan(height, width, room).bytes();
+        rows as u64 + (self.architecture.parameters() + self.derived_weights as u64) * WEIGHT_BYTES
+    }
+
+    fn halo(&self) -> usize {
+        self.architecture.halo()
+    }
+
+    /// Ends with [`Error::Interrupted`](crate::core::error::Error::Interrupted) between portions of rows.
+    fn restore(&self, inputs: &Inputs<'_>, room: u64, progress: &Progress) -> Result<Array3<f32>> {
+        let (height, width) = (inputs.image.height(), inputs.image.width());
         let of_part = |part: Part| match part {
-            Part::Image => image.planes(),
-            Part::Map(_) => map.expect("a network that reads kernel codes is given a degradation map"),
+            Part::Image => inputs.image.planes(),
+            Part::Map(_) => inputs.map.expect("a network that reads kernel codes is given a degradation map"),
+            Part::Plane(plane) => {
+                inputs.planes.get(plane).expect("a network that reads planes is given them").planes()
+            }
         };
         let source = |parts: &Vec<Part>| {
             let planes: Vec<_> = parts.iter().map(|&part| of_part(part)).collect();

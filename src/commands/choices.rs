@@ -1,0 +1,62 @@
+//! Flags of a few named values: one parser for all of them.
+
+use std::ffi::OsStr;
+
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{Arg, Command};
+
+/// The values that a flag takes: the name of each, the value, and what it means where the name does not tell.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Choices<T: 'static>(pub(crate) &'static [(&'static str, T, &'static str)]);
+
+/// The formats of files in an output folder, as the extensions that stand for them.
+pub(crate) const FORMATS: Choices<&str> =
+    Choices(&[("exr", "exr", ""), ("npy", "npy", ""), ("png", "png", ""), ("tif", "tif", "")]);
+
+impl<T> Choices<T> {
+    fn possible(self) -> impl Iterator<Item = PossibleValue> {
+        self.0.iter().map(|(name, _, meaning)| match *meaning {
+            "" => PossibleValue::new(*name),
+            meaning => PossibleValue::new(*name).help(meaning),
+        })
+    }
+}
+
+impl<T: Copy + Send + Sync> TypedValueParser for Choices<T> {
+    type Value = T;
+
+    fn parse_ref(&self, command: &Command, flag: Option<&Arg>, text: &OsStr) -> Result<T, clap::Error> {
+        let chosen = PossibleValuesParser::new(self.possible()).parse_ref(command, flag, text)?;
+        let found = self.0.iter().find(|(name, ..)| *name == chosen);
+        Ok(found.expect("clap lets through what is listed").1)
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        Some(Box::new(self.possible()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    const SIZES: Choices<u32> = Choices(&[("small", 1, "fits a pocket"), ("large", 9, "")]);
+
+    #[derive(Debug, Parser)]
+    struct Flags {
+        #[arg(long, value_delimiter = ',', value_parser = SIZES)]
+        sizes: Vec<u32>,
+    }
+
+    #[test]
+    fn names_become_values() {
+        assert_eq!(Flags::parse_from(["udc", "--sizes", "large,small"]).sizes, [9, 1]);
+    }
+
+    #[test]
+    fn other_names_are_refused_with_the_list_and_the_nearest() {
+        let message = Flags::try_parse_from(["udc", "--sizes", "smal"]).unwrap_err().to_string();
+        assert!(message.contains("small, large") && message.contains("'small' exists"), "{message}");
+    }
+}
