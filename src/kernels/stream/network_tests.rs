@@ -2,7 +2,7 @@
 
 use super::{Arena, Network, Plan, Tensor};
 use crate::kernels::testing::{Values, assert_close, naive};
-use crate::kernels::{Convolution, DynamicFilter, Finish, Geometry, Isa, Shape};
+use crate::kernels::{Convolution, DynamicFilter, Epilogue, Geometry, Isa, Shape};
 
 /// Draws small numbers, the same on every machine.
 struct Dice(u64);
@@ -172,7 +172,7 @@ impl Drawn {
                     if *is_up {
                         sums = naive::pixel_shuffle(&sums, shape.with_channels(geometry.outputs));
                     }
-                    let mut result = naive::finish(Finish::Leak(*slope), &sums);
+                    let mut result = naive::epilogue(Epilogue::Leak(*slope), &sums);
                     if let Some(add) = add {
                         result.iter_mut().zip(&tensors[*add]).for_each(|(to, other)| *to += other);
                     }
@@ -193,7 +193,7 @@ impl Drawn {
                     let one =
                         |(x, (scale, offset)): (&f64, (&f64, &f64))| x / (1.0 + (-scale).exp()) + offset;
                     let sums: Vec<f64> = x.iter().zip(others).map(one).collect();
-                    naive::finish(Finish::Leak(*slope), &sums)
+                    naive::epilogue(Epilogue::Leak(*slope), &sums)
                 }
             };
             tensors.push(result);

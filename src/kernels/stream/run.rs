@@ -15,7 +15,7 @@ use super::tasks::run_in_order;
 use super::{Operation, Plan, Tensor};
 use crate::kernels::convolution::{BLOCK_ROWS, RowBlock};
 use crate::kernels::dynamic_filter::FilterBlock;
-use crate::kernels::finish::Finish;
+use crate::kernels::epilogue::Epilogue;
 use crate::kernels::rows::Rows;
 use crate::kernels::scratch::{AlignedBuffer, Target};
 use crate::kernels::slots::{Slots, Turn};
@@ -189,18 +189,18 @@ impl Plan<'_> {
         match &step.operation {
             Operation::Convolution { convolution, input, slope, add } => {
                 let block = |block: &Block| {
-                    let finish = match add {
-                        None => Finish::Leak(*slope),
+                    let epilogue = match add {
+                        None => Epilogue::Leak(*slope),
                         Some(add) => {
                             let (unit, row) = self.place(*add, block.first * convolution.factor());
                             let slot = self.memory.places[add.0][unit];
                             let floats = row * row_len..row * row_len + block.floats.len();
                             // SAFETY: as for the views.
-                            Finish::LeakThenAdd(*slope, unsafe { slots.read(slot, floats) })
+                            Epilogue::LeakThenAdd(*slope, unsafe { slots.read(slot, floats) })
                         }
                     };
                     let output = Target::Written(output(block));
-                    RowBlock { input: view(*input), first: block.first, rows: block.rows, output, finish }
+                    RowBlock { input: view(*input), first: block.first, rows: block.rows, output, epilogue }
                 };
                 convolution.compute_blocks(task.blocks.iter().map(block).collect(), self.width_of(*input));
             }
