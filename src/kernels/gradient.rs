@@ -27,14 +27,14 @@ const MOST_GROUPS: usize = 16;
 
 /// Weight and bias of a convolution, or their gradients, as PyTorch lays them out.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Parameters {
+pub struct ConvolutionParameters {
     /// `[outputs, inputs, side, side]`.
     pub weight: Vec<f32>,
     /// `[outputs]`.
     pub bias: Vec<f32>,
 }
 
-impl Parameters {
+impl ConvolutionParameters {
     /// Computes the gradients of a convolution's weight and bias from its input, of shape `shape`, and the gradient of its
     /// outputs.
     ///

@@ -2,10 +2,10 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use super::gradient::{Parameters, input_gradient, weight_gradient};
+use super::gradient::{ConvolutionParameters, input_gradient, weight_gradient};
 use super::modulation::{Branch, Kept, Modulation};
 use super::res_block::ResBlock;
-use super::stream::{Arena, Network, Plan, Source};
+use super::stream::{Arena, Graph, Plan, Source};
 use super::up_convolution::UpConvolution;
 use super::{Convolution, DynamicFilter, Epilogue, Geometry, Isa, Shape, sums};
 
@@ -77,7 +77,9 @@ fn gradients_of_another_size_are_refused() {
         case("floats of a gradient", || weight_gradient(geometry, &input, SHAPE, &short)),
         case("floats of a gradient", || weight_gradient(plain, &input, SHAPE, &short)),
         case("floats of an input", || weight_gradient(geometry, &input[1..], SHAPE, &floats(out))),
-        case("floats of an input", || Parameters::gradients(geometry, &input[1..], SHAPE, &floats(out))),
+        case("floats of an input", || {
+            ConvolutionParameters::gradients(geometry, &input[1..], SHAPE, &floats(out))
+        }),
         case("side 4, stride 2", || {
             weight_gradient(Geometry { side: 4, ..geometry }, &input, SHAPE, &floats(out))
         }),
@@ -183,9 +185,9 @@ fn blocks_of_another_size_are_refused() {
 /// their rows' ends or from other rows.
 #[test]
 fn steps_of_a_stream_that_do_not_fit_together_are_refused() {
-    let build = |append: &dyn Fn(&mut Network)| append(&mut Network::default());
+    let build = |append: &dyn Fn(&mut Graph)| append(&mut Graph::default());
     let run = |sources: &[Source<'_>]| {
-        let mut network = Network::default();
+        let mut network = Graph::default();
         let image = network.input(3);
         network.convolution(image, convolution(3, 4, 1), 0.2, None);
         Plan::new(&network, 8, 8, 2).run(&mut Arena::default(), sources, |_, _| (), |_| Ok::<(), ()>(()))

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::convolution::Convolution;
 use super::direct::forward::Geometry;
 use super::epilogue::Epilogue;
-use super::gradient::{Parameters, input_gradient};
+use super::gradient::{ConvolutionParameters, input_gradient};
 use super::scratch::{by_chunks, zeros};
 use super::shape::Shape;
 
@@ -57,7 +57,7 @@ pub struct ModulationGradients {
     /// Of the map.
     pub map: Vec<f32>,
     /// Of the convolutions of the scale's and of the offset's branch.
-    pub parameters: [[Parameters; 2]; 2],
+    pub parameters: [[ConvolutionParameters; 2]; 2],
 }
 
 impl Branch<'_> {
@@ -87,7 +87,7 @@ impl Branch<'_> {
         gradient: &[f32],
         (shape, slope): (Shape, f32),
         epilogue: Epilogue<'_>,
-    ) -> (Vec<f32>, [Parameters; 2]) {
+    ) -> (Vec<f32>, [ConvolutionParameters; 2]) {
         let [first, second] = self.geometries(shape.channels);
         let inner_shape = shape.with_channels(second.inputs);
         let gate = Epilogue::Gate(slope, inner);
@@ -95,8 +95,8 @@ impl Branch<'_> {
         let ((first_gradients, second_gradients), input) = rayon::join(
             || {
                 rayon::join(
-                    || Parameters::gradients(first, joined, shape, &inner_gradient),
-                    || Parameters::gradients(second, inner, inner_shape, gradient),
+                    || ConvolutionParameters::gradients(first, joined, shape, &inner_gradient),
+                    || ConvolutionParameters::gradients(second, inner, inner_shape, gradient),
                 )
             },
             || input_gradient(first, self.weights[0], &inner_gradient, shape, epilogue),
@@ -288,7 +288,7 @@ mod tests {
                 let kept = Kept { joined, inner: [scale, offset], share };
                 let gradients = modulation.backward(&tensors[0], kept, (&output, &gradient), shape);
                 let mut found = vec![gradients.x, gradients.map];
-                for Parameters { weight, bias } in gradients.parameters.into_iter().flatten() {
+                for ConvolutionParameters { weight, bias } in gradients.parameters.into_iter().flatten() {
                     found.extend([weight, bias]);
                 }
                 found

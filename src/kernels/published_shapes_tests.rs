@@ -1,7 +1,7 @@
 //! The operations at the sizes that the published network has, against their equations in f64: sums in several groups,
 //! rows of more than one batch of tiles, filters within an image.
 
-use super::gradient::{Parameters, input_gradient};
+use super::gradient::{ConvolutionParameters, input_gradient};
 use super::testing::{Values, assert_close, naive, on_every_isa};
 use super::winograd;
 use super::{Convolution, DynamicFilter, Epilogue, Geometry, Isa, Shape};
@@ -30,7 +30,9 @@ fn weight_gradients_of_several_groups_agree_with_the_sum_written_down() {
         let expected = naive::weight_gradient(geometry, &input, shape, &gradient);
         let sum = |o: usize| gradient.iter().skip(o).step_by(outputs).map(|g| f64::from(*g)).sum();
         let biases: Vec<f64> = (0..outputs).map(sum).collect();
-        for (isa, found) in on_every_isa(|| Parameters::gradients(geometry, &input, shape, &gradient)) {
+        for (isa, found) in
+            on_every_isa(|| ConvolutionParameters::gradients(geometry, &input, shape, &gradient))
+        {
             let what = format!("{} {geometry:?} {shape:?}", isa.name());
             assert_close(&found.weight, &expected, 1e-5, &what);
             assert_close(&found.bias, &biases, 1e-5, &what);

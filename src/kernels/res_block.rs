@@ -7,7 +7,7 @@
 use super::convolution::Convolution;
 use super::direct::forward::Geometry;
 use super::epilogue::Epilogue;
-use super::gradient::{Parameters, input_gradient};
+use super::gradient::{ConvolutionParameters, input_gradient};
 use super::shape::Shape;
 
 /// A residual block with its parameters.
@@ -27,7 +27,7 @@ pub struct ResBlockGradients {
     /// Of its input.
     pub input: Vec<f32>,
     /// Of the two convolutions' parameters.
-    pub parameters: [Parameters; 2],
+    pub parameters: [ConvolutionParameters; 2],
 }
 
 impl ResBlock<'_> {
@@ -57,8 +57,8 @@ impl ResBlock<'_> {
         let ((first, second), input) = rayon::join(
             || {
                 rayon::join(
-                    || Parameters::gradients(geometry, x, shape, &inner_gradient),
-                    || Parameters::gradients(geometry, inner, shape, gradient),
+                    || ConvolutionParameters::gradients(geometry, x, shape, &inner_gradient),
+                    || ConvolutionParameters::gradients(geometry, inner, shape, gradient),
                 )
             },
             || input_gradient(geometry, self.weights[0], &inner_gradient, shape, add),

@@ -7,7 +7,7 @@
 use super::convolution::{Convolution, shuffled_output};
 use super::direct::forward::Geometry;
 use super::epilogue::Epilogue;
-use super::gradient::{Parameters, input_gradient};
+use super::gradient::{ConvolutionParameters, input_gradient};
 use super::scratch::by_chunks;
 use super::shape::Shape;
 use super::simd::Isa;
@@ -44,7 +44,7 @@ impl UpConvolution<'_> {
         shape: Shape,
         output: &[f32],
         gradient: &[f32],
-    ) -> (Vec<f32>, Parameters) {
+    ) -> (Vec<f32>, ConvolutionParameters) {
         let outputs = self.bias.len();
         let channels = outputs / 4;
         assert!(outputs.is_multiple_of(4), "{outputs} outputs to shuffle");
@@ -59,9 +59,10 @@ impl UpConvolution<'_> {
         let weight = rows.concat();
         let (input, sums) = rayon::join(
             || input_gradient(geometry, &weight, &gated, shape, Epilogue::Leak(1.0)),
-            || Parameters::gradients(geometry, x, shape, &gated),
+            || ConvolutionParameters::gradients(geometry, x, shape, &gated),
         );
-        let mut parameters = Parameters { weight: vec![0.0; weight.len()], bias: vec![0.0; outputs] };
+        let mut parameters =
+            ConvolutionParameters { weight: vec![0.0; weight.len()], bias: vec![0.0; outputs] };
         for o in 0..outputs {
             let place = shuffled_output(o, channels);
             parameters.bias[place] = sums.bias[o];

@@ -1,6 +1,6 @@
 //! Networks drawn at random, run row by row, against the same networks evaluated plainly: tensor by tensor, in f64.
 
-use super::{Arena, Network, Plan, Tensor};
+use super::{Arena, Graph, Plan, Tensor};
 use crate::kernels::testing::{Values, assert_close, naive};
 use crate::kernels::{Convolution, DynamicFilter, Epilogue, Geometry, Isa, Shape};
 
@@ -132,8 +132,8 @@ impl Drawn {
         Shape::new(1, height / reduction, width / reduction, channels)
     }
 
-    fn network(&self) -> Network {
-        let mut network = Network::default();
+    fn network(&self) -> Graph {
+        let mut network = Graph::default();
         let mut tensors: Vec<Tensor> = self.specs[..self.inputs].iter().map(|s| network.input(s.0)).collect();
         for (input, layer) in &self.layers {
             let x = tensors[*input];

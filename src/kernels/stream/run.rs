@@ -256,7 +256,7 @@ struct Block {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Network;
+    use super::super::Graph;
     use super::*;
     use crate::kernels::testing::Values;
     use crate::kernels::{Convolution, DynamicFilter, Geometry, Isa, Shape};
@@ -286,11 +286,11 @@ mod tests {
 
     /// A small U-Net with everything in it: residual block, stride, up-convolution with skip, filter, large
     /// convolution, modulation by two halves of a concatenation.
-    fn network() -> Network {
+    fn network() -> Graph {
         let mut layers = Layers { values: Values::new(1) };
         let stride_two = Geometry { inputs: CHANNELS, outputs: 2 * CHANNELS, side: 3, stride: 2 };
         let same = |c| Geometry::three_by_three(c, c);
-        let mut network = Network::default();
+        let mut network = Graph::default();
         let image = network.input(3);
         let fine = layers.convolution(Geometry::three_by_three(3, CHANNELS));
         let fine = network.convolution(image, fine, 0.2, None);

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::LEAKY_SLOPE;
 use super::host::{Computed, Host, HostOperation, Passed, View, run, run_tracked};
-use crate::kernels::gradient::{Parameters, input_gradient, weight_gradient};
+use crate::kernels::gradient::{ConvolutionParameters, input_gradient, weight_gradient};
 use crate::kernels::modulation::{Branch, Kept, Modulation, ModulationGradients};
 use crate::kernels::res_block::{ResBlock, ResBlockGradients};
 use crate::kernels::sums::gate;
@@ -351,7 +351,9 @@ impl HostOperation<10> for Modulate {
         let modulation = self.with_parameters(&inputs);
         let ModulationGradients { x, map, parameters: [scale, offset] } =
             modulation.backward(x.floats, kept, (passed.output, passed.gradient), x.batch());
-        let of = |[first, second]: [Parameters; 2]| [first.weight, first.bias, second.weight, second.bias];
+        let of = |[first, second]: [ConvolutionParameters; 2]| {
+            [first.weight, first.bias, second.weight, second.bias]
+        };
         let ([a, b, c, d], [e, f, g, h]) = (of(scale), of(offset));
         [x, map, a, b, c, d, e, f, g, h]
     }
