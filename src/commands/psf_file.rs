@@ -6,8 +6,8 @@ use anyhow::Result;
 use clap::{Args, ValueEnum};
 
 use udc::core::field::PsfField;
-use udc::core::psf::{Psf, show_shift};
-use udc::io::{DomainTag, PsfOptions, PsfReading, inspect_psf, inspect_psf_field};
+use udc::core::psf::Psf;
+use udc::io::{DomainTag, PsfOptions, PsfReading, inspect_psf, inspect_psf_field, show_shift};
 
 use super::Session;
 

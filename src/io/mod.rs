@@ -61,7 +61,7 @@ pub use folder::{AppendFile, LineLog, create_folder, lock_folder, publish_folder
 pub use format::{Encoding, Format};
 pub use inputs::{expand_inputs, is_hidden};
 pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_file};
-pub use psf::{PsfOptions, PsfReading, inspect_psf, read_psf, write_psf};
+pub use psf::{PsfFaults, PsfMove, PsfOptions, PsfReading, inspect_psf, read_psf, show_shift, write_psf};
 pub use shared_input::SharedInput;
 pub use size::read_image_size;
 

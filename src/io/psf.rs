@@ -1,11 +1,18 @@
 //! Reads and writes PSFs as image files, and says what is wrong with those that are read.
 
+mod faults;
+mod place;
+
 use std::path::{Path, PathBuf};
 
 use super::{DomainTag, WriteOptions, check_cooked, check_domain, read_pixels, to_rgb, write_image};
 use crate::core::error::{Error, Result};
 use crate::core::image::{Domain as _, Image, Linear};
-use crate::core::psf::{Move, Psf, PsfFaults, recenter};
+use crate::core::psf::Psf;
+
+pub use faults::PsfFaults;
+use place::recenter;
+pub use place::{PsfMove, show_shift};
 
 /// How a PSF is read.
 #[derive(Clone, Copy, Debug)]
@@ -34,7 +41,7 @@ pub struct PsfReading {
     /// What is wrong with the file as a PSF.
     pub faults: PsfFaults,
     /// How it was moved to bring its peak to the centre.
-    pub moved: Option<Move>,
+    pub moved: Option<PsfMove>,
     /// What the file says of its colours against what the user says.
     pub contradiction: Option<String>,
 }
