@@ -11,6 +11,7 @@ use std::time::Instant;
 use ndarray::{Array1, Array3};
 use udc::core::image::ToneMappedImage;
 use udc::core::metrics::{MetricDefinition, psnr};
+use udc::kernels::keep_freed_memory;
 use udc::network::weights::Weights;
 use udc::network::{Architecture, Backend, Condition, Initialisation, Inputs, Kind, Model, Origin, Planes};
 use udc::train::{InMemory, Patch, ScheduleConfig, TrainConfig, Trainer};
@@ -51,6 +52,7 @@ const fn case(
 }
 
 fn main() {
+    keep_freed_memory();
     let arguments: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
     let number = |key: &str| {
         let value = arguments.iter().find_map(|a| a.strip_prefix(key)?.strip_prefix('='));

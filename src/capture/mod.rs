@@ -1,16 +1,30 @@
-//! From what a camera stores to linear light: exposure times, alignment, mosaics, dark frames, fusion of brackets.
+//! From what a camera stores to linear light: levels, mosaics, exposure times, alignment, dark frames, fusion of brackets.
+//!
+//! [`develop`] goes the whole way from files; [`fuse`](fuse()) does of pictures that somebody else has read.
 
 pub mod alignment;
 pub mod bayer;
 pub mod bracket;
 mod darks;
+mod develop;
 mod exposure_times;
 mod frames;
 pub mod fuse;
 pub mod inpaint;
+mod levels;
+mod pictures;
+mod plausible;
+mod shots;
+mod summary;
+mod told;
+mod warnings;
 
 pub use alignment::Motion;
 pub use bracket::{Bracket, show_time};
+pub use develop::{Developed, develop};
 pub use exposure_times::{SAME_TIME, relative_times};
 pub use frames::Uneven;
 pub use fuse::{FuseConfig, Fused, MergeRule, fuse};
+pub use pictures::{Pictures, names_of, read_mask};
+pub use told::{PSF_BRACKET, SCENE_BRACKET, Told, ToldLevels};
+pub use warnings::uncorrected;

@@ -8,7 +8,7 @@ use ndarray::Array3;
 
 use udc::core::image::ToneMappedImage;
 use udc::core::kernel_code::KernelCode;
-use udc::kernels::{Isa, benchmark, peak};
+use udc::kernels::{Isa, benchmark, keep_freed_memory, peak};
 use udc::network::{
     Architecture, Backend, Initialisation, Inputs, Model, Origin, Parameters, Planes, weights::Weights,
 };
@@ -111,6 +111,7 @@ fn time_training(session: &Session, Batch { crops, side }: Batch, patience: Dura
         code,
         planes: Planes::default(),
     }]);
+    keep_freed_memory();
     let mut trainer = Trainer::new(&config, None, data.len(), Backend::default())?;
     let mut outcome = Ok(());
     let seconds = benchmark::best_time(patience, || {

@@ -1,26 +1,21 @@
 //! `udc eval`.
 
-pub(super) mod comparison;
-mod folders;
-mod ldr;
-pub(super) mod outputs;
-pub(super) mod pictures;
-pub(super) mod plots;
-pub(super) mod restorer;
-
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::{ArgGroup, Args, ValueEnum};
-use serde_json::json;
 
-use udc::core::error;
 use udc::core::metrics::Measure;
 use udc::dataset::{Dataset, KernelChoice, Split};
-use udc::experiment::{EvalConfig, Evaluation, Matrix, ToneFlags};
+use udc::experiment::{
+    Candidate, Document as _, EvalConfig, Experiment, ExperimentConfig, Findings, Folders, ImagesConfig, LDR,
+    Listener, MISMATCH, REGIONS, RESULTS, Results, ResultsFolder, ToneFlags, files_of_evaluation, name_among,
+};
 use udc::io::DomainTag;
 use udc::network::Model;
+use udc::report::{self, picture};
 use udc::restore::Highlights;
+use udc::restore::deconvolution::Method;
 
 use super::Session;
 use super::domain::DomainArg;
@@ -28,12 +23,6 @@ use super::highlights::HighlightsArg;
 use super::method::MethodArg;
 use super::metrics::MetricArgs;
 use super::precision::PrecisionArg;
-use comparison::{Comparison, Extras, Images};
-use folders::Folders;
-use ldr::Ldr;
-use outputs::Outputs;
-use pictures::Pictures;
-use restorer::Restorer;
 
 /// Measure models and deconvolutions on datasets, or restored images against ground truth
 ///
@@ -137,12 +126,6 @@ pub(crate) struct EvalArgs {
     allow_missing: bool,
 }
 
-/// The files, beside plots, that an evaluation writes when it is asked for them: the regions' numbers; a mismatch's
-/// matrices; what a monitor as the source would miss.
-const REGIONS_CSV: &str = "regions.csv";
-pub(super) const MISMATCH: [&str; 2] = ["mismatch.json", "mismatch.csv"];
-const LDR: [&str; 3] = ["ldr.json", "ldr.csv", "ldr.png"];
-
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum SplitArg {
     Train,
@@ -152,198 +135,108 @@ enum SplitArg {
 
 impl EvalArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let config = self.metrics.config(self.allow_missing)?;
+        let warn = |text: &str| session.warn(text);
+        let listener = Listener { progress: &session.progress, warn: &warn };
+        let measuring = self.metrics.config(self.allow_missing)?;
         match (&self.restored, &self.gt) {
-            (Some(restored), Some(gt)) => {
-                let domain = self.domain.map(DomainTag::from);
-                let flags = ToneFlags { alpha: self.alpha, x_max: self.x_max };
-                let folders = Folders::open(restored, gt, (domain, flags), self.allow_missing)?;
-                let outputs = self.outputs(&config, 0, &[], session)?;
-                let evaluation = folders.measure(&config, session)?;
-                outputs.remove_earlier_pictures()?;
-                outputs.remove_earlier_results()?;
-                self.finish(&evaluation, &outputs, session)
-            }
-            _ => self.compare(&config, session),
+            (Some(restored), Some(gt)) => self.measure_folders((restored, gt), &measuring, listener, session),
+            _ => self.compare(measuring, listener, session),
         }
     }
 
-    fn images(&self) -> Images {
+    /// Measures the images of a folder.
+    fn measure_folders(
+        &self,
+        (restored, gt): (&Path, &Path),
+        measuring: &EvalConfig,
+        listener: Listener<'_>,
+        session: &Session,
+    ) -> Result<()> {
+        let domain = self.domain.map(DomainTag::from);
+        let flags = ToneFlags { alpha: self.alpha, x_max: self.x_max };
+        let folders = Folders::open(restored, gt, (domain, flags), self.allow_missing)?;
+        let names = files_of_evaluation(measuring.metrics.iter().map(Measure::metric));
+        let outputs = ResultsFolder::prepare(&self.output, &names, session.overwrite)?;
+        let evaluation = folders.evaluate(measuring, listener)?;
+        outputs.remove_earlier_pictures()?;
+        self.write(&Findings::of(evaluation), outputs, session)
+    }
+
+    /// Measures restorations on datasets.
+    fn compare(&self, measuring: EvalConfig, listener: Listener<'_>, session: &Session) -> Result<()> {
+        let open = |root: &PathBuf| Ok((name_among(&self.dataset, root), Dataset::open(root)?));
+        let datasets = self.dataset.iter().map(open).collect::<Result<Vec<_>>>()?;
+        let candidates = self.candidates(session)?;
+        let config = self.config(measuring);
+        let experiment = Experiment::new(&datasets, &candidates, &config, listener)?;
+        let outputs = ResultsFolder::prepare(&self.output, &experiment.files(), session.overwrite)?;
+        outputs.remove_earlier_pictures()?;
+        self.write(&experiment.run(&self.output)?, outputs, session)
+    }
+
+    fn candidates(&self, session: &Session) -> Result<Vec<Candidate>> {
+        let precisions = if self.precision.is_empty() { &[PrecisionArg::F32][..] } else { &self.precision };
+        let mut models = Vec::new();
+        for path in &self.model {
+            let model = Model::load(path)?;
+            let name = name_among(&self.model, path);
+            let of = |precision: &PrecisionArg| {
+                (precision.name_of(&name), precision.apply(model.clone(), session))
+            };
+            models.extend(precisions.iter().map(of));
+        }
+        let methods: Vec<Method> = self.method.iter().copied().map(Method::from).collect();
+        let highlights: Vec<Highlights> = self.highlights.iter().copied().map(Highlights::from).collect();
+        Ok(Candidate::list(models, &methods, &highlights))
+    }
+
+    fn config(&self, measuring: EvalConfig) -> ExperimentConfig {
         let kernels = match &self.kernels[..] {
             [] => KernelChoice::All,
             names => KernelChoice::Only(names.to_vec()),
         };
-        Images { split: self.split.into(), kernels, limit: self.limit }
+        let (split, limit, max_memory) = (self.split.into(), self.limit, self.max_memory);
+        ExperimentConfig {
+            measuring,
+            images: ImagesConfig { split, kernels, limit, max_memory },
+            regions: self.regions,
+            mismatch: self.mismatch,
+            ldr: self.ldr,
+            pictures: self.pictures,
+        }
     }
 
-    /// Measures restorations on datasets.
-    fn compare(&self, config: &EvalConfig, session: &Session) -> Result<()> {
-        if self.dataset.len() > 1 && (self.mismatch || self.ldr.is_some()) {
-            bail!("--mismatch and --ldr are of one dataset; run them for each");
-        }
-        let datasets: Vec<Dataset> =
-            self.dataset.iter().map(|root| Dataset::open(root)).collect::<error::Result<_>>()?;
-        let restorers = self.restorers(session)?;
-        let images = self.images();
-        let comparisons: Vec<Comparison<'_>> = datasets
-            .iter()
-            .map(|dataset| Comparison::new(dataset, &restorers, &images, self.max_memory, session))
-            .collect::<Result<_>>()?;
-        let told = restorers.iter().filter(|restorer| restorer.knows_the_kernel()).count();
-        if self.mismatch && told == 0 {
-            bail!(
-                "--mismatch tells wrong kernels to what is told kernels: add a --model that takes codes, or a --method"
-            );
-        }
-        let ldr = self.ldr.map(|white| Ldr::new(&comparisons[0], white)).transpose()?;
-        let outputs = self.outputs(config, told, &comparisons, session)?;
-        outputs.remove_earlier_pictures()?;
-        let mut evaluations = Vec::new();
-        for comparison in &comparisons {
-            let name = self.name_of_dataset(&comparison.dataset.root);
-            let pictures = self.pictures(&name);
-            let extras = Extras { regions: self.regions, pictures: &pictures };
-            evaluations.push((name, comparison.measure(config, &extras)?));
-        }
-        let evaluation = match evaluations.len() {
-            1 => evaluations.swap_remove(0).1,
-            _ => Evaluation::join(evaluations),
-        };
-        let matrices = self.mismatch.then(|| comparisons[0].mismatch(config)).transpose()?;
-        let compared = ldr.map(|ldr| ldr.measure(config.definition)).transpose()?;
+    /// Writes and prints what was found.
+    fn write(&self, findings: &Findings, outputs: ResultsFolder<'_>, session: &Session) -> Result<()> {
+        let Findings { evaluation, mismatch, ldr } = findings;
         outputs.remove_earlier_results()?;
-        if let Some(matrices) = matrices {
-            self.write_mismatch(&matrices, &outputs)?;
+        let results = Results::of(evaluation);
+        let mut drawings = report::plots(&results);
+        if let Some(mismatch) = mismatch {
+            let [json, csv] = MISMATCH;
+            outputs.write(json, mismatch.to_json().as_bytes())?;
+            outputs.write(csv, mismatch.to_csv().as_bytes())?;
+            drawings.extend(report::mismatch_plots(mismatch));
         }
-        if let Some(compared) = compared {
+        if let Some((compared, shown)) = ldr {
             let [json, csv, png] = LDR;
-            outputs.write(json, format!("{:#}\n", compared.to_json()).as_bytes())?;
+            outputs.write(json, compared.to_json().as_bytes())?;
             outputs.write(csv, compared.to_csv().as_bytes())?;
-            outputs.write(png, compared.to_png())?;
+            outputs.write(png, &picture::grid(shown))?;
             session.tell(compared.summary());
         }
-        self.finish(&evaluation, &outputs, session)
-    }
-
-    fn name_of_dataset(&self, root: &Path) -> String {
-        name_among(&self.dataset, root)
-    }
-
-    fn restorers(&self, session: &Session) -> Result<Vec<Restorer>> {
-        let mut restorers = vec![Restorer::Nothing];
-        let asked: Vec<Highlights> = self.highlights.iter().map(|&highlights| highlights.into()).collect();
-        let treatments = if asked.is_empty() { vec![Highlights::default()] } else { asked };
-        let precisions = if self.precision.is_empty() { &[PrecisionArg::F32][..] } else { &self.precision };
-        for path in &self.model {
-            let model = Model::load(path)?;
-            for &precision in precisions {
-                let (name, model) = (
-                    precision.name_of(&name_among(&self.model, path)),
-                    precision.apply(model.clone(), session),
-                );
-                let of = |&highlights| Restorer::Network(name.clone(), Box::new(model.clone()), highlights);
-                restorers.extend(treatments.iter().map(of));
-            }
-        }
-        for &method in &self.method {
-            restorers
-                .extend(treatments.iter().map(|&highlights| Restorer::Deconvolution(method, highlights)));
-        }
-        Ok(restorers)
-    }
-
-    /// Makes the folder, after checking that every file that may be written may be; `told` counts the
-    /// restorations that are told the kernel.
-    fn outputs<'a>(
-        &'a self,
-        config: &EvalConfig,
-        told: usize,
-        comparisons: &[Comparison<'_>],
-        session: &Session,
-    ) -> Result<Outputs<'a>> {
-        let mut names = outputs::RESULTS.map(str::to_owned).to_vec();
-        names.extend(self.regions.then(|| REGIONS_CSV.to_owned()));
-        let metrics = || config.metrics.iter().map(Measure::metric);
-        names.extend(metrics().flat_map(plots::names));
-        if self.mismatch {
-            let plots =
-                (1..=told).flat_map(|number| metrics().map(move |m| plots::name_of_matrix(m, number)));
-            names.extend(plots);
-            names.extend(MISMATCH.map(str::to_owned));
-        }
-        if self.ldr.is_some() {
-            names.extend(LDR.map(str::to_owned));
-        }
-        for comparison in comparisons {
-            let pictures = self.pictures(&self.name_of_dataset(&comparison.dataset.root));
-            let files = comparison.picture_files(&pictures);
-            names.extend(files.map(|file| format!("{}/{file}", pictures::FOLDER)));
-        }
-        Outputs::prepare(&self.output, &names, session.overwrite)
-    }
-
-    fn write_mismatch(&self, matrices: &[Matrix], outputs: &Outputs<'_>) -> Result<()> {
-        let [json, csv] = MISMATCH;
-        let of_each: Vec<_> = matrices.iter().map(Matrix::to_json).collect();
-        outputs.write(json, format!("{:#}\n", json!({"matrices": of_each})).as_bytes())?;
-        outputs.write(csv, Matrix::to_csv(matrices).as_bytes())?;
-        let mut methods: Vec<&str> = Vec::new();
-        for matrix in matrices {
-            if methods.last() != Some(&matrix.method.as_str()) {
-                methods.push(&matrix.method);
-            }
-            let (name, svg) = plots::draw_matrix(matrix, methods.len());
-            outputs.write(&name, svg.as_bytes())?;
-        }
-        Ok(())
-    }
-
-    /// Writes and prints an evaluation.
-    fn finish(&self, evaluation: &Evaluation, outputs: &Outputs<'_>, session: &Session) -> Result<()> {
-        outputs.write_results(evaluation)?;
+        outputs.write_results(evaluation, &results)?;
         if self.regions {
-            outputs.write(REGIONS_CSV, evaluation.regions_to_csv().as_bytes())?;
+            outputs.write(REGIONS, evaluation.regions_to_csv().as_bytes())?;
         }
-        for (name, svg) in plots::draw(evaluation) {
-            outputs.write(&name, svg.as_bytes())?;
-        }
+        drawings.iter().try_for_each(|(name, svg)| outputs.write(name, svg.as_bytes()))?;
         if !evaluation.excluded.is_empty() {
-            session.warn(format_args!(
-                "{} images are in no mean; the table names them",
-                evaluation.excluded.len()
-            ));
+            let count = evaluation.excluded.len();
+            session.warn(format_args!("{count} images are in no mean; the table names them"));
         }
         session.tell(evaluation.to_markdown());
-        session.tell(self.output.join("metrics.json").display());
+        session.tell(self.output.join(RESULTS[0]).display());
         Ok(())
-    }
-
-    fn pictures(&self, dataset: &str) -> Pictures {
-        let prefix = if self.dataset.len() > 1 {
-            format!("{}_", dataset.replace(['/', '\\'], "-"))
-        } else {
-            String::new()
-        };
-        Pictures { folder: self.output.join(pictures::FOLDER), count: self.pictures, prefix }
-    }
-}
-
-/// What a model or a folder is called in tables: its name, with its folder's where the name says little.
-/// The name of a file or folder, or its path where another of them has the same name.
-fn name_among(all: &[PathBuf], path: &Path) -> String {
-    let name = name_of(path);
-    match all.iter().filter(|other| name_of(other) == name).count() {
-        1 => name,
-        _ => path.to_string_lossy().into_owned(),
-    }
-}
-
-fn name_of(path: &Path) -> String {
-    let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
-    let own = name(path).unwrap_or_else(|| path.display().to_string());
-    match path.parent().and_then(name) {
-        Some(folder) if own == "model.safetensors" => format!("{folder}/{own}"),
-        _ => own,
     }
 }
 

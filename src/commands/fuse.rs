@@ -2,21 +2,20 @@
 
 mod summary;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
-use ndarray::{Array2, Array3};
 use serde_json::json;
 
 use super::Session;
-use super::bracket::{BracketArgs, Pictures, names_of};
-use super::capture::{info_of, note_what_is_lost, uncorrected};
+use super::bracket::BracketArgs;
+use super::capture::note_what_is_lost;
 use super::domain::SceneDomainArgs;
 use super::psf::check_float_output;
-use udc::capture::{FuseConfig, fuse, relative_times};
+use udc::capture::{Developed, PSF_BRACKET, Pictures, SCENE_BRACKET, Told, names_of, read_mask, uncorrected};
 use udc::core::provenance::Provenance;
-use udc::io::{WriteOptions, check_output, expand_inputs, read_pixels, write_image, write_psf};
+use udc::io::{WriteOptions, check_output, expand_inputs, write_image, write_psf};
 use udc::psf::{MeasureConfig, Normalization, measure_psf};
 
 use summary::Summary;
@@ -74,30 +73,25 @@ impl FuseArgs {
         let measure = self.psf.then(|| self.measure_config());
         measure.as_ref().map_or(Ok(()), MeasureConfig::check)?;
 
-        let mut pictures = self.bracket.read(&files, self.scene.told(), session).with_context(doing)?;
-        let times = self.times(&pictures).with_context(doing)?;
-        let mask = self.mask.as_deref().map(read_mask).transpose()?;
-        let mut bracket = self.bracket.join(&mut pictures, &times).with_context(doing)?;
-        if let Some(mask) = &mask {
-            bracket = bracket.with_mask(mask.clone()).with_context(doing)?;
-        }
-        let config = FuseConfig { demosaic_linear: self.psf, ..pictures.config };
+        let told = self.told()?;
+        let pictures = Pictures::read(&files, &told, &session.progress).with_context(doing)?;
+        pictures.warnings.iter().for_each(|warning| session.warn(warning));
         session.progress.check()?;
-        let fused = session.timed("fusing", || fuse(bracket, &config)).with_context(doing)?;
+        let develop = || pictures.develop();
+        let Developed { fused, info, raw, config, exposures, .. } =
+            session.timed("fusing", develop).with_context(doing)?;
         session.progress.check()?;
-        let measured = measure.as_ref().map(|measure| measure_psf(&fused.image, mask.as_ref(), measure));
+        let measured = measure.as_ref().map(|measure| measure_psf(&fused.image, told.mask.as_ref(), measure));
         let measured = measured.transpose().with_context(doing)?;
         session.progress.check()?;
 
-        let resolved =
-            json!({"inputs": files, "exposures": relative_times(&times), "fuse": config, "psf": measure});
+        let resolved = json!({"inputs": files, "exposures": exposures, "fuse": config, "psf": measure});
         let provenance = Some(Provenance::new("fuse", &resolved));
-        let raw = pictures.raw.as_ref();
-        let info = measured.is_none().then(|| info_of(&fused, raw, config.white_balance));
+        let info = measured.is_none().then_some(info);
         if let Some(info) = &info {
             note_what_is_lost(&self.output, info, session);
         }
-        if let Some(warning) = raw.and_then(uncorrected) {
+        if let Some(warning) = raw.as_ref().and_then(uncorrected) {
             session.warn(warning);
         }
         let options = WriteOptions {
@@ -118,29 +112,14 @@ impl FuseArgs {
         session.say(if self.json { summary.json().to_string() } else { summary.text() })
     }
 
-    /// The exposures of the flag, else of the files, else those that are published.
-    fn times(&self, pictures: &Pictures) -> Result<Vec<f64>> {
-        if let Some(times) = &self.bracket.exposures {
-            return Ok(times.clone());
-        }
-        match pictures.told_times()? {
-            Some(times) => Ok(times.to_vec()),
-            None => self.default_times(pictures.planes.len()),
-        }
-    }
-
-    /// The published exposures; a picture alone is the longest exposure.
-    fn default_times(&self, pictures: usize) -> Result<Vec<f64>> {
-        let times = if self.psf { PSF_BRACKET } else { SCENE_BRACKET };
-        match pictures {
-            1 => Ok(vec![1.0]),
-            _ if pictures == times.len() => Ok(times.to_vec()),
-            _ => bail!(
-                "{pictures} pictures do not say their exposure times, and a published bracket has {}: add --exposures \
-                 T,T,… in the order of the files",
-                times.len()
-            ),
-        }
+    /// What the flags say of the pictures.
+    fn told(&self) -> Result<Told> {
+        Ok(Told {
+            default_times: Some(if self.psf { PSF_BRACKET } else { SCENE_BRACKET }),
+            demosaic_linear: self.psf,
+            mask: self.mask.as_deref().map(read_mask).transpose()?,
+            ..self.bracket.told(self.scene.told())?
+        })
     }
 
     fn measure_config(&self) -> MeasureConfig {
@@ -150,20 +129,6 @@ impl FuseArgs {
             normalize: self.normalize.map_or(default.normalize, Normalization::from),
         }
     }
-}
-
-/// The exposures of the paper's PSF bracket.
-const PSF_BRACKET: [f64; 3] = [1.0, 1.0 / 32.0, 1.0 / 768.0];
-
-/// The exposures of the paper's scene bracket.
-const SCENE_BRACKET: [f64; 3] = [1.0, 1.0 / 4.0, 1.0 / 16.0];
-
-/// Good pixels of a picture that is no light: it is black where pixels are to be discarded.
-fn read_mask(file: &Path) -> udc::core::error::Result<Array2<bool>> {
-    let planes: Array3<f32> = read_pixels(file)?.planes;
-    let (_, height, width) = planes.dim();
-    let good = |place: (usize, usize)| planes.outer_iter().all(|plane| plane[place] >= 0.5);
-    Ok(Array2::from_shape_fn((height, width), good))
 }
 
 impl From<Normalize> for Normalization {

@@ -20,12 +20,7 @@ pub(super) enum MethodArg {
 impl MethodArg {
     /// The name on the command line and in tables.
     pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Wiener => "wiener",
-            Self::WienerOrieux => "wiener-orieux",
-            Self::RichardsonLucy => "richardson-lucy",
-            Self::Constrained => "constrained",
-        }
+        Method::from(self).name()
     }
 }
 

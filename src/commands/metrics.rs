@@ -1,13 +1,12 @@
 //! `--metrics`, `--definition` and the weights of LPIPS: what is measured, made ready to measure.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::Args;
 
-use udc::core::metrics::{Measure, Metric, MetricDefinition};
-use udc::experiment::EvalConfig;
-use udc::perceptual::Lpips;
+use udc::core::metrics::{Metric, MetricDefinition};
+use udc::experiment::{EvalConfig, measures};
 
 use super::choices::Choices;
 
@@ -42,23 +41,4 @@ impl MetricArgs {
         let lpips = self.lpips_alexnet.as_deref().zip(self.lpips_linear.as_deref());
         Ok(EvalConfig { metrics: measures(&metrics, lpips)?, definition: (self.definition)(), allow_missing })
     }
-}
-
-/// Makes metrics ready to measure; `lpips` names the files of AlexNet's weights and of the linear layers'.
-pub(super) fn measures(metrics: &[Metric], lpips: Option<(&Path, &Path)>) -> Result<Vec<Measure>> {
-    let ready = |&metric: &Metric| match (metric, lpips) {
-        (Metric::Lpips, Some((alexnet, linear))) => {
-            let lpips = Lpips::load(alexnet, linear)?;
-            Ok(Measure::new(Metric::Lpips, move |image, ground_truth, definition| {
-                lpips.distance(&definition.apply(image)?, &definition.apply(ground_truth)?)
-            }))
-        }
-        (Metric::Lpips, None) => bail!(
-            "lpips needs weights that are not part of this program: AlexNet's (torchvision's alexnet-owt-7be5be79.pth) \
-             and those of its linear layers (lpips/weights/v0.1/alex.pth of PerceptualSimilarity); name the files with \
-             --lpips-alexnet and --lpips-linear, or validation.lpips-alexnet and validation.lpips-linear in a training"
-        ),
-        _ => Ok(Measure::of(metric)),
-    };
-    metrics.iter().map(ready).collect()
 }

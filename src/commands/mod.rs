@@ -270,7 +270,7 @@ impl GlobalArgs {
     fn start(&self) -> Result<Session> {
         // Whatever the command: results must not come from another instruction set than was asked for.
         Isa::forced().map_err(|reason| Cli::command().error(ErrorKind::InvalidValue, reason))?;
-        udc::network::share_freed_memory();
+        udc::kernels::share_freed_memory();
         let threads = self.threads.map_or(0, usize::from);
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)

@@ -6,15 +6,13 @@ use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use clap::error::ErrorKind;
 
-use udc::core::metrics::Measure;
+use udc::experiment::validation_measures;
 use udc::io;
+use udc::kernels::keep_freed_memory;
 use udc::network::Backend;
-use udc::train::{
-    self, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationConfig, ValidationScore, read_initial,
-};
+use udc::train::{self, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationScore, read_initial};
 
 use super::Session;
-use super::metrics::measures;
 
 /// Train a restoration network
 ///
@@ -76,6 +74,7 @@ impl TrainArgs {
             progress: &session.progress,
             warn: &|text| session.warn(text),
         };
+        keep_freed_memory();
         Ok(training.run(&self.output, start)?)
     }
 
@@ -105,12 +104,6 @@ pub(super) fn configure(text: &str, path: &Path, settings: &[String]) -> Result<
         }
         config => config.with_context(|| format!("reading {}", path.display())),
     }
-}
-
-fn validation_measures(config: &ValidationConfig) -> Result<Vec<Measure>> {
-    let files = (Path::new(&config.lpips_alexnet), Path::new(&config.lpips_linear));
-    let has_files = !config.lpips_alexnet.is_empty() && !config.lpips_linear.is_empty();
-    measures(&config.metrics, has_files.then_some(files))
 }
 
 fn report(outcome: &Outcome, folder: &Path, session: &Session) -> Result<()> {

@@ -1,13 +1,11 @@
-//! Keeps the scores of images and turns them into means and JSON.
+//! Keeps the scores of images and turns them into means.
 
 use std::cmp::Ordering;
-
-use serde_json::{Map, Value, json};
 
 use super::EvalConfig;
 use super::measured::Measured;
 use super::regions::Region;
-use super::score::{Cost, Exclusion, Label, Method, Score, pixelwise};
+use super::score::{Exclusion, Label, Method, Score, pixelwise};
 use super::tone::ToneSource;
 use crate::core::metrics::{Measure, Metric, MetricDefinition, Pool};
 
@@ -170,95 +168,9 @@ impl Evaluation {
         regions.map(mean).collect()
     }
 
-    /// Everything as JSON: `images` and `mean` of the first method that is no baseline (with `method` naming
-    /// it), the same of every method under `methods`, `sizes`, `excluded`, and the `definition`. A value that
-    /// is infinite (the PSNR of equal images) is null.
-    pub fn to_json(&self) -> Value {
-        let methods: Vec<Value> = (0..self.methods.len()).map(|method| self.method_to_json(method)).collect();
-        let first = self.methods.iter().position(|method| !method.baseline).unwrap_or(0);
-        let size = |([height, width], images): &([usize; 2], usize)| json!({"height": height, "width": width, "images": images});
-        json!({
-            "method": self.methods[first].name,
-            "images": methods[first]["images"],
-            "mean": methods[first]["mean"],
-            "methods": methods,
-            "sizes": self.sizes.iter().map(size).collect::<Vec<_>>(),
-            "excluded": self.excluded,
-            "definition": self.definition_to_json(),
-        })
-    }
-
-    fn definition_to_json(&self) -> Value {
-        let mut definition = json!(self.definition);
-        definition["domain"] = json!("tone-mapped, clamped to [0, 1]");
-        definition["peak"] = json!(1.0);
-        definition["ssim-channels"] = json!("mean of red, green and blue");
-        definition["metrics"] = json!(self.metrics);
-        if let Some(tone) = &self.tone {
-            definition["tone"] = tone.to_json();
-        }
-        if !self.measured.is_empty() {
-            definition["datasets"] = json!(self.measured);
-        }
-        if self.methods.iter().any(|method| method.cost.is_some()) {
-            definition["gmac"] =
-                json!("10⁹ multiply-accumulates of all convolutions; gmac-evaluated: mean over the images");
-        }
-        if self.has_regions() {
-            definition["regions"] = Region::definitions();
-        }
-        definition
-    }
-
     pub(super) fn has_regions(&self) -> bool {
         self.scores.iter().any(|score| !score.regions.is_empty())
     }
-
-    fn method_to_json(&self, method: usize) -> Value {
-        let Method { name, baseline, dataset, cost } = &self.methods[method];
-        let images: Vec<Value> = self.of(method, None).map(|score| self.image_to_json(score)).collect();
-        let mean = |kernel| self.mean(method, kernel).map(|values| named(&self.metrics, &values));
-        let has_kernel = |kernel: &&str| self.of(method, Some(kernel)).next().is_some();
-        let kernels: Map<String, Value> = (self.kernels().into_iter().filter(has_kernel))
-            .map(|kernel| (kernel.to_owned(), json!(mean(Some(kernel)))))
-            .collect();
-        let mut json = json!({
-            "name": name,
-            "baseline": baseline,
-            "count": images.len(),
-            "mean": mean(None),
-            "kernels": kernels,
-            "images": images,
-        });
-        if let Some(dataset) = dataset {
-            json["dataset"] = json!(dataset);
-        }
-        if let Some(Cost { parameters, gmac_published, gmac_evaluated }) = cost {
-            json["parameters"] = json!(parameters);
-            json["gmac-800x800"] = json!(gmac_published);
-            json["gmac-evaluated"] = json!(gmac_evaluated);
-        }
-        for part in self.regions(method) {
-            let mean = named(&self.regional, &part.values);
-            json["regions"][part.region.name()] =
-                json!({"images": part.images, "pixels": part.pixels, "mean": mean});
-        }
-        json
-    }
-
-    fn image_to_json(&self, score: &Score) -> Value {
-        let mut image = Map::new();
-        image.insert("id".to_owned(), json!(score.label.id));
-        if let Some(kernel) = &score.label.kernel {
-            image.insert("kernel".to_owned(), json!(kernel));
-        }
-        image.extend(named(&self.metrics, &score.values));
-        Value::Object(image)
-    }
-}
-
-fn named<T: serde::Serialize>(metrics: &[Metric], values: &[T]) -> Map<String, Value> {
-    metrics.iter().zip(values).map(|(metric, value)| (metric.name().to_owned(), json!(value))).collect()
 }
 
 #[cfg(test)]
@@ -301,26 +213,6 @@ mod tests {
     }
 
     #[test]
-    fn puts_the_first_method_that_did_something_on_top() {
-        let json = evaluation().to_json();
-        assert_eq!(json["method"], "model");
-        assert_eq!(json["mean"]["psnr"], 32.0);
-        assert_eq!(json["images"].as_array().unwrap().len(), 3);
-        assert_eq!(json["images"][1]["kernel"], "r+00");
-        assert_eq!(json["methods"][0]["kernels"]["r-03"]["psnr"], 22.0);
-        assert_eq!(json["definition"]["quantise"], true);
-        assert_eq!(json["sizes"][0], json!({"height": 8, "width": 9, "images": 3}));
-    }
-
-    #[test]
-    fn writes_an_infinite_value_as_null() {
-        let mut evaluation = evaluation();
-        evaluation.scores[1].values[0] = f64::INFINITY;
-        let json = evaluation.to_json();
-        assert!(json["images"][0]["psnr"].is_null() && json["mean"]["psnr"].is_null());
-    }
-
-    #[test]
     fn datasets_keep_their_own_means_side_by_side() {
         let mut dim = evaluation();
         dim.scores.iter_mut().for_each(|score| score.values[0] -= 5.0);
@@ -348,6 +240,5 @@ mod tests {
         assert_eq!((regions[0].images, regions[0].pixels), (2, 4));
         assert!((regions[0].values[0].unwrap() - 20.0).abs() < 1e-9);
         assert_eq!(regions[0].values[1], None, "no pixel was pooled");
-        assert!(evaluation.to_json()["methods"][1]["regions"]["flare"]["mean"]["ssim"].is_null());
     }
 }

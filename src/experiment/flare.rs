@@ -1,15 +1,17 @@
 //! Measures how much light the formation spreads over a scene: what a display in front of the lens adds.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::regions::{Region, Regions};
+use super::values::number;
 use crate::core::error::Result;
 use crate::core::image::LinearImage;
 use crate::core::metrics::{MetricDefinition, psnr};
 use crate::core::tone::ToneCurve;
 
 /// What the formation did to one image.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Flare {
     /// Share of the pixels in the flare region.
     pub flare_share: f64,
@@ -18,6 +20,7 @@ pub struct Flare {
     /// The largest brightening of a value outside of highlights, tone-mapped: 1 is from black to white.
     pub largest_brightening: f64,
     /// PSNR of the degraded image, tone-mapped, in dB.
+    #[serde(deserialize_with = "number")]
     pub psnr: f64,
 }
 

@@ -3,13 +3,24 @@
 
 use std::fmt::Write as _;
 
-use serde_json::{Value, json};
+use serde::{Deserialize, Serialize};
 
+use super::document::Document;
+use super::values::rows;
 use super::{Evaluation, Exclusion};
 use crate::core::metrics::Metric;
 
+/// The matrices of every method and metric, as the file `mismatch.json` holds them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mismatch {
+    /// Method after method, one matrix a metric.
+    pub matrices: Vec<Matrix>,
+}
+
 /// The mean of one metric for every simulated and every assumed kernel.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Matrix {
     /// What restored.
     pub method: String,
@@ -20,6 +31,7 @@ pub struct Matrix {
     /// The kernels that the restoration was told, a column each.
     pub assumed: Vec<String>,
     /// The means, row by row.
+    #[serde(rename = "mean", deserialize_with = "rows")]
     pub rows: Vec<Vec<f64>>,
     /// Images of each row, which every column is a mean over.
     pub images: Vec<usize>,
@@ -50,58 +62,35 @@ impl Matrix {
         evaluation.metrics.iter().enumerate().map(matrix).collect()
     }
 
-    /// The matrix as JSON; a mean that is infinite is null.
-    pub fn to_json(&self) -> Value {
-        json!({
-            "method": self.method, "metric": self.metric, "simulated": self.simulated, "assumed": self.assumed,
-            "mean": self.rows, "images": self.images, "excluded": self.excluded,
-        })
-    }
-
-    /// The matrices of a file that `udc eval --mismatch` wrote; a mean that is null is infinite.
-    ///
-    /// # Errors
-    /// What is not as [`to_json`](Self::to_json) writes it.
-    pub fn list_from_json(file: &Value) -> Result<Vec<Self>, String> {
-        let matrices = file["matrices"].as_array().ok_or("lists no matrices")?;
-        matrices.iter().map(Self::from_json).collect()
-    }
-
-    fn from_json(json: &Value) -> Result<Self, String> {
-        let names = |key: &str| {
-            let list = json[key].as_array().ok_or_else(|| format!("has no list `{key}`"))?;
-            list.iter()
-                .map(|name| {
-                    name.as_str().map(str::to_owned).ok_or_else(|| format!("has a `{key}` that is no name"))
-                })
-                .collect::<Result<Vec<_>, _>>()
-        };
-        let (simulated, assumed) = (names("simulated")?, names("assumed")?);
-        let metric = serde_json::from_value(json["metric"].clone()).map_err(|_| "has an unknown metric")?;
-        let rows = json["mean"].as_array().ok_or("has no list `mean`")?;
-        let value = |value: &Value| match value {
-            Value::Null => Ok(f64::INFINITY),
-            value => value.as_f64().ok_or("has a mean that is no number"),
-        };
-        let row =
-            |row: &Value| row.as_array().ok_or("has a row that is no list")?.iter().map(value).collect();
-        let rows: Vec<Vec<f64>> = rows.iter().map(row).collect::<Result<_, &str>>()?;
-        if rows.len() != simulated.len() || rows.iter().any(|row| row.len() != assumed.len()) {
-            return Err(format!("has not {} rows of {} means", simulated.len(), assumed.len()));
+    fn check(&self) -> Result<(), String> {
+        let (rows, columns) = (self.simulated.len(), self.assumed.len());
+        if self.rows.len() != rows || self.rows.iter().any(|row| row.len() != columns) {
+            return Err(format!("a matrix has not {rows} rows of {columns} means"));
         }
-        let images = json["images"].as_array().map_or(&[][..], Vec::as_slice).iter();
-        let images = images.filter_map(|count| usize::try_from(count.as_u64()?).ok()).collect();
-        let method = json["method"].as_str().ok_or("has no method")?.to_owned();
-        Ok(Self { method, metric, simulated, assumed, rows, images, excluded: Vec::new() })
+        if self.images.len() != rows {
+            return Err(format!("a matrix of {rows} rows counts the images of {}", self.images.len()));
+        }
+        Ok(())
     }
+}
 
+impl Document for Mismatch {
+    const FORMAT: &'static str = "udc-mismatch";
+    const COMMAND: &'static str = "udc eval --mismatch";
+
+    fn check(&self) -> Result<(), String> {
+        self.matrices.iter().try_for_each(Matrix::check)
+    }
+}
+
+impl Mismatch {
     /// All matrices as lines `method,metric,simulated,assumed,images,mean`.
     ///
     /// # Panics
     /// Never: writing to a string does not fail.
-    pub fn to_csv(matrices: &[Self]) -> String {
+    pub fn to_csv(&self) -> String {
         let mut csv = String::from("method,metric,simulated,assumed,images,mean\n");
-        for matrix in matrices {
+        for matrix in &self.matrices {
             let method = super::tables::quoted(&matrix.method);
             for (row, (simulated, images)) in matrix.simulated.iter().zip(&matrix.images).enumerate() {
                 for (assumed, mean) in matrix.assumed.iter().zip(&matrix.rows[row]) {
@@ -138,14 +127,37 @@ mod tests {
         assert_eq!(matrices.len(), 2, "one a metric");
         assert_eq!(matrices[0].rows, [[31.0, 21.0], [21.0, 31.0]]);
         assert_eq!(matrices[0].images, [2, 1]);
-        let csv = Matrix::to_csv(&matrices);
+        let mismatch = Mismatch { matrices };
+        let csv = mismatch.to_csv();
         assert!(csv.contains("net,psnr,r-03,r+00,2,21\n"), "{csv}");
-        assert_eq!(matrices[1].to_json()["mean"][1][0], 0.5);
+    }
 
-        let file = json!({"matrices": matrices.iter().map(Matrix::to_json).collect::<Vec<_>>()});
-        assert_eq!(Matrix::list_from_json(&file).unwrap(), matrices);
-        let mut cut = file.clone();
-        cut["matrices"][0]["mean"].as_array_mut().unwrap().pop();
-        assert!(Matrix::list_from_json(&cut).unwrap_err().contains("2 rows of 2 means"));
+    #[test]
+    fn a_file_of_matrices_is_read_as_it_was_written_or_refused() {
+        let names = |names: [&str; 2]| names.map(str::to_owned).to_vec();
+        let matrix = Matrix {
+            method: "net".to_owned(),
+            metric: Metric::Psnr,
+            simulated: names(["r-03", "r+00"]),
+            assumed: names(["r-03", "r+00"]),
+            rows: vec![vec![31.25, f64::INFINITY], vec![21.5, 30.0]],
+            images: vec![2, 1],
+            excluded: Vec::new(),
+        };
+        let scratch = tempfile::tempdir().unwrap();
+        let path = scratch.path().join("mismatch.json");
+        let write_and_read = |matrix: &Matrix| {
+            let text = Mismatch { matrices: vec![matrix.clone()] }.to_json();
+            std::fs::write(&path, text).unwrap();
+            Mismatch::read(&path)
+        };
+        assert_eq!(write_and_read(&matrix).unwrap().matrices, [matrix.clone()]);
+        let mut cut = matrix;
+        cut.rows.pop();
+        let message = write_and_read(&cut).unwrap_err().to_string();
+        assert!(
+            message.contains("2 rows of 2 means") && message.contains("udc eval --mismatch"),
+            "{message}"
+        );
     }
 }

@@ -1,15 +1,15 @@
 //! Says which images of a dataset were measured, and under which image formation.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::dataset::{Dataset, KernelChoice, Split};
 
 /// The images of a dataset that were measured.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Measured {
     /// The dataset's name, where there are several.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dataset: Option<String>,
     /// α of the tone mapping of all its images.
     pub alpha: f32,

@@ -1,28 +1,62 @@
-//! Turns restored images and their ground truth into scores, means and tables.
+//! Turns restored images and their ground truth into scores, means and tables: of two folders, of candidates on datasets,
+//! told right and wrong kernels, of scenes of a monitor's range, of trainings.
 
+mod candidate;
+mod comparison;
+mod document;
 mod evaluation;
+mod files;
 mod flare;
+mod folders;
+mod ldr;
 mod matrix;
 mod measured;
+mod measures;
+mod names;
 mod pairs;
+mod pictures;
 mod regions;
+mod results;
+mod run;
 mod score;
+mod sweep;
 mod tables;
 mod tone;
+mod values;
 
+pub use candidate::Candidate;
+pub use comparison::{Comparison, ImagesConfig};
+pub use document::Document;
 pub use evaluation::Evaluation;
+pub use files::{LDR, MISMATCH, REGIONS, RESULTS, ResultsFolder, plot_of_matrix, plots_of};
 pub use flare::Flare;
-pub use matrix::Matrix;
+pub use folders::Folders;
+pub use ldr::{Ldr, LdrDefinition, LdrImage, LdrResults, LdrRow, Ranges};
+pub use matrix::{Matrix, Mismatch};
 pub use measured::Measured;
+pub use measures::{measures, validation_measures};
+pub use names::{name_among, name_of};
 pub use pairs::{FilePair, FolderPairs, pair_folders, read_tone_mapped};
+pub use pictures::{FOLDER as PICTURES, PictureName, Pictures};
 pub use regions::{Region, Regions};
+pub use results::{
+    Definition, ImageResults, KernelResults, MethodResults, RegionResults, Results, SizeResults,
+    ToneDefinition,
+};
+pub use run::{Experiment, ExperimentConfig, Findings, files_of_evaluation};
 pub use score::{Cost, Exclusion, Label, Method, RegionScore, Score};
+pub use sweep::{
+    EarlierRows, FailedRow, RowResults, SingleResults, Sweep, SweepConfig, SweepEntry, SweepEvent,
+    SweepResults,
+};
 pub use tables::{cell, markdown, quoted};
-pub use tone::{ToneFlags, ToneSource};
+pub use tone::{ToneFlags, ToneSource, ToneSpeaker};
+pub use values::Values;
 
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
 use crate::core::metrics::{Measure, Metric, MetricDefinition};
+use crate::core::progress::Progress;
 
 /// What is measured, and what happens to images that cannot be.
 #[derive(Clone, Debug)]
@@ -41,6 +75,15 @@ impl Default for EvalConfig {
         let metrics = [Metric::Psnr, Metric::Ssim].map(Measure::of).to_vec();
         Self { metrics, definition: MetricDefinition::default(), allow_missing: false }
     }
+}
+
+/// Whom an experiment tells what happens.
+#[derive(Clone, Copy)]
+pub struct Listener<'a> {
+    /// Where to report, and whom to ask whether to stop.
+    pub progress: &'a Progress,
+    /// Where warnings go.
+    pub warn: &'a (dyn Fn(&str) + Sync),
 }
 
 /// A scene with what each method made of it.

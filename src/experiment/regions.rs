@@ -1,7 +1,9 @@
 //! Tells the parts of a degraded scene apart: what saturates, where the formation spread light to, the rest.
 
+use std::collections::BTreeMap;
+
 use ndarray::{Array2, Axis, s};
-use serde_json::{Value, json};
+use serde::{Deserialize, Serialize};
 
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::metrics::Mask;
@@ -18,7 +20,8 @@ const BLUR_REACH: usize = 7;
 const WHITE: f32 = 1.0;
 
 /// A part of an image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Region {
     /// A channel of the clean or the degraded image is saturated.
     Highlights,
@@ -45,20 +48,26 @@ impl Region {
         }
     }
 
-    /// The definitions in words, by name.
-    pub fn definitions() -> Value {
-        json!({
-            "highlights": format!("any channel of the clean or the degraded image at {SATURATED_SHARE}·x_max or above"),
-            "flare": format!(
-                "no highlight, and d − b > {FLARE_SHARE}·(b + α), with c and d the means of the channels of the clean \
-                 and the degraded image, linear, and b the larger of c and the mean of min(c, {WHITE}) over \
-                 {0} × {0} pixels",
-                2 * BLUR_REACH + 1
-            ),
-            "rest": "every other pixel",
-            "pooling": "PSNR is that of the mean squared error, SSIM the mean index, over all pixels of the region in \
-                        all images; SSIM counts a window by its middle pixel",
-        })
+    /// The definitions in words, by name; that of `pooling` says how pixels are put together.
+    pub fn definitions() -> BTreeMap<String, String> {
+        let highlights =
+            format!("any channel of the clean or the degraded image at {SATURATED_SHARE}·x_max or above");
+        let flare = format!(
+            "no highlight, and d − b > {FLARE_SHARE}·(b + α), with c and d the means of the channels of the clean \
+             and the degraded image, linear, and b the larger of c and the mean of min(c, {WHITE}) over \
+             {0} × {0} pixels",
+            2 * BLUR_REACH + 1
+        );
+        let pooling = "PSNR is that of the mean squared error, SSIM the mean index, over all pixels of the region in \
+                       all images; SSIM counts a window by its middle pixel";
+        [
+            (Self::Highlights.name(), highlights),
+            (Self::Flare.name(), flare),
+            (Self::Rest.name(), "every other pixel".to_owned()),
+            ("pooling", pooling.to_owned()),
+        ]
+        .map(|(name, definition)| (name.to_owned(), definition))
+        .into()
     }
 }
 

@@ -1,6 +1,6 @@
 //! What is compared and how it scored: methods, labels, the metrics of one image, images left out.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::regions::Region;
 use crate::core::metrics::{Measure, Metric, Pool};
@@ -22,11 +22,13 @@ pub struct Method {
 }
 
 /// What a network costs.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub struct Cost {
     /// Number of its weights.
     pub parameters: u64,
     /// Multiply-accumulates for an image of 800 × 800, in 10⁹.
+    #[serde(rename = "gmac-800x800")]
     pub gmac_published: f64,
     /// Multiply-accumulates for an image that was measured, their mean over all of them, in 10⁹.
     pub gmac_evaluated: f64,
@@ -68,15 +70,16 @@ pub struct RegionScore {
 }
 
 /// An image that could not be measured, and why.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Exclusion {
     /// The dataset, where there are several.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dataset: Option<String>,
     /// The scene.
     pub id: String,
     /// The kernel, where that is known.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kernel: Option<String>,
     /// What was wrong.
     pub reason: String,

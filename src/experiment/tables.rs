@@ -161,7 +161,7 @@ impl Evaluation {
             format!(
                 " Linear ones are mapped by x / (x + {alpha}) of x up to {x_max}, as {} said; tone-mapped ones that say another \
                  curve are mapped back by it first, and those that say none are taken as they are.",
-                tone.said_by
+                tone.said_by.name()
             )
         });
         format!(

@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-use serde_json::{Value, json};
+use serde::{Deserialize, Serialize};
 
 use super::FilePair;
 use crate::core::error::{Error, Result};
@@ -34,8 +34,37 @@ pub struct ToneFlags {
 pub struct ToneSource {
     /// The curve.
     pub curve: ToneCurve,
-    /// Who said it: `the files`, `the flags`, `nobody (it is the published one)`.
-    pub said_by: &'static str,
+    /// Who said it.
+    pub said_by: ToneSpeaker,
+}
+
+/// Who said what a tone curve is, in words that finish "as … said".
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ToneSpeaker {
+    /// The images' files.
+    #[serde(rename = "the files")]
+    Files,
+    /// The user.
+    #[serde(rename = "the flags")]
+    Flags,
+    /// The user said one of its numbers, and the files the other.
+    #[serde(rename = "the flags and the files")]
+    FlagsAndFiles,
+    /// Nothing and nobody did.
+    #[serde(rename = "nobody (it is the published one)")]
+    Nobody,
+}
+
+impl ToneSpeaker {
+    /// The words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Files => "the files",
+            Self::Flags => "the flags",
+            Self::FlagsAndFiles => "the flags and the files",
+            Self::Nobody => "nobody (it is the published one)",
+        }
+    }
 }
 
 impl ToneSource {
@@ -50,7 +79,7 @@ impl ToneSource {
         };
         let default = given(ToneCurve::default())?;
         if flags.alpha.is_some() && flags.x_max.is_some() {
-            return Ok(Self { curve: default, said_by: "the flags" });
+            return Ok(Self { curve: default, said_by: ToneSpeaker::Flags });
         }
         let mut first: Option<(&Path, ToneCurve)> = None;
         for path in pairs.iter().flat_map(|pair| [&pair.restored, &pair.ground_truth]) {
@@ -67,19 +96,13 @@ impl ToneSource {
         Ok(match first {
             Some((_, curve)) => {
                 let is_given = flags != ToneFlags::default();
-                Self { curve, said_by: if is_given { "the flags and the files" } else { "the files" } }
+                Self {
+                    curve,
+                    said_by: if is_given { ToneSpeaker::FlagsAndFiles } else { ToneSpeaker::Files },
+                }
             }
-            None if flags != ToneFlags::default() => Self { curve: default, said_by: "the flags" },
-            None => Self { curve: default, said_by: "nobody (it is the published one)" },
-        })
-    }
-
-    /// The curve and who said it, as results hold it.
-    pub fn to_json(&self) -> Value {
-        json!({
-            "alpha": self.curve.alpha, "x-max": self.curve.x_max, "said-by": self.said_by,
-            "tone-mapped-files": "mapped back by the curve that they say, if another, then by this one; those that say none \
-                are taken as they are",
+            None if flags != ToneFlags::default() => Self { curve: default, said_by: ToneSpeaker::Flags },
+            None => Self { curve: default, said_by: ToneSpeaker::Nobody },
         })
     }
 }

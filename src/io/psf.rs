@@ -5,7 +5,8 @@ mod place;
 
 use std::path::{Path, PathBuf};
 
-use super::{DomainTag, WriteOptions, check_cooked, check_domain, read_pixels, to_rgb, write_image};
+use super::read::{check_cooked, check_domain, to_rgb};
+use super::{DomainTag, WriteOptions, read_pixels, write_image};
 use crate::core::error::{Error, Result};
 use crate::core::image::{Domain as _, Image, Linear};
 use crate::core::psf::Psf;

@@ -1,6 +1,5 @@
 //! Reads and writes PNG, JPEG, TIFF and Radiance HDR as planes of floats.
 
-use std::borrow::Cow;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -12,17 +11,16 @@ use image::{
 use ndarray::{Array3, ArrayView3};
 
 use super::format::{Encoding, Format};
-use super::grey_tiff;
 use super::guard::guarded;
 use super::planes::{from_interleaved, to_interleaved};
-use super::{MAX_PIXELS, PixelOptions, Pixels, color_tags, jpeg, tiff_directory};
+use super::{MAX_PIXELS, PixelOptions, Pixels, color_tags, jpeg, tiff};
 use crate::core::error::{Error, Result};
 
 /// The most memory a decoder may take beside the image: a frame of [`MAX_PIXELS`] at 16 bits.
-const MAX_DECODER_BYTES: u64 = MAX_PIXELS as u64 * 8;
+pub(super) const MAX_DECODER_BYTES: u64 = MAX_PIXELS as u64 * 8;
 
 /// Bytes of image per byte of file that PNG and TIFF do not reach: LZW ends near 2730, deflate at 1032.
-const MAX_RATIO: u64 = 4096;
+pub(super) const MAX_RATIO: u64 = 4096;
 
 /// Beyond this the files grow and the pictures do not get better to the eye.
 const JPEG_QUALITY: u8 = 95;
@@ -30,34 +28,31 @@ const JPEG_QUALITY: u8 = 95;
 /// The brightest value of Radiance HDR: a mantissa of 255/256 and an exponent of 127.
 const HDR_MAX: f32 = 255.0 / 256.0 * (1u128 << 127) as f32;
 
+/// What a decoder found, before it becomes planes.
+enum Decoded {
+    Image(DynamicImage),
+    Bands(tiff::Bands),
+}
+
 /// Decodes an image; grey stays one plane, integers are divided by their type's maximum. A fourth channel is kept if it is
 /// `packed` with the others.
 pub(super) fn decode(path: &Path, bytes: &[u8], format: Format, packed: bool) -> Result<(Pixels, Encoding)> {
-    let bytes = &*match format {
-        Format::Tiff if packed => tiff_directory::bands_as_rgba(bytes),
-        _ => Cow::Borrowed(bytes),
-    };
-    if format == Format::Tiff
-        && let Some(planes) = grey_tiff::decode(bytes)
-    {
-        let planes = planes.map_err(|reason| Error::format(path, reason))?;
-        return Ok((Pixels::of_planes(planes), Encoding { format, sample_type: "float".to_owned() }));
-    }
-    if format == Format::Tiff && tiff_directory::holds_wide_integers(bytes) {
-        let reason = "holds 32-bit integers, which are not read; write 16-bit integers or 32-bit floats";
-        return Err(Error::format(path, reason));
-    }
     if format == Format::Jpeg && !jpeg::is_whole(bytes) {
         return Err(Error::format(path, "is truncated or damaged: the end of the image is missing"));
     }
-    let (image, profile) =
-        guarded(|| decode_dynamic(bytes, format)).map_err(|reason| Error::format(path, reason))?;
-    let sample_type = match image.color() {
-        ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => "uint8",
-        ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => "uint16",
-        _ => "float",
+    let damaged = |reason| Error::format(path, reason);
+    let (decoded, profile) = guarded(|| decode_samples(bytes, format, packed)).map_err(damaged)?;
+    let (planes, sample_type) = match decoded {
+        Decoded::Bands(bands) => bands.into_planes(),
+        Decoded::Image(image) => {
+            let sample_type = match image.color() {
+                ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => "uint8",
+                ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => "uint16",
+                _ => "float",
+            };
+            (to_planes(&image, packed).map_err(damaged)?, sample_type)
+        }
     };
-    let planes = to_planes(&image, packed).map_err(|reason| Error::format(path, reason))?;
     let is_png = format == Format::Png;
     let mut color_tags = if is_png { color_tags::of_png(bytes) } else { Vec::new() };
     let place = if is_png { "iCCP chunk" } else { "ICC profile" };
@@ -65,6 +60,19 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: Format, packed: bool) ->
     let is_integer = sample_type.starts_with("uint");
     let pixels = Pixels { is_integer, color_tags, ..Pixels::of_planes(planes) };
     Ok((pixels, Encoding { format, sample_type: sample_type.to_owned() }))
+}
+
+/// The samples with the ICC profile that is embedded.
+fn decode_samples(bytes: &[u8], format: Format, packed: bool) -> Result<(Decoded, Option<Vec<u8>>), String> {
+    if format == Format::Tiff {
+        let profile = tiff::icc_profile(bytes);
+        return Ok(match tiff::decode(bytes, packed)? {
+            Some(bands) => (Decoded::Bands(bands), profile),
+            None => (Decoded::Image(decode_dynamic(bytes, format)?.0), profile),
+        });
+    }
+    let (image, profile) = decode_dynamic(bytes, format)?;
+    Ok((Decoded::Image(image), profile))
 }
 
 /// The image with the ICC profile that is embedded.
@@ -76,23 +84,32 @@ fn decode_dynamic(bytes: &[u8], format: Format) -> Result<(DynamicImage, Option<
     let damaged = |error: image::ImageError| format!("cannot be decoded: {error}");
     let mut decoder = reader.into_decoder().map_err(damaged)?;
     let (width, height) = decoder.dimensions();
+    let ratio = if matches!(format, Format::Png | Format::Tiff) { MAX_RATIO } else { u64::MAX };
+    check_declared([width, height], decoder.total_bytes(), bytes, ratio)?;
+    // A profile that is damaged says nothing; the picture may still be whole.
+    let profile = decoder.icc_profile().ok().flatten();
+    Ok((DynamicImage::from_decoder(decoder).map_err(damaged)?, profile))
+}
+
+/// Refuses an image of `image_bytes`, before anything is allocated for it, of no pixels or too many, or of more than `ratio`
+/// times the bytes of its `file`.
+pub(super) fn check_declared(
+    [width, height]: [u32; 2],
+    image_bytes: u64,
+    file: &[u8],
+    ratio: u64,
+) -> Result<(), String> {
     let pixels = u64::from(width) * u64::from(height);
     if pixels == 0 || pixels > MAX_PIXELS as u64 {
         return Err(format!("declares {width} × {height} pixels; the limit is 1 to {MAX_PIXELS}"));
     }
-    let reachable = (bytes.len() as u64).saturating_mul(MAX_RATIO);
-    if matches!(format, Format::Png | Format::Tiff) && decoder.total_bytes() > reachable {
-        let length = bytes.len();
+    let length = file.len();
+    if image_bytes > (length as u64).saturating_mul(ratio) {
         return Err(format!(
             "is truncated or damaged: {width} × {height} pixels do not fit in its {length} bytes"
         ));
     }
-    // A profile that is damaged says nothing; the picture may still be whole.
-    let profile = match format {
-        Format::Tiff => tiff_directory::icc_profile(bytes),
-        _ => decoder.icc_profile().ok().flatten(),
-    };
-    Ok((DynamicImage::from_decoder(decoder).map_err(damaged)?, profile))
+    Ok(())
 }
 
 /// The height and width of the image in a PNG, JPEG or Radiance HDR file that starts with `bytes`; `None` where its
@@ -135,11 +152,11 @@ fn to_planes(image: &DynamicImage, packed: bool) -> Result<Array3<f32>, String> 
     if packed && planes.dim().0 == 4 { Ok(planes) } else { drop_alpha(planes) }
 }
 
-fn from_u8(value: u8) -> f32 {
+pub(super) fn from_u8(value: u8) -> f32 {
     f32::from(value) / f32::from(u8::MAX)
 }
 
-fn from_u16(value: u16) -> f32 {
+pub(super) fn from_u16(value: u16) -> f32 {
     f32::from(value) / f32::from(u16::MAX)
 }
 

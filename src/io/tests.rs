@@ -7,10 +7,15 @@ mod fixtures;
 mod outputs;
 mod size;
 
-use ndarray::Array3;
+use std::path::Path;
 
+use ndarray::{Array3, Axis};
+
+use super::read::decode_image;
 use super::*;
-use crate::core::image::{LinearImage, ToneMappedImage};
+use crate::core::error::Result;
+use crate::core::image::{Image, Linear, LinearImage, ToneMapped, ToneMappedImage};
+use crate::core::provenance::Provenance;
 
 /// Values of many magnitudes, none of them special.
 fn scene(height: usize, width: usize) -> LinearImage {

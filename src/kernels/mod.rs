@@ -32,6 +32,7 @@
 #![expect(unsafe_code, reason = "vector instructions and unchecked reads of the inner loops")]
 #![warn(unsafe_op_in_unsafe_fn, clippy::missing_safety_doc, clippy::undocumented_unsafe_blocks)]
 
+mod allocator;
 pub mod benchmark;
 pub mod convolution;
 mod direct;
@@ -59,11 +60,11 @@ mod testing;
 pub mod up_convolution;
 mod winograd;
 
+pub use allocator::{keep_freed_memory, share_freed_memory};
 pub use convolution::Convolution;
 pub use direct::forward::Geometry;
 pub use dynamic_filter::DynamicFilter;
 pub use epilogue::Epilogue;
 pub(crate) use scratch::zeros;
-pub use scratch::{keep_freed_memory, share_freed_memory};
 pub use shape::Shape;
 pub use simd::Isa;

@@ -24,7 +24,7 @@ mod streamed;
 pub(crate) mod testing;
 pub mod weights;
 
-pub use crate::kernels::{Isa, keep_freed_memory, share_freed_memory};
+pub use crate::kernels::Isa;
 pub use architecture::{Architecture, Condition, Scales};
 pub use backend::Backend;
 pub use family::Kind;

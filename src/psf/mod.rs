@@ -16,6 +16,7 @@ pub mod pupil;
 pub mod quality;
 pub mod sampling;
 pub mod shape;
+mod summary;
 
 pub use background::Background;
 pub use display::DisplayConfig;

@@ -44,7 +44,8 @@ const GAP: usize = 6;
 ///
 /// # Panics
 /// When the rows differ in length, or the images in size.
-pub fn grid(rows: &[Vec<&ToneMappedImage>]) -> Vec<u8> {
+pub fn grid<R: AsRef<[ToneMappedImage]>>(rows: &[R]) -> Vec<u8> {
+    let rows: Vec<&[ToneMappedImage]> = rows.iter().map(AsRef::as_ref).collect();
     let (_, height, width) = rows[0][0].planes().dim();
     let side = |count: usize, side: usize| count * (side + GAP) - GAP;
     let mut picture = Array3::ones((CHANNELS, side(rows.len(), height), side(rows[0].len(), width)));
@@ -96,7 +97,7 @@ mod tests {
     fn a_grid_has_its_images_in_their_cells() {
         let flat = |value| ToneMappedImage::from_planes(Array3::from_elem((3, 2, 3), value)).unwrap();
         let (a, b, c) = (flat(0.0), flat(0.2), flat(0.4));
-        let picture = decode(&grid(&[vec![&a, &b], vec![&b, &c]]));
+        let picture = decode(&grid(&[[a, b.clone()], [b, c]]));
         assert_eq!(picture.dimensions(), (3 + 6 + 3, 2 + 6 + 2));
         let at = |x, y| picture.get_pixel(x, y).0[0];
         assert_eq!([at(0, 0), at(9, 1), at(2, 8), at(11, 9), at(4, 0)], [0, 51, 51, 102, 255]);

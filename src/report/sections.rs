@@ -1,16 +1,17 @@
 //! Turns each kind of result into the blocks of a page's section: PSFs, kernel bank, dataset, training,
 //! evaluation.
 
-use serde_json::Value;
+use serde::Deserialize;
 
 use super::chart::{Axes, Series, line_chart};
 use super::page::{Block, Figure};
-use super::picture;
+use super::{picture, plots};
 use crate::core::error::{Error, Result};
 use crate::core::kernel_code::KernelBank;
 use crate::core::metrics::Metric;
 use crate::core::psf::Psf;
 use crate::dataset::{Dataset, Split};
+use crate::experiment::{MethodResults, Region, Results, Values};
 
 /// Decades of the logarithmic stretch of PSFs: a panel's sidelobes lie three to five below the peak.
 const PSF_DECADES: f32 = 5.0;
@@ -87,19 +88,27 @@ pub fn dataset(name: &str, dataset: &Dataset) -> Vec<Block> {
     ]
 }
 
+/// What is drawn of a line of a training's log.
+#[derive(Deserialize)]
+struct LogLine {
+    iteration: Option<f64>,
+    loss: Option<f64>,
+    psnr: Option<f64>,
+}
+
 /// Draws the loss of a training, and its validation where there is one, from the lines of its log.
 ///
 /// # Errors
-/// [`Error::Config`] naming the line that is not JSON.
+/// [`Error::Config`] naming the line that is not one of a log.
 pub fn training(name: &str, log: &str) -> Result<Vec<Block>> {
     let mut loss = Series { name: "loss".to_owned(), points: Vec::new() };
     let mut psnr = Series { name: "validation".to_owned(), points: Vec::new() };
     for (index, line) in log.lines().enumerate() {
-        let entry: Value = serde_json::from_str(line)
+        let line: LogLine = serde_json::from_str(line)
             .map_err(|error| Error::config(format!("line {} of the log", index + 1), error.to_string()))?;
-        let Some(iteration) = entry["iteration"].as_f64() else { continue };
-        for (series, key) in [(&mut loss, "loss"), (&mut psnr, "psnr")] {
-            series.points.extend(entry[key].as_f64().map(|value| (iteration, value)));
+        let Some(iteration) = line.iteration else { continue };
+        for (series, value) in [(&mut loss, line.loss), (&mut psnr, line.psnr)] {
+            series.points.extend(value.map(|value| (iteration, value)));
         }
     }
     let axes = |y: &str, log_y| Axes { x: "iteration".to_owned(), y: y.to_owned(), log_y };
@@ -132,75 +141,74 @@ fn running_mean(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
 }
 
 /// Shows an evaluation: the means of every method, PSNR by kernel, what was left out, and the definition.
-pub fn evaluation(name: &str, metrics: &Value) -> Vec<Block> {
-    let mut blocks = vec![Block::Heading(format!("Evaluation: {name}"))];
-    let methods = metrics["methods"].as_array().cloned().unwrap_or_default();
-    let names: Vec<&String> = metrics["mean"].as_object().map_or(Vec::new(), |mean| mean.keys().collect());
-    let heading = |name: &&String| {
-        let metric = Metric::ALL.into_iter().find(|metric| metric.name() == name.as_str());
-        metric.map_or_else(|| name.to_uppercase(), |metric| metric.heading().to_owned())
-    };
+pub fn evaluation(name: &str, results: &Results) -> Vec<Block> {
+    let metrics = in_order_of_names(results.mean.metrics(), Metric::name);
     let headed = |first: &[&str]| {
-        first.iter().map(|&name| name.to_owned()).chain(names.iter().map(heading)).collect::<Vec<_>>()
-    };
-    let means = |of: &Value| names.iter().map(|name| number(&of["mean"][name.as_str()])).collect::<Vec<_>>();
-    let row = |method: &Value| {
-        let cost = |key: &str, decimals: usize| {
-            method[key].as_f64().map_or_else(|| "–".to_owned(), |cost| format!("{cost:.decimals$}"))
-        };
-        let cost = [cost("parameters", 0), cost("gmac-800x800", 2)];
-        let first = [label_of(method)].into_iter().chain(cost).chain([method["count"].to_string()]);
-        first.chain(means(method)).collect()
+        let headings = metrics.iter().map(|metric| metric.heading());
+        first.iter().copied().chain(headings).map(str::to_owned).collect::<Vec<_>>()
     };
     let head = headed(&["method", "parameters", "GMAC at 800²", "images"]);
-    blocks.push(Block::Table(head, methods.iter().map(row).collect()));
-    let of_regions = |method: &Value| {
-        let regions = method["regions"].as_object().cloned().unwrap_or_default();
-        let row = |(region, found): (&String, &Value)| {
-            let first = [label_of(method), region.clone(), found["pixels"].to_string()];
-            first.into_iter().chain(means(found)).collect::<Vec<_>>()
+    let row = |method: &MethodResults| {
+        let cost = match &method.cost {
+            Some(cost) => [cost.parameters.to_string(), format!("{:.2}", cost.gmac_published)],
+            None => ["–"; 2].map(str::to_owned),
         };
-        regions.iter().map(row).collect::<Vec<_>>()
+        let first = [method.label()].into_iter().chain(cost).chain([method.count.to_string()]);
+        first.chain(means(&method.mean, &metrics)).collect()
     };
-    let regions: Vec<_> = methods.iter().flat_map(of_regions).collect();
+    let mut blocks = vec![
+        Block::Heading(format!("Evaluation: {name}")),
+        Block::Table(head, results.methods.iter().map(row).collect()),
+    ];
+    let regions: Vec<_> = results.methods.iter().flat_map(|method| regions_of(method, &metrics)).collect();
     if !regions.is_empty() {
         blocks.push(Block::Table(headed(&["method", "region", "pixels"]), regions));
     }
-    if let Some(left_out) = metrics["excluded"].as_array().filter(|list| !list.is_empty()) {
-        blocks.push(Block::Text(format!("{} images are left out of every mean.", left_out.len())));
+    if !results.excluded.is_empty() {
+        blocks.push(Block::Text(format!("{} images are left out of every mean.", results.excluded.len())));
     }
-    blocks.extend(psnr_by_kernel(&methods));
-    let definition = serde_json::to_string_pretty(&metrics["definition"]).unwrap_or_default();
+    blocks.extend(psnr_by_kernel(results));
+    // Through a value, so that the keys are in the order of their names.
+    let definition = serde_json::to_value(&results.definition).unwrap_or_default();
     blocks.push(Block::Text("Definition of the metrics:".to_owned()));
-    blocks.push(Block::Listing(definition));
+    blocks.push(Block::Listing(format!("{definition:#}")));
     blocks
 }
 
-/// One line a method over the angles of the kernels, where the kernels are rotations.
-fn psnr_by_kernel(methods: &[Value]) -> Option<Block> {
-    let series = |method: &Value| {
-        let kernels = method["kernels"].as_object()?;
-        let point = |(name, mean): (&String, &Value)| {
-            Some((name.strip_prefix('r')?.parse::<f64>().ok()?, mean["psnr"].as_f64()?))
-        };
-        let mut points: Vec<(f64, f64)> = kernels.iter().filter_map(point).collect();
-        points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        (points.len() > 1).then(|| Series { name: label_of(method), points })
+/// A row for each region of a method's images.
+fn regions_of(method: &MethodResults, metrics: &[Metric]) -> Vec<Vec<String>> {
+    let names = in_order_of_names(method.regions.keys().copied(), Region::name);
+    let row = |region: Region| {
+        let found = &method.regions[&region];
+        let first = [method.label(), region.name().to_owned(), found.pixels.to_string()];
+        first.into_iter().chain(means(&found.mean, metrics)).collect()
     };
-    let series: Vec<Series> = methods.iter().filter_map(series).collect();
+    names.into_iter().map(row).collect()
+}
+
+/// Pages show what has a name in the order of the names.
+fn in_order_of_names<T: Copy>(things: impl Iterator<Item = T>, name: fn(T) -> &'static str) -> Vec<T> {
+    let mut things: Vec<T> = things.collect();
+    things.sort_by_key(|&thing| name(thing));
+    things
+}
+
+fn means(of: &Values, metrics: &[Metric]) -> Vec<String> {
+    let cell = |&metric: &Metric| match of.get(metric) {
+        Some(value) if value.is_finite() => format!("{value:.4}"),
+        Some(_) => "∞".to_owned(),
+        None => "–".to_owned(),
+    };
+    metrics.iter().map(cell).collect()
+}
+
+/// One line a method over the angles of the kernels, where the kernels are rotations.
+fn psnr_by_kernel(results: &Results) -> Option<Block> {
+    let mut series = plots::by_rotation(results, Metric::Psnr);
+    series.retain(|one| one.points.iter().filter(|point| point.1.is_finite()).count() > 1);
     let axes =
         Axes { x: "rotation of the panel in degrees".to_owned(), y: "PSNR in dB".to_owned(), log_y: false };
     (!series.is_empty()).then(|| Block::Chart(line_chart(&series, &axes), "Mean PSNR by kernel.".to_owned()))
-}
-
-/// A method's name, after its dataset's where there are several.
-fn label_of(method: &Value) -> String {
-    let name = method["name"].as_str().unwrap_or("?");
-    method["dataset"].as_str().map_or_else(|| name.to_owned(), |dataset| format!("{dataset}: {name}"))
-}
-
-fn number(value: &Value) -> String {
-    value.as_f64().map_or_else(|| "∞".to_owned(), |value| format!("{value:.4}"))
 }
 
 #[cfg(test)]
@@ -220,18 +228,24 @@ mod tests {
     #[test]
     fn tables_every_method_and_orders_kernels_by_angle() {
         let method = |name: &str, psnr: f64| {
-            json!({"name": name, "count": 2, "mean": {"psnr": psnr}, "parameters": 1234, "gmac-800x800": 23.255,
-                   "regions": {"flare": {"pixels": 99, "mean": {"psnr": psnr - 5.0}}},
+            json!({"name": name, "baseline": false, "count": 2, "mean": {"psnr": psnr}, "images": [],
+                   "parameters": 1234, "gmac-800x800": 23.255, "gmac-evaluated": 1.0,
+                   "regions": {"flare": {"images": 2, "pixels": 99, "mean": {"psnr": psnr - 5.0}},
+                               "rest": {"images": 0, "pixels": 0, "mean": {}}},
                    "kernels": {"r+12": {"psnr": psnr}, "r-12": {"psnr": psnr + 1.0}}})
         };
-        let metrics = json!({"mean": {"psnr": 30.0}, "methods": [method("degraded", 20.0), method("net", 30.0)],
-                             "excluded": [], "definition": {"quantise": true}});
-        let blocks = evaluation("results", &metrics);
+        let kernel = |name: &str, angle: f64| json!({"name": name, "angle-deg": angle});
+        let definition = json!({"quantise": true, "border": 0, "ssim-window": 11, "ssim-sigma": 1.5, "domain": "<b>",
+                                "peak": 1.0, "ssim-channels": "mean", "metrics": ["psnr"]});
+        let results = json!({"method": "net", "images": [], "mean": {"psnr": 30.0}, "sizes": [], "excluded": [],
+                             "methods": [method("degraded", 20.0), method("net", 30.0)], "definition": definition,
+                             "kernels": [kernel("r-12", -12.0), kernel("r+12", 12.0)]});
+        let blocks = evaluation("results", &serde_json::from_value(results).unwrap());
         let Some(Block::Table(head, rows)) = blocks.get(1) else { panic!("a table follows the heading") };
         assert_eq!(head[..], ["method", "parameters", "GMAC at 800²", "images", "PSNR (dB)"]);
         assert_eq!(rows[1], ["net", "1234", "23.25", "2", "30.0000"]);
         let Some(Block::Table(_, regions)) = blocks.get(2) else { panic!("regions follow") };
-        assert_eq!(regions[1], ["net", "flare", "99", "25.0000"]);
+        assert_eq!(regions[2..], [["net", "flare", "99", "25.0000"], ["net", "rest", "0", "–"]]);
         assert!(blocks.iter().any(|block| matches!(block, Block::Chart(..))));
     }
 

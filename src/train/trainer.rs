@@ -14,7 +14,7 @@ use super::schedule::learning_rate;
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::core::rng::Rng;
-use crate::network::{Backend, InputTensors, Network, Parameters, Plane, keep_freed_memory};
+use crate::network::{Backend, InputTensors, Network, Parameters, Plane};
 
 /// What one step did.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -88,7 +88,6 @@ impl Trainer {
                 "there is nothing to train on: the data have no items".to_owned(),
             ));
         }
-        keep_freed_memory();
         let sampler = Sampler::new(config.seed, items, config.data.shuffle);
         let loss = Loss::new(&config.loss)?;
         Ok(Self {

@@ -18,13 +18,19 @@ fn write_results(folder: &Path) {
     fs::create_dir_all(folder).unwrap();
     let name = "<img src=x onerror=alert(2)>";
     let kernels = json!({"r-03": {"psnr": 30.0}, "r+00": {"psnr": 31.0}});
-    let method = json!({"name": name, "count": 1, "mean": {"psnr": 30.5}, "kernels": kernels});
-    let metrics = json!({"method": name, "mean": {"psnr": 30.5}, "methods": [method], "excluded": [],
-                         "definition": {"quantise": "<script>alert(3)</script>"}});
+    let method = json!({"name": name, "baseline": false, "count": 1, "mean": {"psnr": 30.5}, "kernels": kernels,
+                        "images": []});
+    let definition = json!({"quantise": true, "border": 0, "ssim-window": 11, "ssim-sigma": 1.5, "peak": 1.0,
+                            "domain": "<script>alert(3)</script>", "ssim-channels": "mean", "metrics": ["psnr"]});
+    let angles = json!([{"name": "r-03", "angle-deg": -3.0}, {"name": "r+00", "angle-deg": 0.0}]);
+    let metrics = json!({"format": "udc-evaluation", "version": 1, "method": name, "mean": {"psnr": 30.5}, "images": [],
+                         "methods": [method], "kernels": angles, "sizes": [], "excluded": [],
+                         "definition": definition});
     fs::write(folder.join("metrics.json"), metrics.to_string()).unwrap();
     let matrix = json!({"method": name, "metric": "psnr", "simulated": ["r-03", "<script>"], "assumed": ["r-03", "r+00"],
                         "mean": [[31.25, 22.5], [21.75, null]], "images": [1, 1], "excluded": []});
-    fs::write(folder.join("mismatch.json"), json!({"matrices": [matrix]}).to_string()).unwrap();
+    let matrices = json!({"format": "udc-mismatch", "version": 1, "matrices": [matrix]});
+    fs::write(folder.join("mismatch.json"), matrices.to_string()).unwrap();
     fs::write(folder.join("mismatch-1-psnr.svg"), HOSTILE).unwrap();
 }
 
@@ -44,14 +50,27 @@ fn a_page_draws_foreign_results_anew_and_embeds_no_foreign_drawing() {
 }
 
 #[test]
-fn a_damaged_matrix_is_named_and_no_page_is_written() {
+fn damaged_and_outdated_results_are_named_with_what_to_do_and_no_page_is_written() {
     let scratch = tempfile::tempdir().unwrap();
-    write_results(&scratch.path().join("results"));
-    fs::write(scratch.path().join("results/mismatch.json"), "{\"matrices\": [{\"metric\": \"psnr\"}]}")
-        .unwrap();
-    let message = fail(scratch.path(), &["report", "results", "-o", "report.html"], 1);
-    assert!(message.contains("mismatch.json is damaged") && message.contains("simulated"), "{message}");
-    assert!(!scratch.path().join("report.html").exists());
+    let results = scratch.path().join("results");
+    let damage = |name: &str, from: &str, to: &str| {
+        write_results(&results);
+        let text = fs::read_to_string(results.join(name)).unwrap();
+        assert!(text.contains(from), "{text}");
+        fs::write(results.join(name), text.replace(from, to)).unwrap();
+        let message = fail(scratch.path(), &["report", "results", "-o", "report.html"], 1);
+        assert!(message.contains(&format!("{name}: ")), "{message}");
+        assert!(!scratch.path().join("report.html").exists());
+        message
+    };
+    let message = damage("mismatch.json", "\"simulated\"", "\"assumed\"");
+    assert!(message.contains("is damaged") && message.contains("`udc eval --mismatch`"), "{message}");
+    let message = damage("metrics.json", "\"methods\"", "\"method-s\"");
+    assert!(message.contains("is damaged") && message.contains("make it anew with `udc eval`"), "{message}");
+    let message = damage("metrics.json", ",\"version\":1", "");
+    assert!(message.contains("says no version"), "{message}");
+    let message = damage("metrics.json", "\"version\":1", "\"version\":7");
+    assert!(message.contains("layout 7, and this program reads 1"), "{message}");
 }
 
 fn write_scene(path: &Path) {

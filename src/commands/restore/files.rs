@@ -4,17 +4,15 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Result, bail};
 
-use udc::capture::fuse;
+use udc::capture::{Developed, Pictures, SCENE_BRACKET, Told, names_of};
 use udc::core::capture::CaptureInfo;
 use udc::core::error::Error;
 use udc::io::{DomainTag, expand_inputs, is_hidden, list_folder, read_pixels, sha256_of_file};
 
 use super::RestoreArgs;
 use crate::commands::Session;
-use crate::commands::bracket::{much_is_saturated, names_of, warnings_of};
-use crate::commands::capture::{info_of, uncorrected};
 use crate::commands::destination::{Destination, Unplaced, identity, without_repeats};
 use crate::commands::domain::DomainArg;
 use crate::commands::picture::AnyImage;
@@ -122,35 +120,21 @@ impl RestoreArgs {
                 domain.name()
             );
         }
-        let mut pictures = session.timed(format_args!("reading {}", job.name()), || {
-            self.raw.read(&job.inputs, self.domain.map(DomainTag::from), session)
-        })?;
-        let bracket = if self.is_bracket() {
-            let given = self.raw.exposures.clone();
-            let told = || Ok::<_, anyhow::Error>(pictures.told_times()?.map(<[f64]>::to_vec));
-            let Some(times) = given.map_or_else(told, |times| Ok(Some(times)))? else {
-                bail!(
-                    "not every picture says its exposure time: add --exposures T,T,… in the order of the files"
-                );
-            };
-            let of_files = "the exposure times are the files' own; to give others, add --exposures T,T,…";
-            let bracket = self.raw.join(&mut pictures, &times);
-            if self.raw.exposures.is_some() { bracket? } else { bracket.context(of_files)? }
-        } else {
-            let time = pictures.times.as_ref().map_or(1.0, |times| times[0]);
-            self.raw.join(&mut pictures, &[time])?
+        let told = Told {
+            // A picture alone needs no time.
+            default_times: (!self.is_bracket()).then_some(SCENE_BRACKET),
+            ..self.raw.told(self.domain.map(DomainTag::from))?
         };
-        let fused =
-            session.timed(format_args!("fusing {}", job.name()), || fuse(bracket, &pictures.config))?;
-        for warning in much_is_saturated(&fused).into_iter().chain(warnings_of(&fused)) {
+        let read = || Pictures::read(&job.inputs, &told, &session.progress);
+        let mut pictures = session.timed(format_args!("reading {}", job.name()), read)?;
+        std::mem::take(&mut pictures.warnings).into_iter().for_each(|warning| session.warn(warning));
+        let develop = || pictures.develop();
+        let developed = session.timed(format_args!("fusing {}", job.name()), develop)?;
+        for warning in &developed.warnings {
             session.warn(format_args!("{}: {warning}", job.name()));
         }
-        let raw = pictures.raw.as_ref();
-        if let Some(warning) = raw.and_then(uncorrected) {
-            session.warn(format_args!("{}: {warning}", job.name()));
-        }
-        let info = Some(info_of(&fused, raw, pictures.config.white_balance));
-        Ok(Capture { pixels: AnyImage::Linear(fused.image), info })
+        let Developed { fused, info, .. } = developed;
+        Ok(Capture { pixels: AnyImage::Linear(fused.image), info: Some(info) })
     }
 }
 

@@ -6,6 +6,7 @@
 //! same black level, and the shading of the lens corrected by [`opcodes`]. The picture stays as it lies on the sensor.
 
 mod color;
+mod directory;
 mod lossless_jpeg;
 mod opcodes;
 mod samples;
@@ -15,12 +16,12 @@ use std::path::Path;
 use ndarray::{Array3, s};
 
 use super::format::{Encoding, Format};
-use super::tiff_directory::{BITS, COMPRESSION, Directory, GREY, PHOTOMETRIC, RGB, SAMPLES, WIDTH};
 use super::{Pixels, RawMetadata, raster};
 use crate::core::bayer::BayerPattern;
 use crate::core::capture::is_exposure;
 use crate::core::error::{Error, Result};
 use crate::core::orientation::Orientation;
+use directory::{BITS, COMPRESSION, Directory, GREY, PHOTOMETRIC, RGB, SAMPLES, WIDTH};
 
 use color::Fields;
 use opcodes::Corrections;

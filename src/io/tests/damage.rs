@@ -8,6 +8,8 @@ use ::exr::prelude::{
     AnyChannel, AnyChannels, Compression, Encoding as ExrEncoding, FlatSamples, Image as ExrImage, Layer,
     LayerAttributes, LineOrder, Vec2, WritableImage, f16,
 };
+use ::tiff::encoder::colortype::Gray32Float;
+use ::tiff::encoder::{Compression as TiffCompression, TiffEncoder};
 use ndarray::Array3;
 use rand::RngExt;
 
@@ -81,6 +83,13 @@ fn files() -> Vec<(String, Format, Vec<u8>)> {
             format,
             raster::encode(&view, format, PixelOptions { clip: true, ..Default::default() }).unwrap(),
         ));
+    }
+    let grey = planes.index_axis(Axis(0), 0).iter().copied().collect::<Vec<_>>();
+    for (name, compression) in [("strips", TiffCompression::Uncompressed), ("LZW", TiffCompression::Lzw)] {
+        let mut file = Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut file).unwrap().with_compression(compression);
+        encoder.write_image::<Gray32Float>(WIDTH as u32, HEIGHT as u32, &grey).unwrap();
+        files.push((format!("TIFF of grey floats, {name}"), Format::Tiff, file.into_inner()));
     }
     files
 }

@@ -41,6 +41,18 @@ pub enum Method {
     Constrained,
 }
 
+impl Method {
+    /// The name on the command line and in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Wiener => "wiener",
+            Self::WienerOrieux => "wiener-orieux",
+            Self::RichardsonLucy => "richardson-lucy",
+            Self::Constrained => "constrained",
+        }
+    }
+}
+
 /// What is taken to lie beyond the border of the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -1,10 +1,10 @@
 //! Puts `key.path=value` settings into a configuration's table, and says which keys there are.
 
 use serde::Deserialize as _;
+use strsim::levenshtein;
 
 use super::TrainConfig;
 use crate::core::error::{Error, Result};
-use crate::core::nearest::edits;
 use crate::dataset::{NoiseConfig, SensorConfig};
 
 /// Puts settings over a table and reads the whole, as some are only right together; names the one that is wrong.
@@ -105,8 +105,8 @@ pub(super) fn keys(table: &toml::Table) -> Vec<(String, String)> {
 /// The three known keys that take the fewest edits, counting those with the same last part as near.
 fn nearest(path: &str, known: &[String]) -> Vec<String> {
     let leaf = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
-    let mut ranked: Vec<(usize, &String)> =
-        known.iter().map(|key| (edits(path, key).min(1 + edits(&leaf(path), &leaf(key))), key)).collect();
+    let edits = |path: &str, key: &str| levenshtein(path, key).min(1 + levenshtein(&leaf(path), &leaf(key)));
+    let mut ranked: Vec<(usize, &String)> = known.iter().map(|key| (edits(path, key), key)).collect();
     ranked.sort();
     ranked.into_iter().take(3).map(|(_, key)| key.clone()).collect()
 }

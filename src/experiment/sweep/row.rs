@@ -1,26 +1,23 @@
 //! A finished row of a sweep, and the file that remembers it.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::Value;
 
-use udc::core::config::parse_toml;
-use udc::core::error::{Error, Result};
-use udc::core::metrics::Metric;
-use udc::experiment::Evaluation;
-use udc::io;
+use super::super::{Cost, Evaluation, Values};
+use super::table::{RowResults, SingleResults};
+use crate::core::config::parse_toml;
+use crate::core::error::{Error, Result};
+use crate::core::metrics::Metric;
+use crate::io;
 
 /// What remembers a row, within its run's folder. TOML returns every number as it was, infinite ones too, so that
 /// a resumed sweep makes the same table.
 const FILE: &str = "row.toml";
 
-/// Means by the name of their metric.
-pub(super) type Means = BTreeMap<String, f64>;
-
 /// What a configuration cost and achieved.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(super) struct Row {
     pub(super) name: String,
@@ -35,22 +32,12 @@ pub(super) struct Row {
     /// The bank behind the codes of the data; rows of older versions do not say it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) kernel_bank_sha256: Option<String>,
-    pub(super) mean: Means,
+    pub(super) mean: Values,
     /// The means of the images before restoration.
-    pub(super) degraded: Means,
+    pub(super) degraded: Values,
     /// The means over the images of the single kernel, where the sweep has one and there are images of it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) single: Option<Single>,
-}
-
-/// The part of the test set that one kernel made.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub(super) struct Single {
-    pub(super) images: usize,
-    pub(super) mean: Means,
-    /// The means before restoration.
-    pub(super) degraded: Means,
+    pub(super) single: Option<SingleResults>,
 }
 
 impl Row {
@@ -58,12 +45,12 @@ impl Row {
     /// themselves too.
     pub(super) fn of(name: &str, iterations: u64, evaluation: &Evaluation, single: Option<&str>) -> Self {
         let cost = evaluation.methods[1].cost.expect("the cost of networks is counted");
-        let means = |method, kernel| -> Means {
+        let means = |method, kernel| -> Values {
             let values = evaluation.mean(method, kernel).unwrap_or_default();
-            let named = |(metric, value): (&Metric, f64)| (metric.name().to_owned(), value);
+            let named = |(metric, value): (&Metric, f64)| (*metric, value);
             evaluation.metrics.iter().zip(values).map(named).collect()
         };
-        let single = single.map(|kernel| Single {
+        let single = single.map(|kernel| SingleResults {
             images: evaluation.of(1, Some(kernel)).count(),
             mean: means(1, Some(kernel)),
             degraded: means(0, Some(kernel)),
@@ -83,23 +70,24 @@ impl Row {
         }
     }
 
+    /// What the sweep's table holds of it.
+    pub(super) fn results(&self) -> RowResults {
+        let Self { parameters, gmac_published, gmac_evaluated, .. } = *self;
+        RowResults {
+            name: self.name.clone(),
+            cost: Cost { parameters, gmac_published, gmac_evaluated },
+            iterations: self.iterations,
+            images: self.images,
+            mean: self.mean.clone(),
+            degraded: self.degraded.clone(),
+            single: self.single.clone(),
+        }
+    }
+
     /// Identity of the list of triplets that the row was made with.
     pub(super) fn data_sha256(&self) -> Option<String> {
         let made_with: Value = serde_json::from_str(&self.made_with).ok()?;
         made_with["data-sha256"].as_str().map(str::to_owned)
-    }
-
-    /// The row as JSON; a mean that is infinite is null.
-    pub(super) fn to_json(&self) -> Value {
-        let mut json = json!({
-            "name": self.name, "parameters": self.parameters, "gmac-800x800": self.gmac_published,
-            "gmac-evaluated": self.gmac_evaluated, "iterations": self.iterations, "images": self.images,
-            "mean": self.mean, "degraded": self.degraded,
-        });
-        if let Some(single) = &self.single {
-            json["single"] = json!(single);
-        }
-        json
     }
 
     /// The row of a run that was finished, if it was.
@@ -130,4 +118,44 @@ impl Row {
 
 fn file(run: &Path) -> PathBuf {
     run.join(FILE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_row_is_read_as_it_was_written_and_as_earlier_versions_wrote_it() {
+        let values =
+            |psnr: f64| -> Values { [(Metric::Psnr, psnr), (Metric::Ssim, 0.1)].into_iter().collect() };
+        let row = Row {
+            name: "plain".to_owned(),
+            parameters: 9,
+            gmac_published: 0.1,
+            gmac_evaluated: 0.2,
+            iterations: 6,
+            images: 2,
+            made_with: "{\"data-sha256\":\"ab\"}".to_owned(),
+            kernel_bank_sha256: Some("cd".to_owned()),
+            mean: values(f64::INFINITY),
+            degraded: values(1.0 / 3.0),
+            single: Some(SingleResults { images: 1, mean: values(0.7), degraded: values(20.0) }),
+        };
+        let scratch = tempfile::tempdir().unwrap();
+        row.write(scratch.path()).unwrap();
+        assert_eq!(Row::read(scratch.path()).unwrap().as_ref(), Some(&row));
+        assert_eq!(row.data_sha256().as_deref(), Some("ab"));
+
+        let earlier = "name = \"plain\"\nparameters = 9\ngmac-published = 0.1\ngmac-evaluated = 0.2\niterations = 6\n\
+                       images = 2\nmade-with = \"\"\n\n[mean]\npsnr = inf\nssim = 0.1\n\n[degraded]\npsnr = 20.0\n";
+        std::fs::write(file(scratch.path()), earlier).unwrap();
+        let read = Row::read(scratch.path()).unwrap().unwrap();
+        assert_eq!((read.mean, read.kernel_bank_sha256, read.single), (row.mean, None, None));
+
+        Row::remove(scratch.path()).unwrap();
+        assert_eq!(Row::read(scratch.path()).unwrap(), None);
+        std::fs::write(file(scratch.path()), "name = 3").unwrap();
+        let message = Row::read(scratch.path()).unwrap_err().to_string();
+        assert!(message.contains("row.toml: is no row") && message.contains("remove it"), "{message}");
+    }
 }

@@ -1,19 +1,13 @@
-//! What files tell of their exposures: times, sensitivities, the white of their light.
+//! What files tell of their exposures: times and sensitivities.
 
-use std::path::Path;
-
-use udc::capture::SAME_TIME;
-use udc::io::RawMetadata;
+use super::exposure_times::SAME_TIME;
 
 /// The exposure of a file, as far as it tells.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Shot {
+pub(super) struct Shot {
     pub(super) seconds: Option<f64>,
     pub(super) iso: Option<f64>,
 }
-
-/// Chromaticity (x, y) of daylight, D65 as sRGB has it.
-const DAYLIGHT: [f64; 2] = [0.3127, 0.3290];
 
 /// What brightness grows with: the times, multiplied by the sensitivities where every file says its own.
 pub(super) fn exposures(shots: &[Shot]) -> Option<Vec<f64>> {
@@ -84,26 +78,5 @@ impl Shot {
         } else {
             format!("{seconds} s{iso}")
         }
-    }
-}
-
-/// The gains for a raw file that says nothing of its white, those of daylight where its colours tell them, and what the user is
-/// to be told.
-pub(super) fn gains_of_daylight(file: &Path, raw: &RawMetadata) -> (Option<[f64; 3]>, String) {
-    let file = file.display();
-    match raw.color.as_ref().and_then(|color| color.gains_of(DAYLIGHT)) {
-        Some(gains @ [red, green, blue]) => (
-            Some(gains),
-            format!(
-                "{file} says no white balance; taken as under daylight (D65), {red:.3},{green:.3},{blue:.3}: give \
-                 --white-balance R,G,B for another light"
-            ),
-        ),
-        None => (
-            None,
-            format!(
-                "{file} says no white balance; light stays in the camera's own colours: give --white-balance R,G,B"
-            ),
-        ),
     }
 }

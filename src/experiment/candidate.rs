@@ -1,29 +1,26 @@
-//! What `udc eval` compares: the degraded image itself, networks, deconvolutions.
+//! What an experiment compares: the degraded image itself, networks, deconvolutions.
 
-use anyhow::{Result, bail};
-
-use udc::core::bytes::format_bytes;
-use udc::core::error;
-use udc::core::image::{CHANNELS, LinearImage, ToneMappedImage};
-use udc::core::progress::Progress;
-use udc::core::saturation::saturated_from;
-use udc::core::tone::ToneCurve;
-use udc::dataset::Dataset;
-use udc::experiment::{Cost, Method};
-use udc::network::Model;
-use udc::restore::deconvolution::{DeconvolutionConfig, deconvolution_bytes, deconvolve};
-use udc::restore::{Conditioning, Highlights, NetworkRestorer, Tiling, blend_highlights, restore_tiled};
-
-use crate::commands::method::MethodArg;
+use super::{Cost, Method};
+use crate::core::bytes::format_bytes;
+use crate::core::error::{Error, Result};
+use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
+use crate::core::progress::Progress;
+use crate::core::saturation::saturated_from;
+use crate::core::tone::ToneCurve;
+use crate::dataset::Dataset;
+use crate::network::Model;
+use crate::restore::deconvolution::{self, DeconvolutionConfig, deconvolution_bytes, deconvolve};
+use crate::restore::{Conditioning, Highlights, NetworkRestorer, Tiling, blend_highlights, restore_tiled};
 
 /// Something that makes an image of a degraded one.
-pub(in crate::commands) enum Restorer {
+#[derive(Clone, Debug)]
+pub enum Candidate {
     /// Leaves the image as it is, to compare with.
     Nothing,
     /// A network, by its name in tables.
     Network(String, Box<Model>, Highlights),
     /// A deconvolution with the kernel's PSF.
-    Deconvolution(MethodArg, Highlights),
+    Deconvolution(deconvolution::Method, Highlights),
 }
 
 /// A degraded image with what a restoration may know of it.
@@ -36,7 +33,27 @@ pub(super) struct Degraded<'a> {
     pub(super) max_memory: u64,
 }
 
-impl Restorer {
+impl Candidate {
+    /// The degraded images themselves, every model (by its name in tables) and every deconvolution, these with each of
+    /// the treatments of highlights, or with the usual one where none is named.
+    pub fn list(
+        models: Vec<(String, Model)>,
+        methods: &[deconvolution::Method],
+        highlights: &[Highlights],
+    ) -> Vec<Self> {
+        let treatments = if highlights.is_empty() { &[Highlights::default()] } else { highlights };
+        let mut candidates = vec![Self::Nothing];
+        for (name, model) in models {
+            let of = |&highlights| Self::Network(name.clone(), Box::new(model.clone()), highlights);
+            candidates.extend(treatments.iter().map(of));
+        }
+        for &method in methods {
+            candidates.extend(treatments.iter().map(|&highlights| Self::Deconvolution(method, highlights)));
+        }
+        candidates
+    }
+
+    /// How tables name it.
     pub(super) fn method(&self) -> Method {
         match self {
             Self::Nothing => Method::baseline("degraded"),
@@ -67,14 +84,16 @@ impl Restorer {
     pub(super) fn check(&self, dataset: &Dataset) -> Result<()> {
         let root = dataset.root.display();
         match self {
-            Self::Deconvolution(method, _) if dataset.bank.is_none() => bail!(
+            Self::Deconvolution(method, _) if dataset.bank.is_none() => Err(Error::Unsupported(format!(
                 "{root} has kernel codes and no PSFs, which --method {} needs; name a dataset of `udc synth`",
                 method.name()
-            ),
+            ))),
             Self::Network(name, model, _) if self.knows_the_kernel() => {
                 let (needed, found) = (model.architecture().code_dim, dataset.code_dim());
                 if needed != found {
-                    bail!("{name} needs kernel codes of {needed} numbers, and those of {root} have {found}");
+                    return Err(Error::Unsupported(format!(
+                        "{name} needs kernel codes of {needed} numbers, and those of {root} have {found}"
+                    )));
                 }
                 Ok(())
             }
@@ -103,7 +122,7 @@ impl Restorer {
         bank.into_iter().chain(curve).collect()
     }
 
-    pub(super) fn restore(&self, degraded: &Degraded<'_>) -> error::Result<ToneMappedImage> {
+    pub(super) fn restore(&self, degraded: &Degraded<'_>) -> Result<ToneMappedImage> {
         let curve = degraded.dataset.formation.curve()?;
         match self {
             Self::Nothing => Ok(curve.tone_map(degraded.image)),
@@ -132,7 +151,7 @@ impl Degraded<'_> {
         restored: ToneMappedImage,
         highlights: Highlights,
         curve: ToneCurve,
-    ) -> error::Result<ToneMappedImage> {
+    ) -> Result<ToneMappedImage> {
         if highlights == Highlights::Network {
             return Ok(restored);
         }
@@ -140,7 +159,7 @@ impl Degraded<'_> {
         blend_highlights(restored, &curve.tone_map(self.image), level, highlights)
     }
 
-    fn restore_by_network(&self, model: &Model, curve: ToneCurve) -> error::Result<ToneMappedImage> {
+    fn restore_by_network(&self, model: &Model, curve: ToneCurve) -> Result<ToneMappedImage> {
         let code = match model.architecture().reads_code() {
             true => Conditioning::Code(self.dataset.code_of(self.kernel)?),
             false => Conditioning::None,
@@ -152,10 +171,10 @@ impl Degraded<'_> {
         restore_tiled(&curve.tone_map(self.image), &tiling, &restorer, &Progress::default())
     }
 
-    fn deconvolve(&self, method: MethodArg, curve: ToneCurve) -> error::Result<ToneMappedImage> {
+    fn deconvolve(&self, method: deconvolution::Method, curve: ToneCurve) -> Result<ToneMappedImage> {
         let ToneCurve { alpha, x_max } = curve;
         let border = (&self.dataset.formation).into();
-        let default = DeconvolutionConfig::of_method(method.into());
+        let default = DeconvolutionConfig::of_method(method);
         let config = DeconvolutionConfig { alpha, saturation: [x_max; CHANNELS], border, ..default };
         let bank = self.dataset.bank.as_ref().expect("checked before the work");
         let psf = &bank.psfs[self.kernel];
@@ -168,7 +187,7 @@ impl Degraded<'_> {
                 size[1],
                 format_bytes(bytes)
             );
-            return Err(error::Error::config("max-memory", reason));
+            return Err(Error::config("max-memory", reason));
         }
         Ok(curve.tone_map(&deconvolve(self.image, psf, &config, &Progress::default())?))
     }

@@ -1,9 +1,7 @@
-//! Reads the directories of TIFF files: fields of a tag, a type, a count, and values or their position.
+//! Reads the directories of digital negatives, which are those of TIFF files: fields of a tag, a type, a count, and values or their position.
 //!
 //! The file: byte order, 42, the position of the first directory (TIFF 6.0, section 2). Nothing is believed that lies
 //! beyond the end of the file.
-
-use std::borrow::Cow;
 
 pub(super) const WIDTH: u16 = 256;
 pub(super) const HEIGHT: u16 = 257;
@@ -11,18 +9,10 @@ pub(super) const BITS: u16 = 258;
 pub(super) const COMPRESSION: u16 = 259;
 pub(super) const PHOTOMETRIC: u16 = 262;
 pub(super) const SAMPLES: u16 = 277;
-const EXTRA_SAMPLES: u16 = 338;
-pub(super) const SAMPLE_FORMAT: u16 = 339;
-
-const ICC_PROFILE: u16 = 34675;
 
 /// Values of [`PHOTOMETRIC`]: black is zero; red, green and blue.
 pub(super) const GREY: u16 = 1;
 pub(super) const RGB: u16 = 2;
-/// The value of [`SAMPLE_FORMAT`] for IEEE floats.
-pub(super) const FLOAT: usize = 3;
-/// The value of [`EXTRA_SAMPLES`] for an alpha.
-const ALPHA: u16 = 2;
 
 /// Where the position of the first directory stands.
 const FIRST: usize = 4;
@@ -92,10 +82,6 @@ impl<'a> Directory<'a> {
         let bytes = *self.bytes.get(place..)?.first_chunk::<4>()?;
         let value = if self.big_endian { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) };
         usize::try_from(value).ok()
-    }
-
-    pub(super) fn is_big_endian(&self) -> bool {
-        self.big_endian
     }
 
     /// `length` bytes of the file from `start`.
@@ -173,39 +159,4 @@ impl<'a> Directory<'a> {
         let value = if self.big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
         bytes[place..place + 4].copy_from_slice(&value);
     }
-}
-
-/// The ICC profile of the first image: bytes, or as the profile's standard has it, of no type.
-pub(super) fn icc_profile(bytes: &[u8]) -> Option<Vec<u8>> {
-    const UNDEFINED: u16 = 7;
-    let directory = Directory::first(bytes)?;
-    let is_bytes = |kind| [BYTE, UNDEFINED].contains(&kind).then_some(1);
-    let (_, length, start) = directory.values(ICC_PROFILE, is_bytes)?;
-    directory.slice(start, length).map(<[u8]>::to_vec)
-}
-
-/// Whether the samples are integers of 32 bits: some decoders take their bits for floats.
-pub(super) fn holds_wide_integers(bytes: &[u8]) -> bool {
-    Directory::first(bytes).is_some_and(|directory| {
-        directory.number(BITS) == Some(32) && directory.number(SAMPLE_FORMAT) != Some(FLOAT)
-    })
-}
-
-/// Declares four grey bands, as arrays are often stored, to be three colours and an alpha, which decoders know.
-pub(super) fn bands_as_rgba(bytes: &[u8]) -> Cow<'_, [u8]> {
-    let promoted = || {
-        let directory = Directory::first(bytes)?;
-        if directory.number(PHOTOMETRIC) != Some(usize::from(GREY)) || directory.number(SAMPLES) != Some(4) {
-            return None;
-        }
-        let mut promoted = directory.promoted(RGB)?;
-        let extra = directory.fields.iter().find(|(tag, kind, ..)| (*tag, *kind) == (EXTRA_SAMPLES, SHORT));
-        if let Some(&(.., place)) = extra {
-            // One alpha, whose value stands in the field, in place of three unnamed bands.
-            directory.put_u32(&mut promoted, place - 4, 1);
-            directory.put_u16(&mut promoted, place, ALPHA);
-        }
-        Some(promoted)
-    };
-    promoted().map_or(Cow::Borrowed(bytes), Cow::Owned)
 }

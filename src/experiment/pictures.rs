@@ -2,35 +2,40 @@
 
 use std::path::PathBuf;
 
-use udc::core::error::Result;
-use udc::core::image::ToneMappedImage;
-use udc::core::spread::spread;
-use udc::experiment::{Method, Sample};
-use udc::io::{self, WriteOptions};
+use super::{Method, Sample};
+use crate::core::error::Result;
+use crate::core::image::ToneMappedImage;
+use crate::core::spread::spread;
+use crate::io::{self, WriteOptions};
 
 /// The folder of the pictures, within that of the results.
-pub(in crate::commands) const FOLDER: &str = "pictures";
+pub const FOLDER: &str = "pictures";
 
 /// Which samples are kept as pictures, and where.
-pub(in crate::commands) struct Pictures {
-    pub(in crate::commands) folder: PathBuf,
-    pub(in crate::commands) count: usize,
+#[derive(Clone, Debug, Default)]
+pub struct Pictures {
+    /// The folder that they are written to; it is made with the first.
+    pub folder: PathBuf,
+    /// How many of the samples.
+    pub count: usize,
     /// What their names begin with.
-    pub(in crate::commands) prefix: String,
+    pub prefix: String,
 }
 
 /// What the name of a picture says.
 #[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(in crate::commands) struct PictureName<'a> {
-    pub(in crate::commands) scene: &'a str,
+pub struct PictureName<'a> {
+    /// The scene with its kernel.
+    pub scene: &'a str,
     /// Its place among the pictures of the scene, from 1.
     number: usize,
-    pub(in crate::commands) what: &'a str,
+    /// What restored it, or that it is the ground truth.
+    pub what: &'a str,
 }
 
 impl<'a> PictureName<'a> {
     /// Reads a file's name; none for files that an evaluation does not write.
-    pub(in crate::commands) fn of_file(file: &'a str) -> Option<Self> {
+    pub fn of_file(file: &'a str) -> Option<Self> {
         // A dot separates the scene from what the picture shows.
         let (scene, shown) = file.strip_suffix(".png")?.rsplit_once('.')?;
         let (number, what) = shown.split_once('-')?;

@@ -1,0 +1,142 @@
+//! Develops a capture: the whole way from files of raw pictures to one image of linear light.
+
+use std::path::PathBuf;
+
+use super::bracket::Bracket;
+use super::exposure_times::relative_times;
+use super::fuse::{FuseConfig, Fused, fuse};
+use super::pictures::Pictures;
+use super::told::Told;
+use super::warnings::uncorrected;
+use crate::core::capture::CaptureInfo;
+use crate::core::error::{Error, Result};
+use crate::core::progress::Progress;
+use crate::io::RawMetadata;
+
+/// A capture in linear light, and what is known of it.
+#[derive(Clone, Debug)]
+pub struct Developed {
+    /// The image, and where its values come from.
+    pub fused: Fused,
+    /// What finishing needs to know of the capture.
+    pub info: CaptureInfo,
+    /// What the first file says, where it is a camera's raw one.
+    pub raw: Option<RawMetadata>,
+    /// How the pictures were fused, levels as shares of the largest integer or as the floats of the files.
+    pub config: FuseConfig,
+    /// The exposures in the order of the files, as shares of the longest.
+    pub exposures: Vec<f64>,
+    /// What the user should look at: those of [`Pictures::warnings`] that were left there, then those of the fusion.
+    pub warnings: Vec<String>,
+}
+
+/// Reads pictures of one scene, one or a bracket, and makes one image of linear light of them.
+///
+/// # Errors
+/// As [`Pictures::read`] and [`Pictures::develop`].
+pub fn develop(files: &[PathBuf], told: &Told, progress: &Progress) -> Result<Developed> {
+    let pictures = Pictures::read(files, told, progress)?;
+    progress.check()?;
+    pictures.develop()
+}
+
+impl Pictures {
+    /// Levels the pictures, takes dark frames off, fuses them to one image and interpolates the colours of a mosaic.
+    ///
+    /// # Errors
+    /// Exposure times that nobody says or that contradict the pictures, dark frames that belong to other pictures, and those
+    /// of [`fuse`].
+    pub fn develop(mut self) -> Result<Developed> {
+        let times = self.times()?;
+        let bracket = self.join(&times).map_err(|error| self.blame_times(error))?;
+        self.fuse(bracket, &times)
+    }
+
+    fn fuse(self, bracket: Bracket, times: &[f64]) -> Result<Developed> {
+        let Self { mut warnings, config, raw, .. } = self;
+        let fused = fuse(bracket, &config)?;
+        warnings.extend(fused.much_is_saturated());
+        warnings.extend(fused.warnings());
+        warnings.extend(raw.as_ref().and_then(uncorrected));
+        let info = info_of(&fused, raw.as_ref(), config.white_balance);
+        Ok(Developed { fused, info, raw, config, exposures: relative_times(times), warnings })
+    }
+
+    /// Says that the times are the files' own, where nobody else has any.
+    fn blame_times(&self, error: Error) -> Error {
+        if self.told.exposures.is_some() || self.told.default_times.is_some() {
+            return error;
+        }
+        Error::Unsupported(format!(
+            "the exposure times are the files' own; to give others, add --exposures T,T,…: {error}"
+        ))
+    }
+}
+
+/// What finishing needs to know of a capture that was read from raw files, or of a fused bracket.
+fn info_of(fused: &Fused, raw: Option<&RawMetadata>, white_balance: [f64; 3]) -> CaptureInfo {
+    #[expect(clippy::cast_possible_truncation, reason = "an irradiance in f32")]
+    let saturation = Some(fused.saturation.map(|white| white as f32));
+    let info = CaptureInfo { saturation, white_balance: Some(white_balance), ..CaptureInfo::default() };
+    match raw {
+        None => info,
+        Some(raw) => CaptureInfo {
+            orientation: Some(raw.orientation),
+            baseline_exposure_ev: raw.baseline_exposure_ev,
+            color: raw.color.clone(),
+            ..info
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::ToldLevels;
+    use crate::core::bayer::BayerPattern;
+    use crate::io::write_array;
+    use ndarray::Array3;
+
+    /// Floats of a mosaic of grey light, black 10 and white 110, the shorter exposure a quarter of the longer.
+    #[test]
+    fn a_bracket_of_files_becomes_its_light() {
+        let folder = tempfile::tempdir().unwrap();
+        let files: Vec<PathBuf> = ["long.npy", "short.npy"].map(|name| folder.path().join(name)).into();
+        let light = |y: usize| 0.02 * y as f32;
+        for (file, time) in files.iter().zip([1.0, 0.25]) {
+            let mosaic =
+                Array3::from_shape_fn((1, 64, 64), |(_, y, _)| 10.0 + 100.0 * (light(y) * time).min(1.0));
+            write_array(file, &mosaic.into_dyn(), false).unwrap();
+        }
+        let levels = ToldLevels {
+            white: Some(110.0),
+            black: Some(10.0),
+            bayer: Some(BayerPattern::Rggb),
+            white_balance: None,
+        };
+        let told = Told { levels, exposures: Some(vec![4.0, 1.0]), ..Told::default() };
+        let developed = develop(&files, &told, &Progress::default()).unwrap();
+        assert_eq!((developed.exposures, developed.warnings), (vec![1.0, 0.25], vec![]));
+        assert_eq!(developed.info.saturation, Some([4.0; 3]));
+        let planes = developed.fused.image.planes();
+        for y in [10, 30, 60] {
+            // Of 32-bit floats around 100, and of an interpolation that is exact on ramps but for compressing light.
+            assert!((planes[[1, y, 31]] - light(y)).abs() < 2e-3, "{} of {}", planes[[1, y, 31]], light(y));
+        }
+    }
+
+    #[test]
+    fn files_are_blamed_for_times_that_they_alone_say() {
+        let folder = tempfile::tempdir().unwrap();
+        let files: Vec<PathBuf> = ["a.npy", "b.npy"].map(|name| folder.path().join(name)).into();
+        for (file, side) in files.iter().zip([8, 9]) {
+            write_array(file, &Array3::<f32>::zeros((3, side, side)).into_dyn(), false).unwrap();
+        }
+        let error = |exposures| {
+            let told = Told { exposures, ..Told::default() };
+            develop(&files, &told, &Progress::default()).unwrap_err().to_string()
+        };
+        assert!(error(Some(vec![2.0, 1.0])).starts_with("picture 2 of the bracket"));
+        assert!(error(None).contains("--exposures"));
+    }
+}

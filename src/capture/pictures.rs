@@ -1,0 +1,319 @@
+//! Reads the pictures of a capture, one or a bracket, with its dark frames, and what the files say of them.
+
+use std::path::{Path, PathBuf};
+
+use ndarray::{Array2, Array3};
+
+use super::bracket::Bracket;
+use super::fuse::FuseConfig;
+use super::levels::{Kind, Levels, Samples, Unit};
+use super::plausible::{check_floats, check_reachable};
+use super::shots::{Shot, differ, exposures, exposures_of_darks, is_in_doubt, without_dark};
+use super::told::Told;
+use crate::core::error::{Error, Result};
+use crate::core::progress::Progress;
+use crate::io::{DomainTag, Pixels, RawMetadata, expand_inputs, inspect_image, inspect_mosaic, read_pixels};
+
+/// The pictures of a capture as they were read.
+#[derive(Debug)]
+pub struct Pictures {
+    /// What the user should look at, each naming its file.
+    pub warnings: Vec<String>,
+    /// What the user said of them.
+    pub(super) told: Told,
+    /// How to fuse them, the levels in the units of the planes.
+    pub(super) config: FuseConfig,
+    /// What the first file says, where it is a camera's raw one.
+    pub(super) raw: Option<RawMetadata>,
+    lights: Group,
+    darks: Group,
+}
+
+/// Pictures in the order of their files, and what each tells of its exposure.
+#[derive(Debug, Default)]
+struct Group {
+    planes: Vec<Array3<f32>>,
+    shots: Vec<Shot>,
+}
+
+impl Pictures {
+    /// Reads the pictures, unless the user asks to stop.
+    ///
+    /// # Errors
+    /// Those of reading files; what the user said that the files contradict, or did not say and must; levels that no
+    /// picture has; [`Error::Interrupted`].
+    pub fn read(files: &[PathBuf], told: &Told, progress: &Progress) -> Result<Self> {
+        let config = told.config()?;
+        let Some(first) = files.first() else {
+            return Err(Error::shape("capture", "at least one picture", "none"));
+        };
+        let dark_files = told.darks.as_deref().map_or(Ok(Vec::new()), expand_inputs)?;
+        let mut reader = Reader { told, first: None, warnings: Vec::new() };
+        let lights = reader.read_group(files, progress)?;
+        let darks = reader.read_group(&dark_files, progress)?;
+        let Reader { first: of_first, mut warnings, .. } = reader;
+        let (raw, samples) = of_first.expect("at least one picture was read");
+
+        let unit = Unit::of(told.levels.white, samples);
+        for (flag, level) in [("--white", told.levels.white), ("--black", told.levels.black)] {
+            level.map_or(Ok(()), |level| check_reachable(flag, level, unit))?;
+        }
+        let levels = Levels::of(&told.levels, unit, raw.as_ref());
+        warnings.extend(levels.warning(first));
+        let Levels { white, black, bayer, white_balance, .. } = levels;
+        if told.levels.white.is_none() && black >= white {
+            return Err(Error::Unsupported(format!(
+                "black {black} does not lie below white {white}: give --white as well, in the same units"
+            )));
+        }
+        if raw.is_none()
+            && unit == Unit::Planes
+            && let Some(warning) = check_floats(&lights.planes, told.levels.white)?
+        {
+            warnings.push(format!("{}: {warning}", names_of(files)));
+        }
+        let config = FuseConfig { white, black, bayer, white_balance, ..config };
+        Ok(Self { warnings, told: told.clone(), config, raw, lights, darks })
+    }
+
+    /// The exposures in the order of the files: of the user, else of the files, else the default ones.
+    pub(super) fn times(&self) -> Result<Vec<f64>> {
+        if let Some(times) = &self.told.exposures {
+            return Ok(times.clone());
+        }
+        if let Some(times) = self.told_by_files()? {
+            return Ok(times);
+        }
+        match (self.told.default_times, self.lights.planes.len()) {
+            (None, _) => Err(untold_times()),
+            (Some(_), 1) => Ok(vec![1.0]),
+            (Some(times), 3) => Ok(times.to_vec()),
+            (Some(times), pictures) => Err(Error::Unsupported(format!(
+                "{pictures} pictures do not say their exposure times, and a published bracket has {}: add --exposures \
+                 T,T,… in the order of the files",
+                times.len()
+            ))),
+        }
+    }
+
+    /// The exposures of the files, none where no file tells its time.
+    fn told_by_files(&self) -> Result<Option<Vec<f64>>> {
+        let shots = &self.lights.shots;
+        let times = exposures(shots);
+        if times.is_none() && shots.iter().any(|shot| shot.seconds.is_some()) {
+            return Err(untold_times());
+        }
+        if times.is_some() && is_in_doubt(shots) {
+            return Err(Error::Unsupported(
+                "not every picture says its ISO, and those that do say different ones: add --exposures T,T,… in the order of \
+                 the files"
+                    .to_owned(),
+            ));
+        }
+        Ok(times)
+    }
+
+    /// Puts pictures, their times, the mask and the dark frames together.
+    pub(super) fn join(&mut self, times: &[f64]) -> Result<Bracket> {
+        let mut bracket = Bracket::new(std::mem::take(&mut self.lights.planes), times)?;
+        if self.told.darks.is_some() {
+            let dark_times = self.dark_times(times, &bracket)?;
+            bracket = bracket.with_darks(std::mem::take(&mut self.darks.planes), dark_times.as_deref())?;
+        }
+        match self.told.mask.take() {
+            Some(mask) => bracket.with_mask(mask),
+            None => Ok(bracket),
+        }
+    }
+
+    /// The exposures of the dark frames, of the user, else of the files; none where one dark frame is for all pictures.
+    fn dark_times(&self, times: &[f64], bracket: &Bracket) -> Result<Option<Vec<f64>>> {
+        if let Some(times) = &self.told.dark_exposures {
+            return Ok(Some(times.clone()));
+        }
+        let shots = [&self.lights.shots[..], &self.darks.shots];
+        let times_are_of_files = self.told.exposures.is_none() && exposures(shots[0]).is_some();
+        let dark_times = exposures_of_darks(shots[0], shots[1]).filter(|_| times_are_of_files);
+        let seconds: Vec<f64> = shots[1].iter().filter_map(|shot| shot.seconds).collect();
+        match &dark_times {
+            None if differ(&seconds) => Err(Error::Unsupported(
+                "the dark frames have different exposure times, and it is not known which pictures they belong to: give \
+                 both --exposures and --dark-exposures, or dark frames of one time"
+                    .to_owned(),
+            )),
+            None => Ok(None),
+            Some(dark) => match without_dark([times, dark], &bracket.times(), shots) {
+                Some(reason) => Err(Error::Unsupported(reason)),
+                None => Ok(dark_times),
+            },
+        }
+    }
+}
+
+fn untold_times() -> Error {
+    let reason = "not every picture says its exposure time: add --exposures T,T,… in the order of the files";
+    Error::Unsupported(reason.to_owned())
+}
+
+/// Reads pictures that must be alike.
+struct Reader<'a> {
+    told: &'a Told,
+    /// What the first file says.
+    first: Option<(Option<RawMetadata>, Samples)>,
+    warnings: Vec<String>,
+}
+
+impl Reader<'_> {
+    fn read_group(&mut self, files: &[PathBuf], progress: &Progress) -> Result<Group> {
+        let mut group = Group::default();
+        for file in files {
+            progress.check()?;
+            let pixels = self.read(file)?;
+            group.planes.push(pixels.planes);
+            group.shots.push(Shot { seconds: pixels.exposure_s, iso: pixels.iso });
+        }
+        Ok(group)
+    }
+
+    fn read(&mut self, file: &Path) -> Result<Pixels> {
+        let (mut pixels, encoding) = match self.told.levels.bayer {
+            Some(pattern) => inspect_mosaic(file, pattern)?,
+            None => inspect_image(file)?,
+        };
+        let samples = Samples::of(&pixels, &encoding);
+        self.settle_domain(file, &mut pixels, Kind::of(samples, &self.told.levels, self.told.is_raw()))?;
+        let (raw, of_first) = self.first.get_or_insert_with(|| (pixels.raw.clone(), samples));
+        check_alike(file, self.told, raw.as_ref(), pixels.raw.as_ref())?;
+        let is_of_integers = Unit::is_of_integers(self.told.levels.white, of_first.is_camera_raw);
+        if is_of_integers && of_first.largest != samples.largest {
+            return Err(Error::Unsupported(format!(
+                "{} is stored in another type than the other pictures: give --white and --black for one type",
+                file.display()
+            )));
+        }
+        Ok(pixels)
+    }
+
+    /// Takes the user's word for the domain, which must be told of integers that nobody declares raw, and must be light.
+    fn settle_domain(&mut self, file: &Path, pixels: &mut Pixels, kind: Kind) -> Result<()> {
+        let (domain, is_raw) = (self.told.domain, kind != Kind::Picture);
+        if (is_raw || self.told.is_raw()) && domain == Some(DomainTag::Srgb) {
+            return Err(Error::format(
+                file,
+                "levels, dark frames, a mosaic and gains are of raw pictures, whose values are linear, and --domain says \
+                 srgb: leave one of them out",
+            ));
+        }
+        self.warnings.extend(pixels.tell(file, domain)?);
+        match (kind, domain) {
+            (Kind::Picture, _) => self.check_told(file, pixels)?,
+            (Kind::DeclaredRaw, None) => {
+                let found = pixels.contradictions(DomainTag::Linear);
+                self.warnings.extend(found.map(|found| {
+                    format!(
+                        "{}: {found}; as --white, --black or --bayer have it, the values are taken for linear light",
+                        file.display()
+                    )
+                }));
+            }
+            (Kind::DeclaredRaw, Some(_)) | (Kind::CameraRaw, _) => {}
+        }
+        match pixels.domain {
+            Some(tag @ (DomainTag::ToneMapped | DomainTag::Display)) => Err(Error::format(
+                file,
+                format!("holds {} values, which add up to nothing; use the linear pictures", tag.name()),
+            )),
+            Some(DomainTag::Linear | DomainTag::Srgb) | None => Ok(()),
+        }
+    }
+
+    /// Asks what the values of a picture are, where neither it nor the user says it.
+    fn check_told(&self, file: &Path, pixels: &Pixels) -> Result<()> {
+        if pixels.must_be_told() && self.told.is_raw() {
+            return Err(Error::Unsupported(format!(
+                "{} does not say whether its values are linear or sRGB, and levels or gains of three colours do not either: \
+                 add --domain linear to apply them, or leave them out and add --domain srgb",
+                file.display()
+            )));
+        }
+        pixels.check_told_light(file)
+    }
+}
+
+/// Refuses a raw file of other levels or colours than the first, unless the user gives them.
+fn check_alike(
+    file: &Path,
+    told: &Told,
+    first: Option<&RawMetadata>,
+    this: Option<&RawMetadata>,
+) -> Result<()> {
+    let untold = |raw: &RawMetadata| {
+        let levels = &told.levels;
+        let white = levels.white.is_none().then_some(raw.white);
+        let black = levels.black.is_none().then_some(raw.black);
+        (white, black, if levels.bayer.is_some() { None } else { raw.bayer })
+    };
+    if first.map(untold) == this.map(untold) {
+        return Ok(());
+    }
+    Err(Error::Unsupported(format!(
+        "{} says another black or white level or mosaic than the first picture; give --black, --white and --bayer",
+        file.display()
+    )))
+}
+
+/// The names of files, for messages.
+pub fn names_of(files: &[PathBuf]) -> String {
+    files.iter().map(|file| file.display().to_string()).collect::<Vec<_>>().join(" ")
+}
+
+/// Reads a mask: the good pixels of a picture that is no light, which is black where pixels are to be discarded.
+///
+/// # Errors
+/// As [`read_pixels`].
+pub fn read_mask(file: &Path) -> Result<Array2<bool>> {
+    let planes = read_pixels(file)?.planes;
+    let (_, height, width) = planes.dim();
+    let good = |place: (usize, usize)| planes.outer_iter().all(|plane| plane[place] >= 0.5);
+    Ok(Array2::from_shape_fn((height, width), good))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_no_further_picture_once_the_user_asks_to_stop() {
+        let progress = Progress::new(None, std::sync::Arc::new(true.into()));
+        let error = Pictures::read(&["missing.exr".into()], &Told::default(), &progress).unwrap_err();
+        assert!(matches!(error, Error::Interrupted), "{error}");
+    }
+
+    #[test]
+    fn a_capture_without_pictures_is_refused() {
+        let told = Told { darks: Some(vec!["dark.exr".into()]), ..Told::default() };
+        let error = Pictures::read(&[], &told, &Progress::default()).unwrap_err();
+        assert!(matches!(error, Error::Shape { .. }), "{error}");
+    }
+
+    /// Pictures of `count` files that say nothing.
+    fn silent(count: usize, told: Told) -> Pictures {
+        let shots = vec![Shot { seconds: None, iso: None }; count];
+        let lights = Group { planes: vec![Array3::zeros((3, 4, 4)); count], shots };
+        let config = FuseConfig::default();
+        Pictures { warnings: Vec::new(), told, config, raw: None, lights, darks: Group::default() }
+    }
+
+    #[test]
+    fn times_that_nobody_says_are_those_of_the_published_bracket_where_they_may_be() {
+        let published = || Told { default_times: Some([1.0, 0.25, 0.0625]), ..Told::default() };
+        assert_eq!(silent(1, published()).times().unwrap(), [1.0]);
+        assert_eq!(silent(3, published()).times().unwrap(), [1.0, 0.25, 0.0625]);
+        assert!(
+            silent(2, published()).times().unwrap_err().to_string().contains("a published bracket has 3")
+        );
+        assert!(silent(3, Told::default()).times().unwrap_err().to_string().contains("--exposures"));
+        let told = Told { exposures: Some(vec![2.0, 1.0]), ..published() };
+        assert_eq!(silent(2, told).times().unwrap(), [2.0, 1.0]);
+    }
+}

@@ -1,0 +1,97 @@
+//! Says what the user should look at in a fused bracket, and which corrections a raw file lacks.
+
+use super::bracket::show_time;
+use super::frames::Uneven;
+use super::fuse::Fused;
+use crate::io::RawMetadata;
+
+/// So many saturated values of a whole image are no lamps.
+const MUCH: f64 = 0.1;
+
+/// A brightness that differs by more is no rounding of an exposure time.
+const CLEAR_RATIO: f64 = 0.1;
+
+impl Fused {
+    /// What is doubtful of exposure times and mosaic.
+    pub fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        for (found, times) in self.ratio_found.iter().zip(self.times.windows(2)) {
+            if let Some(found) = found.filter(|found| (found - 1.0).abs() > CLEAR_RATIO) {
+                warnings.push(format!(
+                    "exposure {} is {found:.2} times as bright as {} lets expect; check the times, or pass \
+                     --estimate-exposures",
+                    show_time(times[1]),
+                    show_time(times[0])
+                ));
+            }
+        }
+        for Uneven { pictures: [first, other], ratio } in &self.uneven {
+            warnings.push(format!(
+                "picture {other} is {ratio:.2} times as bright as picture {first} of the same exposure time; check the times"
+            ));
+        }
+        if self.greens_look_swapped {
+            warnings.push("the mosaic's greens look as if on the other diagonal; check --bayer".to_owned());
+        }
+        warnings
+    }
+
+    /// What is to be said of an image of which much is brighter than its values are.
+    pub fn much_is_saturated(&self) -> Option<String> {
+        let share = self.saturated.iter().sum::<usize>() as f64 / self.source.len() as f64;
+        (share >= MUCH).then(|| {
+            format!(
+                "{:.0} % of the values are saturated in every exposure and brighter than written; add a shorter exposure, or \
+                 check --white",
+                100.0 * share
+            )
+        })
+    }
+}
+
+/// Names the corrections that a raw file asks for and that were not made.
+pub fn uncorrected(raw: &RawMetadata) -> Option<String> {
+    let names = |optional: bool| {
+        let names = raw.ignored.iter().filter(|opcode| opcode.optional == optional);
+        names.map(|opcode| opcode.name.as_str()).collect::<Vec<_>>().join(", ")
+    };
+    // Opcodes that have no name yet may be skipped silently where the file allows it.
+    let (needed, optional) = (names(false), names(true));
+    let is_known = raw.ignored.iter().any(|opcode| opcode.optional && !opcode.name.starts_with("opcode"));
+    match (needed.is_empty(), is_known) {
+        (true, false) => None,
+        (true, true) => {
+            Some(format!("restored without the correction of {optional}, which the file makes optional"))
+        }
+        (false, _) => {
+            let also = if is_known { format!(", and of {optional}") } else { String::new() };
+            Some(format!(
+                "restored without the correction of {needed}{also}; the file requires {needed}: positions or values may \
+                 be off, so convert it with these corrections made, if they matter"
+            ))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::IgnoredOpcode;
+
+    #[test]
+    fn corrections_that_a_file_requires_are_told_apart_from_those_that_it_does_not() {
+        let raw = |opcodes: &[(&str, bool)]| RawMetadata {
+            ignored: opcodes
+                .iter()
+                .map(|(name, optional)| IgnoredOpcode { name: (*name).to_owned(), optional: *optional })
+                .collect(),
+            ..RawMetadata::default()
+        };
+        assert_eq!(uncorrected(&raw(&[])), None);
+        assert_eq!(uncorrected(&raw(&[("opcode 99", true)])), None, "it has no name to warn of");
+        let optional = uncorrected(&raw(&[("WarpRectilinear", true)])).unwrap();
+        assert!(optional.contains("makes optional"), "{optional}");
+        let both = uncorrected(&raw(&[("MapTable", false), ("WarpRectilinear", true)])).unwrap();
+        assert!(both.contains("requires MapTable") && both.contains("and of WarpRectilinear"), "{both}");
+    }
+}

@@ -1,0 +1,182 @@
+//! Measures candidates on the images of a dataset: told the kernel of each, or another.
+
+use super::candidate::{Candidate, Degraded};
+use super::matrix::{Matrix, Mismatch};
+use super::pictures::Pictures;
+use super::{EvalConfig, Evaluation, Label, Listener, Measured, Method, Regions, Sample, measure};
+use crate::core::error::{Error, Result};
+use crate::core::image::{LinearImage, ToneMappedImage};
+use crate::dataset::{Dataset, KernelChoice, Split, Triplet};
+
+/// Candidates with the images of a dataset that they are measured on.
+pub struct Comparison<'a> {
+    pub(super) dataset: &'a Dataset,
+    pub(super) triplets: Vec<Triplet>,
+    pub(super) listener: Listener<'a>,
+    candidates: &'a [Candidate],
+    measured: Measured,
+    max_memory: u64,
+}
+
+/// Which images of a dataset are measured on, and what may be spent on each.
+#[derive(Clone, Debug)]
+pub struct ImagesConfig {
+    /// The part of the dataset.
+    pub split: Split,
+    /// The kernels whose images count.
+    pub kernels: KernelChoice,
+    /// At most the first so many of these.
+    pub limit: Option<usize>,
+    /// Bytes that one restoration may take.
+    pub max_memory: u64,
+}
+
+impl ImagesConfig {
+    fn of(&self, dataset: &Dataset) -> Result<Vec<Triplet>> {
+        let chosen = dataset.kernel_indices(&self.kernels, "--kernels")?;
+        let names: Vec<&String> = chosen.iter().map(|&index| &dataset.kernel_names()[index]).collect();
+        let is_chosen =
+            |triplet: &&Triplet| self.kernels == KernelChoice::All || names.contains(&&triplet.kernel);
+        let limit = self.limit.unwrap_or(usize::MAX);
+        let triplets: Vec<Triplet> =
+            dataset.split(self.split)?.into_iter().filter(is_chosen).take(limit).cloned().collect();
+        if triplets.is_empty() {
+            let (root, split) = (dataset.root.display(), self.split.name());
+            return Err(Error::Unsupported(format!(
+                "{root}: the {split} split has no image of the chosen kernels {names:?}; choose others"
+            )));
+        }
+        Ok(triplets)
+    }
+}
+
+impl<'a> Comparison<'a> {
+    /// Takes the triplets to measure on, after checking that the candidates can work on them.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] when the dataset lacks what a candidate needs, or has no image of those that are asked for;
+    /// [`Error::Config`] when it has no kernel of a name.
+    pub fn new(
+        dataset: &'a Dataset,
+        candidates: &'a [Candidate],
+        images: &ImagesConfig,
+        listener: Listener<'a>,
+    ) -> Result<Self> {
+        for candidate in candidates {
+            candidate.check(dataset)?;
+            candidate.warnings(dataset).iter().for_each(|warning| (listener.warn)(warning));
+        }
+        let measured = Measured::of(dataset, images.split, images.kernels.clone(), images.limit);
+        let (triplets, max_memory) = (images.of(dataset)?, images.max_memory);
+        Ok(Self { dataset, triplets, listener, candidates, measured, max_memory })
+    }
+
+    /// Measures every candidate on every image under its own kernel, with the parts of images apart if `regions` is set;
+    /// some of the images become pictures.
+    ///
+    /// # Errors
+    /// Those of [`measure`], and of writing pictures.
+    pub fn evaluate(&self, config: &EvalConfig, regions: bool, pictures: &Pictures) -> Result<Evaluation> {
+        let methods: Vec<Method> = self.candidates.iter().map(Candidate::method).collect();
+        let sample = |index: usize, triplet: &Triplet| {
+            let (clean, degraded) = self.read(triplet)?;
+            let kernel = self.dataset.kernel_index(triplet)?;
+            let curve = self.dataset.formation.curve()?;
+            let images = self.candidates.iter().map(|candidate| self.restore(candidate, &degraded, kernel));
+            let images = images.collect::<Result<_>>()?;
+            let regions = regions.then(|| Regions::divide(&clean, &degraded, curve));
+            let sample = Sample { ground_truth: curve.tone_map(&clean), images, regions };
+            let place = (index, self.triplets.len());
+            pictures.keep(&pictures.files(place, &scene_of(triplet), &methods), &sample)?;
+            Ok(sample)
+        };
+        let mut evaluation = self.run(config, methods.clone(), sample)?;
+        evaluation.measured = vec![self.measured.clone()];
+        for (method, candidate) in evaluation.methods.iter_mut().zip(self.candidates) {
+            method.cost = candidate.cost(&evaluation.sizes);
+        }
+        Ok(evaluation)
+    }
+
+    /// The files that [`evaluate`](Self::evaluate) keeps as pictures.
+    pub(super) fn picture_files(&self, pictures: &Pictures) -> impl Iterator<Item = String> {
+        let methods: Vec<Method> = self.candidates.iter().map(Candidate::method).collect();
+        let total = self.triplets.len();
+        let files = move |(index, triplet): (usize, &Triplet)| {
+            pictures.files((index, total), &scene_of(triplet), &methods)
+        };
+        self.triplets.iter().enumerate().flat_map(files)
+    }
+
+    /// The candidates whose result depends on the kernel that they are told.
+    pub(super) fn told(&self) -> impl Iterator<Item = &Candidate> {
+        self.candidates.iter().filter(|candidate| candidate.knows_the_kernel())
+    }
+
+    /// Measures every image under every kernel that a candidate may be told, right or wrong.
+    ///
+    /// # Errors
+    /// Those of [`measure`].
+    pub fn mismatch(&self, config: &EvalConfig) -> Result<Mismatch> {
+        let mut mismatch = Mismatch::default();
+        for candidate in self.told() {
+            let told: Vec<Method> = self.dataset.kernel_names().iter().map(Method::restored).collect();
+            let sample = |_, triplet: &Triplet| {
+                let (clean, degraded) = self.read(triplet)?;
+                let images = (0..told.len()).map(|kernel| self.restore(candidate, &degraded, kernel));
+                let images = images.collect::<Result<_>>()?;
+                let ground_truth = self.dataset.formation.curve()?.tone_map(&clean);
+                Ok(Sample { ground_truth, images, regions: None })
+            };
+            let evaluation = self.run(config, told.clone(), sample)?;
+            mismatch.matrices.extend(Matrix::of(&candidate.method().name, &evaluation));
+        }
+        Ok(mismatch)
+    }
+
+    fn run(
+        &self,
+        config: &EvalConfig,
+        methods: Vec<Method>,
+        mut sample: impl FnMut(usize, &Triplet) -> Result<Sample>,
+    ) -> Result<Evaluation> {
+        let bar = self.listener.progress.bar(self.triplets.len() as u64, "triplets");
+        let samples = self.triplets.iter().enumerate().map(|(index, triplet)| {
+            let (id, kernel) = (triplet.id.clone(), Some(triplet.kernel.clone()));
+            let sample = sample(index, triplet);
+            bar.inc(1);
+            (Label { id, kernel, angle_deg: triplet.angle_deg }, sample)
+        });
+        let evaluation = measure(config, methods, samples).map_err(|error| match error {
+            Error::Interrupted => error,
+            other => Error::Unsupported(format!("measuring on {}: {other}", self.dataset.root.display())),
+        })?;
+        bar.finish_and_clear();
+        Ok(evaluation)
+    }
+
+    /// The clean and the degraded image of a triplet, of one size.
+    pub(super) fn read(&self, triplet: &Triplet) -> Result<(LinearImage, LinearImage)> {
+        let clean = self.dataset.read_ground_truth(triplet)?;
+        let degraded = self.dataset.read_degraded(triplet)?;
+        let size = |image: &LinearImage| format!("{} × {}", image.height(), image.width());
+        if size(&clean) != size(&degraded) {
+            return Err(Error::shape("size of the degraded image", size(&clean), size(&degraded)));
+        }
+        Ok((clean, degraded))
+    }
+
+    fn restore(&self, candidate: &Candidate, image: &LinearImage, kernel: usize) -> Result<ToneMappedImage> {
+        self.listener.progress.check()?;
+        let degraded = Degraded { dataset: self.dataset, image, kernel, max_memory: self.max_memory };
+        candidate.restore(&degraded).map_err(|error| match error {
+            Error::Interrupted => error,
+            other => Error::Unsupported(format!("restored by {}: {other}", candidate.method().name)),
+        })
+    }
+}
+
+/// What the pictures of a triplet are called.
+fn scene_of(triplet: &Triplet) -> String {
+    format!("{}_{}", triplet.id, triplet.kernel)
+}

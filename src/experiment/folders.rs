@@ -1,0 +1,78 @@
+//! Measures the images of one folder against those of another.
+
+use std::path::Path;
+
+use super::names::name_of;
+use super::{
+    EvalConfig, Evaluation, FolderPairs, Label, Listener, Method, Sample, ToneFlags, ToneSource, measure,
+    pair_folders, read_tone_mapped,
+};
+use crate::core::error::{Error, Result};
+use crate::io::DomainTag;
+
+/// Pairs of files, and what those hold that do not say it.
+#[derive(Clone, Debug)]
+pub struct Folders {
+    name: String,
+    found: FolderPairs,
+    domain: Option<DomainTag>,
+    tone: ToneSource,
+}
+
+impl Folders {
+    /// Pairs the images of two folders by their names; `domain` is what files hold that do not say it, and `flags` is what
+    /// is said of the tone curve.
+    ///
+    /// # Errors
+    /// Those of [`pair_folders`] and [`ToneSource::of_pairs`]; [`Error::Unsupported`] when an image has no partner, unless
+    /// such images may be missing.
+    pub fn open(
+        restored: &Path,
+        ground_truth: &Path,
+        (domain, flags): (Option<DomainTag>, ToneFlags),
+        allow_missing: bool,
+    ) -> Result<Self> {
+        let found = pair_folders(restored, ground_truth)?;
+        if let (Some((id, fault)), false) = (found.unmatched.first(), allow_missing) {
+            let count = found.unmatched.len();
+            return Err(Error::Unsupported(format!(
+                "{count} images have no partner; {id} {fault}; add them, or leave them out with --allow-missing"
+            )));
+        }
+        let tone = ToneSource::of_pairs(&found.pairs, flags)?;
+        Ok(Self { name: name_of(restored), found, domain, tone })
+    }
+
+    /// Measures every pair.
+    ///
+    /// # Errors
+    /// Those of [`measure`].
+    pub fn evaluate(&self, config: &EvalConfig, listener: Listener<'_>) -> Result<Evaluation> {
+        let bar = listener.progress.bar(self.found.pairs.len() as u64, "images");
+        let read = |path: &Path| {
+            let (image, contradiction) = read_tone_mapped(path, self.domain, &self.tone.curve)?;
+            contradiction.iter().for_each(|contradiction| (listener.warn)(contradiction));
+            Ok(image)
+        };
+        let samples = self.found.pairs.iter().map(|pair| {
+            let sample = || {
+                listener.progress.check()?;
+                bar.inc(1);
+                let images = vec![read(&pair.restored)?];
+                Ok(Sample { ground_truth: read(&pair.ground_truth)?, images, regions: None })
+            };
+            (Label::scene(&pair.id), sample())
+        });
+        let methods = vec![Method::restored(&self.name)];
+        let mut evaluation = measure(config, methods, samples).map_err(|error| match error {
+            Error::Interrupted => error,
+            other => Error::Unsupported(format!("measuring the images of {}: {other}", self.name)),
+        })?;
+        evaluation.tone = Some(self.tone);
+        for (id, fault) in &self.found.unmatched {
+            evaluation.exclude(&Label::scene(id), *fault);
+        }
+        bar.finish_and_clear();
+        Ok(evaluation)
+    }
+}

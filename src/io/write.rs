@@ -1,0 +1,113 @@
+//! Writes images in every format, each whole or not at all.
+
+use std::path::Path;
+
+use half::f16;
+use ndarray::ArrayView3;
+
+use super::format::Format;
+use super::{DomainTag, Pixels, check_output, exr, npy, raster, write_atomically};
+use crate::core::capture::CaptureInfo;
+use crate::core::error::{Error, Result};
+use crate::core::image::{Domain, Image, ToneMapped};
+use crate::core::provenance::Provenance;
+
+/// How an image is written.
+#[derive(Clone, Debug, Default)]
+pub struct WriteOptions {
+    /// Half floats instead of floats, in formats that have both.
+    pub half: bool,
+    /// Whether an existing file may be replaced.
+    pub overwrite: bool,
+    /// What to say about the file's origin, in formats that can carry it.
+    pub provenance: Option<Provenance>,
+    /// What to say about the capture that the image was made of, in formats that can carry it.
+    pub capture: Option<CaptureInfo>,
+}
+
+/// Writes an image in the format of the path's extension.
+///
+/// Integer formats clip tone-mapped values to `[0, 1]`; linear values above one are refused there. Negative ones, which
+/// noise around black leaves, become zero there and in Radiance HDR.
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be written or exists; [`Error::Unsupported`] when the format cannot hold
+/// the values.
+pub fn write_image<D: Domain>(path: &Path, image: &Image<D>, options: &WriteOptions) -> Result<()> {
+    let contents = Contents {
+        planes: image.planes(),
+        domain: DomainTag::from_name(D::NAME),
+        exposure_s: None,
+        iso: None,
+        provenance: options.provenance.as_ref(),
+        capture: options.capture.as_ref(),
+    };
+    let clip = D::NAME == ToneMapped::NAME;
+    let WriteOptions { half, overwrite, .. } = *options;
+    let options = PixelOptions { half, overwrite, clip, clip_negative: true, eight_bit: false };
+    write_contents(path, &contents, options)
+}
+
+/// How pixels of any meaning are written.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PixelOptions {
+    /// Half floats instead of floats, in formats that have both.
+    pub half: bool,
+    /// Whether an existing file may be replaced.
+    pub overwrite: bool,
+    /// Whether values outside of a format's range may be clipped.
+    pub clip: bool,
+    /// Whether negative values may be clipped, in formats that have none.
+    pub clip_negative: bool,
+    /// 8 bits instead of 16, in formats that have both.
+    pub eight_bit: bool,
+}
+
+/// Writes pixels, with what is known of them, in the format of the path's extension.
+///
+/// # Errors
+/// As [`write_image`].
+pub fn write_pixels(path: &Path, pixels: &Pixels, options: PixelOptions) -> Result<()> {
+    let contents = Contents {
+        planes: pixels.planes.view(),
+        domain: pixels.domain,
+        exposure_s: pixels.exposure_s,
+        iso: pixels.iso,
+        provenance: pixels.provenance.as_ref(),
+        capture: pixels.capture.as_ref(),
+    };
+    write_contents(path, &contents, options)
+}
+
+/// What an encoder is given: pixels that belong to somebody else.
+pub(super) struct Contents<'a> {
+    pub(super) planes: ArrayView3<'a, f32>,
+    pub(super) domain: Option<DomainTag>,
+    pub(super) exposure_s: Option<f64>,
+    pub(super) iso: Option<f64>,
+    pub(super) provenance: Option<&'a Provenance>,
+    pub(super) capture: Option<&'a CaptureInfo>,
+}
+
+fn write_contents(path: &Path, contents: &Contents<'_>, options: PixelOptions) -> Result<()> {
+    let format = Format::of_extension(path)?;
+    check_output(path, options.overwrite)?;
+    let largest = f32::from(f16::MAX);
+    let is_clipped_half = options.half && options.clip && matches!(format, Format::Exr | Format::Npy);
+    if is_clipped_half && contents.planes.iter().any(|value| value.abs() > largest) {
+        let planes = contents.planes.mapv(|value| value.clamp(-largest, largest));
+        let clipped = Contents { planes: planes.view(), ..*contents };
+        return write_contents(path, &clipped, PixelOptions { clip: false, ..options });
+    }
+    let encoded = match format {
+        Format::Exr => {
+            let encoder = exr::Encoder::new(contents, options.half);
+            let encoder = encoder.map_err(|reason| Error::format(path, reason))?;
+            return write_atomically(path, options.overwrite, |file| encoder.write(file));
+        }
+        Format::Npy => npy::encode_image(&contents.planes, options.half),
+        _ => raster::encode(&contents.planes, format, options),
+    };
+    let bytes = encoded.map_err(|reason| Error::format(path, reason))?;
+    write_atomically(path, options.overwrite, |file| file.write_all(&bytes))
+}
