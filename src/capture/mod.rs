@@ -15,6 +15,7 @@ pub mod inpaint;
 mod levels;
 mod pictures;
 mod plausible;
+mod scaling;
 mod shots;
 mod summary;
 mod told;
