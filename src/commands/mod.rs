@@ -47,6 +47,7 @@ use signal_hook::flag;
 use udc::core::error::Error;
 use udc::core::progress::Progress;
 use udc::kernels::Isa;
+use udc::restore::Notice;
 
 use self::bars::StderrBars;
 
@@ -170,6 +171,15 @@ impl Session {
     pub(crate) fn detail(&self, text: impl std::fmt::Display) {
         if self.verbosity > 1 {
             print_error(text);
+        }
+    }
+
+    /// Tells on stderr what a stage has to tell, by how much it matters.
+    pub(crate) fn notice(&self, notice: &Notice) {
+        match notice {
+            Notice::Detail(text) => self.detail(text),
+            Notice::Note(text) => self.note(text),
+            Notice::Warning(text) => self.warn(text),
         }
     }
 

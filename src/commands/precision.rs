@@ -1,11 +1,9 @@
 //! The flag that says how a network multiplies, shared by the commands that run one.
 
-use std::path::Path;
-
 use clap::ValueEnum;
 
-use udc::core::error::Result;
 use udc::network::Model;
+use udc::restore::Precision;
 
 use super::Session;
 
@@ -21,21 +19,11 @@ pub(crate) enum PrecisionArg {
 }
 
 impl PrecisionArg {
-    /// Reads a model that multiplies such numbers.
-    pub(crate) fn load(self, path: &Path, session: &Session) -> Result<Model> {
-        Ok(self.apply(Model::load(path)?, session))
-    }
-
     /// Makes a network multiply such numbers; says so where this CPU cannot.
     pub(crate) fn apply(self, model: Model, session: &Session) -> Model {
-        if self == Self::F32 {
-            return model;
-        }
-        model.with_bf16_products().unwrap_or_else(|| {
-            session
-                .warn("this CPU has no products in bfloat16: --precision f32 is used, which is more exact");
-            model
-        })
+        let (model, notice) = Precision::from(self).apply(model);
+        notice.iter().for_each(|notice| session.notice(notice));
+        model
     }
 
     /// The name of a table's row, where it is not the usual precision's.
@@ -43,6 +31,15 @@ impl PrecisionArg {
         match self {
             Self::F32 => name.to_owned(),
             Self::Bf16 => format!("{name}, bf16"),
+        }
+    }
+}
+
+impl From<PrecisionArg> for Precision {
+    fn from(precision: PrecisionArg) -> Self {
+        match precision {
+            PrecisionArg::F32 => Self::F32,
+            PrecisionArg::Bf16 => Self::Bf16,
         }
     }
 }

@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::{Args, ValueEnum};
 
 use udc::core::field::PsfField;
-use udc::core::psf::{Psf, show_shift};
+use udc::core::psf::Psf;
 use udc::io::{DomainTag, PsfOptions, PsfReading, inspect_psf, inspect_psf_field};
 
 use super::Session;
@@ -68,7 +68,7 @@ impl PsfFileArgs {
 }
 
 impl PsfAmongImagesArgs {
-    fn options(&self) -> PsfOptions {
+    pub(super) fn options(&self) -> PsfOptions {
         let domain = self.psf_domain.map(DomainTag::from);
         PsfOptions { domain, domain_flag: "--psf-domain", recenter: self.recenter }
     }
@@ -93,21 +93,9 @@ fn read(path: &Path, options: PsfOptions, session: &Session) -> Result<Psf> {
 }
 
 fn tell(reading: &PsfReading, session: &Session) {
-    if let Some(moved) = reading.moved {
-        let (path, by) = (reading.path.display(), show_shift(moved.by));
-        if moved.is_rolled {
-            session.note(format_args!(
-                "{path}: it is in the layout of a Fourier transform, which begins with the centre; it was rolled to the \
-                 middle, {by}, and nothing was lost"
-            ));
-        } else {
-            session.note(format_args!("{path}: its peak was moved to the centre, {by}"));
-        }
-        if let Some(lost) = moved.lost_in_words() {
-            session.warn(format!(
-                "{path}: {lost} of its light left the frame as its peak was moved to the centre"
-            ));
-        }
+    if let Some((how, lost)) = reading.describe_move() {
+        session.note(how);
+        lost.into_iter().for_each(|lost| session.warn(lost));
     }
     reading.warnings().into_iter().for_each(|warning| session.warn(warning));
 }

@@ -6,7 +6,7 @@ use super::read::{check_cooked, check_domain, to_rgb};
 use super::{DomainTag, WriteOptions, read_pixels, write_image};
 use crate::core::error::{Error, Result};
 use crate::core::image::{Domain as _, Image, Linear};
-use crate::core::psf::{Move, Psf, PsfFaults, recenter};
+use crate::core::psf::{Move, Psf, PsfFaults, recenter, show_shift};
 
 /// How a PSF is read.
 #[derive(Clone, Copy, Debug)]
@@ -45,6 +45,25 @@ impl PsfReading {
     pub fn warnings(&self) -> Vec<String> {
         let faults = self.faults.describe().map(|faults| format!("{}: {faults}", self.path.display()));
         faults.into_iter().chain(self.contradiction.clone()).collect()
+    }
+
+    /// How it was moved, where it was, and what light that cost.
+    pub fn describe_move(&self) -> Option<(String, Option<String>)> {
+        let (moved, path) = (self.moved?, self.path.display());
+        let by = show_shift(moved.by);
+        let how = if moved.is_rolled {
+            format!(
+                "{path}: it is in the layout of a Fourier transform, which begins with the centre; it was rolled to the \
+                 middle, {by}, and nothing was lost"
+            )
+        } else {
+            format!("{path}: its peak was moved to the centre, {by}")
+        };
+        let lost = moved.lost_in_words();
+        let lost = lost.map(|lost| {
+            format!("{path}: {lost} of its light left the frame as its peak was moved to the centre")
+        });
+        Some((how, lost))
     }
 }
 

@@ -30,8 +30,13 @@ pub(super) enum Part {
     /// The degradation map, of so many channels.
     Map(usize),
     /// A plane of the image's sides.
-    #[cfg_attr(not(test), expect(dead_code, reason = "no published network reads planes"))]
     Plane(Plane),
+}
+
+impl From<Plane> for Part {
+    fn from(plane: Plane) -> Self {
+        Self::Plane(plane)
+    }
 }
 
 impl Part {
