@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use anyhow::Result;
-use clap::{ArgGroup, Args, ValueEnum};
+use clap::{ArgGroup, Args};
 use serde_json::{Map, Value, json};
 
 use udc::capture::relative_times;
@@ -20,6 +20,7 @@ use udc::restore::{Capture, MemoryBudget, MethodConfig, Restoration, Restoration
 
 use super::bracket::BracketArgs;
 use super::capture::note_what_is_lost;
+use super::choices::Choices;
 use super::destination::OutputFolder;
 use super::domain::{DomainArg, OutputDomainArg};
 use super::highlights::HighlightsArg;
@@ -41,7 +42,8 @@ use method::MethodArgs;
 /// restored is named at the end, the others are done. With --exposures or --bracket the files are one bracket, and each
 /// folder is one. A DNG says the mosaic's colours, levels, gains, exposure time and ISO itself; the shading of its lens is
 /// corrected, and it is restored as it lies on the sensor. An EXR carries to `udc finish` at what light each channel of the
-/// capture saturates, and of a DNG how it is put upright, its colour matrix and its baseline exposure.
+/// capture saturates, and of a DNG how it is put upright, its colour matrix and its baseline exposure. A JPEG is finished
+/// for viewing, as `udc finish` does without flags.
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("how").required(true).args(["model", "method"]))]
 #[command(group = ArgGroup::new(PSF_FILES).args(["psf", "field"]).multiple(true))]
@@ -50,6 +52,7 @@ use method::MethodArgs;
     udc restore captures/ --model model.safetensors --bank bank.safetensors --psf psf.exr -o restored/\n  \
     udc restore --exposures 1,1/4,1/16 a.exr b.exr c.exr --method constrained --psf psf.exr -o restored.exr\n  \
     udc restore phone.dng --model m.pth --code c.npy -o restored.exr\n  \
+    udc restore phone.dng --model m.pth --code c.npy -o photo.jpg\n  \
     udc restore --bracket --bayer rggb --white 16383 --black 64 scenes/ --model m.pth --code c.npy -o out/ --resume")]
 pub(crate) struct RestoreArgs {
     /// Images, folders or patterns; also the folder of the published dataset, for its real captures
@@ -83,8 +86,8 @@ pub(crate) struct RestoreArgs {
     #[arg(long, value_enum, value_name = "WHAT", default_value_t = HighlightsArg::Network)]
     highlights: HighlightsArg,
     /// Format of the files in an output folder
-    #[arg(long, value_enum, value_name = "FORMAT", default_value_t = FormatArg::Exr)]
-    format: FormatArg,
+    #[arg(long, value_name = "FORMAT", value_parser = FORMATS, default_value = "exr")]
+    format: &'static str,
     /// Keep the images that are there and go on with the others
     ///
     /// An EXR says how it was made, and is refused if that was otherwise or of a capture or dark frames with other contents
@@ -111,18 +114,18 @@ pub(crate) struct RestoreArgs {
     x_max: Option<f32>,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum FormatArg {
-    Exr,
-    Npy,
-    Png,
-    Tif,
-    /// Finished photographs
-    Jpg,
-}
+/// The formats of files in an output folder, as the extensions that stand for them.
+const FORMATS: Choices<&str> = Choices(&[
+    ("exr", "exr", ""),
+    ("npy", "npy", ""),
+    ("png", "png", ""),
+    ("tif", "tif", ""),
+    ("jpg", "jpg", "Finished for viewing, as `udc finish` does without flags"),
+]);
 
 impl RestoreArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        self.method.check()?;
         self.config(&[]).curve(None)?;
         self.raw.config()?;
         let mut jobs = self.jobs(session)?;
@@ -341,17 +344,5 @@ impl Stages for Run<'_> {
         self.session.timed(format_args!("writing {}", job.output.display()), write)?;
         self.session.tell(job.output.display());
         Ok(())
-    }
-}
-
-impl FormatArg {
-    fn extension(self) -> &'static str {
-        match self {
-            Self::Exr => "exr",
-            Self::Npy => "npy",
-            Self::Png => "png",
-            Self::Tif => "tif",
-            Self::Jpg => "jpg",
-        }
     }
 }

@@ -49,7 +49,7 @@ pub use describe::{
 pub use field::{inspect_psf_field, read_field, read_psf_field, write_psf_field};
 pub use folder::{AppendFile, LineLog, create_folder, lock_folder, publish_folder, remove, try_lock_folder};
 pub use format::{Encoding, Format};
-pub use inputs::{expand_inputs, is_hidden};
+pub use inputs::{expand_inputs, identity, is_hidden, without_repeats};
 pub use pixels::{DomainTag, IgnoredOpcode, Pixels, RawMetadata};
 pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_file};
 pub use psf::{PsfFaults, PsfMove, PsfOptions, PsfReading, inspect_psf, read_psf, show_shift, write_psf};

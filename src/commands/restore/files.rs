@@ -1,22 +1,17 @@
 //! Which files become which: outputs named before the work, captures read.
 
-use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use anyhow::{Result, bail};
 
-use udc::capture::names_of;
-use udc::core::error::Error;
-use udc::io::{DomainTag, Format, expand_inputs, is_hidden, list_folder, sha256_of_file};
+use udc::capture::{CaptureFiles, CaptureGroups, names_of};
+use udc::io::{DomainTag, Format, sha256_of_file};
 use udc::restore::{Capture, CaptureReading};
 
 use super::RestoreArgs;
 use crate::commands::Session;
-use crate::commands::destination::{Destination, Unplaced, identity, without_repeats};
-
-/// Where the published dataset keeps its captures.
-const PUBLISHED_CAPTURES: &str = "real_data/input";
+use crate::commands::destination::{Destination, Unplaced};
 
 /// One image to make.
 pub(super) struct Job {
@@ -50,47 +45,29 @@ impl Job {
     }
 }
 
-/// Files that become one image, and its name in an output folder.
-struct Group {
-    name: String,
-    files: Vec<PathBuf>,
-}
-
-/// All that is to be made.
-struct Groups {
-    groups: Vec<Group>,
-    /// Whether the images belong in a folder, however many they are.
-    in_folder: bool,
-}
-
-impl Group {
-    fn of(named: &Path, files: Vec<PathBuf>, name: Option<&std::ffi::OsStr>) -> Self {
-        let name = name.unwrap_or(named.as_os_str()).to_string_lossy().into_owned();
-        Self { name, files }
-    }
-}
-
 impl RestoreArgs {
     /// What to restore to where; refuses outputs that exist before any work.
     pub(super) fn jobs(&self, session: &Session) -> Result<Vec<Job>> {
-        let Groups { groups, in_folder } = if self.is_bracket() {
-            brackets(&self.inputs, session)?
+        let CaptureGroups { captures, in_folder, warnings } = if self.is_bracket() {
+            CaptureGroups::of_brackets(&self.inputs)?
         } else {
             if let Some(flag) = self.raw.flag_of_brackets() {
                 bail!("{flag} is for brackets: add --bracket, or --exposures with the times");
             }
-            captures(&self.inputs)?
+            CaptureGroups::of_files(&self.inputs)?
         };
+        warnings.iter().for_each(|warning| session.warn(warning));
         let destination = Destination {
             path: &self.output,
-            extension: self.format.extension(),
+            extension: self.format,
             accepts_existing: session.overwrite || self.resume,
         };
-        let unplaced = |group: &Group| Unplaced { name: group.name.clone(), source: names_of(&group.files) };
-        let outputs = destination.place(&groups.iter().map(unplaced).collect::<Vec<_>>(), in_folder)?;
-        let job =
-            |(group, output): (Group, PathBuf)| Job { inputs: group.files, output, sha256: OnceLock::new() };
-        Ok(groups.into_iter().zip(outputs).map(job).collect())
+        let unplaced =
+            |files: &CaptureFiles| Unplaced { name: files.name.clone(), source: names_of(&files.files) };
+        let outputs = destination.place(&captures.iter().map(unplaced).collect::<Vec<_>>(), in_folder)?;
+        let inputs = captures.into_iter().map(|capture| capture.files);
+        let job = |(inputs, output)| Job { inputs, output, sha256: OnceLock::new() };
+        Ok(inputs.zip(outputs).map(job).collect())
     }
 
     /// Whether several pictures make one image.
@@ -114,53 +91,4 @@ impl RestoreArgs {
         warnings.iter().for_each(|warning| session.warn(warning));
         Ok(capture)
     }
-}
-
-/// One group for each file.
-fn captures(inputs: &[PathBuf]) -> Result<Groups> {
-    let of_published = |input: &PathBuf| {
-        let published = input.join(PUBLISHED_CAPTURES);
-        if published.is_dir() { published } else { input.clone() }
-    };
-    let files = without_repeats(expand_inputs(&inputs.iter().map(of_published).collect::<Vec<_>>())?);
-    let groups = files.into_iter().map(|file| Group::of(&file, vec![file.clone()], file.file_stem()));
-    Ok(Groups { groups: groups.collect(), in_folder: inputs.iter().any(|input| input.is_dir()) })
-}
-
-/// One group for each folder of pictures, one for all files that are named themselves.
-fn brackets(inputs: &[PathBuf], session: &Session) -> Result<Groups> {
-    let (folders, files): (Vec<PathBuf>, Vec<PathBuf>) =
-        inputs.iter().cloned().partition(|input| input.is_dir());
-    let mut groups = Vec::new();
-    if !files.is_empty() {
-        let files = without_repeats(expand_inputs(&files)?);
-        let first = files[0].clone();
-        groups.push(Group::of(&first, files, first.file_stem()));
-    }
-    let mut in_folder = false;
-    for folder in folders {
-        let names = list_folder(&folder)?;
-        let shown = names.iter().filter(|name| !is_hidden(name));
-        let inner: Vec<PathBuf> = shown.map(|name| folder.join(name)).filter(|path| path.is_dir()).collect();
-        let is_flat = inner.is_empty();
-        in_folder |= !is_flat;
-        for bracket in if is_flat { vec![folder] } else { inner } {
-            let files = match expand_inputs(std::slice::from_ref(&bracket)) {
-                Err(error @ Error::Format { .. }) if !is_flat => {
-                    session.warn(format_args!("{error}; it is left out"));
-                    continue;
-                }
-                files => files?,
-            };
-            // `.` has no name of its own.
-            let place = bracket.canonicalize().unwrap_or_else(|_| bracket.clone());
-            groups.push(Group::of(&bracket, files, place.file_name()));
-        }
-    }
-    if groups.is_empty() {
-        bail!("no folder holds images; each folder inside of the one that is named is a bracket");
-    }
-    let mut seen = BTreeSet::new();
-    groups.retain(|group| seen.insert(group.files.iter().map(|file| identity(file)).collect::<Vec<_>>()));
-    Ok(Groups { groups, in_folder })
 }
