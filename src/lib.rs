@@ -46,7 +46,7 @@
 //! let plan = restoration.plan(capture.image.size())?; // 40 × 48: memory up to 25 MiB
 //! let restored = restoration.restore(capture, &progress)?;
 //! restored.clone().write(&folder.join("restored.exr"), DomainTag::Linear, &WriteOptions::default())?;
-//! restored.into_photograph()?.write(&folder.join("photo.jpg"), None, true, false)?;
+//! restored.into_photograph()?.write(&folder.join("photo.jpg"), &WriteOptions::default())?;
 //! # assert!(warnings.is_empty() && plan.to_string().starts_with("40 × 48: memory up to"));
 //! # assert!(folder.join("photo.jpg").is_file());
 //! # let restored = udc::io::read_image::<udc::core::image::Linear>(&folder.join("restored.exr"))?;

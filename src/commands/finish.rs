@@ -18,7 +18,7 @@ use udc::core::tone::ToneCurve;
 use udc::finish::{
     Curve, FinishConfig, Look, Photograph, automatic_curve, channel_means, finish, read_color_matrix,
 };
-use udc::io::{AnyImage, Format, read_pixels};
+use udc::io::{AnyImage, Format, WriteOptions, read_pixels};
 
 use super::destination::OutputFolder;
 use super::domain::DomainArg;
@@ -296,7 +296,7 @@ impl Stages for Finishing<'_> {
             }
         }
         let planes = self.session.timed(self.doing(job), || finish(image, &look, &config))?;
-        Ok(Photograph { planes, look, curve: config.curve })
+        Ok(Photograph { planes, look, curve: config.curve, eight_bit: config.eight_bit })
     }
 
     fn write(&self, job: &Job, photograph: Photograph) -> Result<()> {
@@ -312,9 +312,10 @@ impl Stages for Finishing<'_> {
         described["reference-sha256"] = json!(reference);
         described["look"] = json!(photograph.look);
         described["curve"] = json!(photograph.curve);
-        let (eight_bit, overwrite) = (self.config_of(job).eight_bit, self.session.overwrite);
         let provenance = Some(Provenance::new("finish", &described));
-        let write = || photograph.write(&job.output, provenance, eight_bit, overwrite);
+        let options =
+            WriteOptions { overwrite: self.session.overwrite, provenance, ..WriteOptions::default() };
+        let write = || photograph.write(&job.output, &options);
         self.session.timed(format_args!("writing {}", job.output.display()), write)?;
         self.session.tell(job.output.display());
         Ok(())

@@ -256,13 +256,12 @@ impl<'a> Run<'a> {
         Ok(Provenance::new("restore", &described))
     }
 
+    fn options(&self) -> WriteOptions {
+        WriteOptions { half: self.args.half, overwrite: self.session.overwrite, ..WriteOptions::default() }
+    }
+
     fn write_light(&self, job: &Job, restored: Restored, domain: DomainTag) -> Result<()> {
-        let options = WriteOptions {
-            half: self.args.half,
-            overwrite: self.session.overwrite,
-            provenance: Some(self.provenance(job)?),
-            capture: None,
-        };
+        let options = WriteOptions { provenance: Some(self.provenance(job)?), ..self.options() };
         if let Some(info) = &restored.info {
             note_what_is_lost(&job.output, info, self.session);
         }
@@ -337,9 +336,7 @@ impl Stages for Run<'_> {
     fn write(&self, job: &Job, ready: Ready) -> Result<()> {
         let write = || match ready {
             Ready::Light(restored, domain) => self.write_light(job, restored, domain),
-            Ready::Photograph(photograph) => {
-                Ok(photograph.write(&job.output, None, true, self.session.overwrite)?)
-            }
+            Ready::Photograph(photograph) => Ok(photograph.write(&job.output, &self.options())?),
         };
         self.session.timed(format_args!("writing {}", job.output.display()), write)?;
         self.session.tell(job.output.display());

@@ -8,8 +8,7 @@ use super::{Curve, FinishConfig, Look, automatic_curve, finish};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::Result;
 use crate::core::image::LinearImage;
-use crate::core::provenance::Provenance;
-use crate::io::{DomainTag, PixelOptions, Pixels, write_pixels};
+use crate::io::{DomainTag, PixelOptions, Pixels, WriteOptions, write_pixels};
 
 /// A picture that is ready, with the look that it took over.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,6 +19,8 @@ pub struct Photograph {
     pub look: Look,
     /// The curve, as it was chosen or given.
     pub curve: Curve,
+    /// Whether it was finished for 8 bits, in formats that have 16 as well.
+    pub eight_bit: bool,
 }
 
 /// Finishes light as [`finish`] does, with the look that is known of its capture and a curve that is chosen from it; an
@@ -31,28 +32,20 @@ pub fn photograph(image: LinearImage, info: &CaptureInfo, ceiling: f32) -> Resul
     let look = Look::of_capture(info);
     let curve = automatic_curve(&image, &look, ceiling);
     let config = FinishConfig { clip: None, curve, ..FinishConfig::default() };
-    Ok(Photograph { planes: finish(image, &look, &config)?, look, curve })
+    Ok(Photograph { planes: finish(image, &look, &config)?, look, curve, eight_bit: config.eight_bit })
 }
 
 impl Photograph {
-    /// Writes the picture in the format of the path's extension, with 8 bits where it has 16 as well if `eight_bit`.
+    /// Writes the picture in the format of the path's extension, with the bits that it was finished for.
     ///
     /// # Errors
     /// As [`write_pixels`].
-    pub fn write(
-        self,
-        path: &Path,
-        provenance: Option<Provenance>,
-        eight_bit: bool,
-        overwrite: bool,
-    ) -> Result<()> {
-        let pixels =
-            Pixels { domain: Some(DomainTag::Display), provenance, ..Pixels::of_planes(self.planes) };
-        write_pixels(
-            path,
-            &pixels,
-            PixelOptions { overwrite, clip: true, eight_bit, ..PixelOptions::default() },
-        )
+    pub fn write(self, path: &Path, options: &WriteOptions) -> Result<()> {
+        let (domain, provenance) = (Some(DomainTag::Display), options.provenance.clone());
+        let pixels = Pixels { domain, provenance, ..Pixels::of_planes(self.planes) };
+        let (overwrite, eight_bit) = (options.overwrite, self.eight_bit);
+        let options = PixelOptions { overwrite, clip: true, eight_bit, ..PixelOptions::default() };
+        write_pixels(path, &pixels, options)
     }
 }
 
