@@ -113,7 +113,7 @@ impl PsfFaults {
         let share = |channel: usize| format!("has {:.2} %", 100.0 * self.negative_shares[channel]);
         let found = by_channel(|channel| self.negative_shares[channel] > NEGATIVE_TOLERANCE, share)?;
         Some(format!(
-            "{found} of negative energy, which is set to zero: subtract less background, or measure with `udc fuse --psf`"
+            "{found} of negative energy, which is set to zero: subtract less background, or measure with `udc fuse --point-source`"
         ))
     }
 }
