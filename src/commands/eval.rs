@@ -28,18 +28,22 @@ use super::metrics::MetricArgs;
 /// table. Rows are the degraded images, every model and every method, on every dataset; each image is restored
 /// under its own kernel. Images of two folders are paired by their names without extension.
 #[derive(Args, Debug)]
-#[command(group = ArgGroup::new("images").required(true).args(["dataset", "restored"]))]
-#[command(after_help = "Examples:\n  udc eval dataset --model run/model.safetensors -o results\n  \
-    udc eval dataset --model a/model.safetensors b/model.safetensors --method wiener --method constrained \
+#[command(group = ArgGroup::new("images").required(true).args(["dataset", "data", "restored"]))]
+#[command(group = ArgGroup::new("datasets").args(["dataset", "data"]))]
+#[command(after_help = "Examples:\n  udc eval --data dataset --model run/model.safetensors -o results\n  \
+    udc eval --data dataset --model a/model.safetensors b/model.safetensors --method wiener --method constrained \
     --regions --mismatch --ldr -o results\n  \
-    udc eval dataset --model model.safetensors --highlights restored,blend,keep --regions -o results\n  \
+    udc eval --data dataset --model model.safetensors --highlights restored,blend,keep --regions -o results\n  \
     udc eval --restored restored --gt clean -o results")]
 pub(crate) struct EvalArgs {
-    /// Datasets to restore and measure
+    /// Datasets, as after --data
     #[arg(value_name = "DATASET")]
     dataset: Vec<PathBuf>,
+    /// Datasets to restore and measure
+    #[arg(long, value_name = "DATASET", num_args = 1..)]
+    data: Vec<PathBuf>,
     /// Models to measure, .safetensors or .pth
-    #[arg(long, value_name = "MODEL", num_args = 1.., requires = "dataset", conflicts_with = "restored")]
+    #[arg(long, value_name = "MODEL", num_args = 1.., requires = "datasets", conflicts_with = "restored")]
     model: Vec<PathBuf>,
     /// Deconvolutions to measure, with the PSF of each image's kernel and the border that the dataset was made with, or a
     /// scene that goes on where it has a margin; may be repeated
@@ -48,7 +52,7 @@ pub(crate) struct EvalArgs {
         value_name = "METHOD",
         value_parser = METHODS,
         value_delimiter = ',',
-        requires = "dataset",
+        requires = "datasets",
         conflicts_with = "restored"
     )]
     method: Vec<Method>,
@@ -58,7 +62,7 @@ pub(crate) struct EvalArgs {
         value_name = "WHAT",
         value_parser = HIGHLIGHTS,
         value_delimiter = ',',
-        requires = "dataset",
+        requires = "datasets",
         conflicts_with = "restored"
     )]
     highlights: Vec<Highlights>,
@@ -78,42 +82,42 @@ pub(crate) struct EvalArgs {
     #[command(flatten)]
     metrics: MetricArgs,
     /// Measure highlights, flare and the rest of each image for themselves too (regions.csv)
-    #[arg(long, requires = "dataset", conflicts_with = "restored")]
+    #[arg(long, requires = "datasets", conflicts_with = "restored")]
     regions: bool,
     /// Restore every image under the kernels of all rotations too, right or wrong (mismatch.json, .csv and .svg)
-    #[arg(long, requires = "dataset", conflicts_with = "restored")]
+    #[arg(long, requires = "datasets", conflicts_with = "restored")]
     mismatch: bool,
     /// Measure flare too, and beside it that of the same scenes clipped at a monitor's white [default: 1]
-    #[arg(long, value_name = "WHITE", requires = "dataset", conflicts_with = "restored")]
+    #[arg(long, value_name = "WHITE", requires = "datasets", conflicts_with = "restored")]
     #[arg(num_args = 0..=1, default_missing_value = "1")]
     ldr: Option<f32>,
     /// What the images of folders hold, where they do not say so themselves: srgb is decoded to linear light
-    #[arg(long, value_enum, requires = "restored", conflicts_with = "dataset")]
+    #[arg(long, value_enum, requires = "restored", conflicts_with = "datasets")]
     domain: Option<DomainArg>,
     /// Irradiance that the tone mapping of folders' linear images maps to one half [default: as the files say, else 0.25]
-    #[arg(long, value_name = "A", requires = "restored", conflicts_with = "dataset")]
+    #[arg(long, value_name = "A", requires = "restored", conflicts_with = "datasets")]
     alpha: Option<f32>,
     /// Irradiance at which folders' linear images saturate [default: as the files say, else 500]
-    #[arg(long, value_name = "X", requires = "restored", conflicts_with = "dataset")]
+    #[arg(long, value_name = "X", requires = "restored", conflicts_with = "datasets")]
     x_max: Option<f32>,
     /// Part of the dataset to measure on
-    #[arg(long, value_parser = SPLITS, default_value = "test", requires = "dataset", conflicts_with = "restored")]
+    #[arg(long, value_parser = SPLITS, default_value = "test", requires = "datasets", conflicts_with = "restored")]
     split: Split,
     /// Measure images of these kernels only, by their names: r+00,r+03 [default: all]
     #[arg(
         long,
         value_name = "NAME",
         value_delimiter = ',',
-        requires = "dataset",
+        requires = "datasets",
         conflicts_with = "restored"
     )]
     kernels: Vec<String>,
     /// Measure the first N triplets only
-    #[arg(long, value_name = "N", requires = "dataset", conflicts_with = "restored",
+    #[arg(long, value_name = "N", requires = "datasets", conflicts_with = "restored",
         value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
     limit: Option<usize>,
     /// Keep N of the restored images as pictures beside the results, evenly spread
-    #[arg(long, value_name = "N", requires = "dataset", conflicts_with = "restored", default_value_t = 0)]
+    #[arg(long, value_name = "N", requires = "datasets", conflicts_with = "restored", default_value_t = 0)]
     pictures: usize,
     /// Memory that one restoration may take: 2GiB, 500MB, …
     #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = udc::core::bytes::parse_bytes)]
@@ -155,8 +159,9 @@ impl EvalArgs {
 
     /// Measures restorations on datasets.
     fn compare(&self, measuring: EvalConfig, listener: Listener<'_>, session: &Session) -> Result<()> {
-        let open = |root: &PathBuf| Ok((name_among(&self.dataset, root), Dataset::open(root)?));
-        let datasets = self.dataset.iter().map(open).collect::<Result<Vec<_>>>()?;
+        let roots = if self.dataset.is_empty() { &self.data } else { &self.dataset };
+        let open = |root: &PathBuf| Ok((name_among(roots, root), Dataset::open(root)?));
+        let datasets = roots.iter().map(open).collect::<Result<Vec<_>>>()?;
         let candidates = self.candidates(session)?;
         let config = self.config(measuring);
         let experiment = Experiment::new(&datasets, &candidates, &config, listener)?;
