@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use clap::{ArgGroup, Args, ValueEnum};
+use clap::{ArgGroup, Args};
 
 use udc::core::metrics::Measure;
 use udc::dataset::{Dataset, KernelChoice, Split};
@@ -14,15 +14,13 @@ use udc::experiment::{
 use udc::io::DomainTag;
 use udc::network::Model;
 use udc::report::{self, picture};
-use udc::restore::Highlights;
 use udc::restore::deconvolution::Method;
+use udc::restore::{Highlights, Precision};
 
 use super::Session;
+use super::choices::{HIGHLIGHTS, METHODS, PRECISIONS, SPLITS};
 use super::domain::DomainArg;
-use super::highlights::HighlightsArg;
-use super::method::MethodArg;
 use super::metrics::MetricArgs;
-use super::precision::PrecisionArg;
 
 /// Measure models and deconvolutions on datasets, or restored images against ground truth
 ///
@@ -34,7 +32,7 @@ use super::precision::PrecisionArg;
 #[command(after_help = "Examples:\n  udc eval dataset --model run/model.safetensors -o results\n  \
     udc eval dataset --model a/model.safetensors b/model.safetensors --method wiener --method constrained \
     --regions --mismatch --ldr -o results\n  \
-    udc eval dataset --model model.safetensors --highlights network,blend,keep --regions -o results\n  \
+    udc eval dataset --model model.safetensors --highlights restored,blend,keep --regions -o results\n  \
     udc eval --restored restored --gt clean -o results")]
 pub(crate) struct EvalArgs {
     /// Datasets to restore and measure
@@ -47,27 +45,27 @@ pub(crate) struct EvalArgs {
     /// scene that goes on where it has a margin; may be repeated
     #[arg(
         long,
-        value_enum,
         value_name = "METHOD",
+        value_parser = METHODS,
         value_delimiter = ',',
         requires = "dataset",
         conflicts_with = "restored"
     )]
-    method: Vec<MethodArg>,
-    /// What to do where the capture is saturated; a row for each of several [default: network]
+    method: Vec<Method>,
+    /// What to do where the capture is saturated; a row for each of several [default: restored]
     #[arg(
         long,
-        value_enum,
         value_name = "WHAT",
+        value_parser = HIGHLIGHTS,
         value_delimiter = ',',
         requires = "dataset",
         conflicts_with = "restored"
     )]
-    highlights: Vec<HighlightsArg>,
+    highlights: Vec<Highlights>,
     /// What the models multiply; a row for each of several [default: f32]
-    #[arg(long, value_enum, value_name = "PRECISION", value_delimiter = ',', requires = "model")]
+    #[arg(long, value_name = "PRECISION", value_parser = PRECISIONS, value_delimiter = ',', requires = "model")]
     #[arg(conflicts_with = "restored")]
-    precision: Vec<PrecisionArg>,
+    precision: Vec<Precision>,
     /// Folder of restored images, instead of a dataset
     #[arg(long, value_name = "DIR", requires = "gt")]
     restored: Option<PathBuf>,
@@ -99,8 +97,8 @@ pub(crate) struct EvalArgs {
     #[arg(long, value_name = "X", requires = "restored", conflicts_with = "dataset")]
     x_max: Option<f32>,
     /// Part of the dataset to measure on
-    #[arg(long, value_enum, default_value_t = SplitArg::Test, requires = "dataset", conflicts_with = "restored")]
-    split: SplitArg,
+    #[arg(long, value_parser = SPLITS, default_value = "test", requires = "dataset", conflicts_with = "restored")]
+    split: Split,
     /// Measure images of these kernels only, by their names: r+00,r+03 [default: all]
     #[arg(
         long,
@@ -124,13 +122,6 @@ pub(crate) struct EvalArgs {
     /// Leave out images that cannot be measured, and name them, instead of stopping
     #[arg(long)]
     allow_missing: bool,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum SplitArg {
-    Train,
-    Test,
-    Val,
 }
 
 impl EvalArgs {
@@ -175,19 +166,19 @@ impl EvalArgs {
     }
 
     fn candidates(&self, session: &Session) -> Result<Vec<Candidate>> {
-        let precisions = if self.precision.is_empty() { &[PrecisionArg::F32][..] } else { &self.precision };
+        let precisions = if self.precision.is_empty() { &[Precision::F32][..] } else { &self.precision };
         let mut models = Vec::new();
         for path in &self.model {
             let model = Model::load(path)?;
             let name = name_among(&self.model, path);
-            let of = |precision: &PrecisionArg| {
-                (precision.name_of(&name), precision.apply(model.clone(), session))
+            let of = |precision: &Precision| {
+                let (model, notice) = precision.apply(model.clone());
+                notice.iter().for_each(|notice| session.notice(notice));
+                (precision.name_of(&name), model)
             };
             models.extend(precisions.iter().map(of));
         }
-        let methods: Vec<Method> = self.method.iter().copied().map(Method::from).collect();
-        let highlights: Vec<Highlights> = self.highlights.iter().copied().map(Highlights::from).collect();
-        Ok(Candidate::list(models, &methods, &highlights))
+        Ok(Candidate::list(models, &self.method, &self.highlights))
     }
 
     fn config(&self, measuring: EvalConfig) -> ExperimentConfig {
@@ -195,7 +186,7 @@ impl EvalArgs {
             [] => KernelChoice::All,
             names => KernelChoice::Only(names.to_vec()),
         };
-        let (split, limit, max_memory) = (self.split.into(), self.limit, self.max_memory);
+        let (split, limit, max_memory) = (self.split, self.limit, self.max_memory);
         ExperimentConfig {
             measuring,
             images: ImagesConfig { split, kernels, limit, max_memory },
@@ -237,15 +228,5 @@ impl EvalArgs {
         session.tell(evaluation.to_markdown());
         session.tell(self.output.join(RESULTS[0]).display());
         Ok(())
-    }
-}
-
-impl From<SplitArg> for Split {
-    fn from(split: SplitArg) -> Self {
-        match split {
-            SplitArg::Train => Self::Train,
-            SplitArg::Test => Self::Test,
-            SplitArg::Val => Self::Val,
-        }
     }
 }
