@@ -128,7 +128,7 @@ impl SynthArgs {
             formation: self.formation.resolve(),
             margin: self.formation.margin,
             division: match self.split {
-                Some(split) => Division::All(split.into()),
+                Some(split) => Division::All(split),
                 None => Division::TestFraction(self.test_fraction),
             },
             seed: self.seed,
