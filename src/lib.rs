@@ -14,6 +14,48 @@
 //!
 //! The binary's commands turn flags into configurations of these.
 //!
+//! # A capture restored
+//! ```
+//! use udc::capture::Told;
+//! use udc::core::progress::Progress;
+//! use udc::io::{DomainTag, WriteOptions, read_psf};
+//! use udc::restore::deconvolution::{DeconvolutionConfig, Method};
+//! use udc::restore::{Capture, Highlights, KernelKnowledge, Restoration};
+//! # fn main() -> udc::core::error::Result<()> {
+//! # let folder = tempfile::tempdir().expect("a folder for the example");
+//! # let folder = folder.path();
+//! # let light = |y, x| if y % 9 == 4 && x % 11 == 5 { 20.0 } else { 0.2 };
+//! # let scene = ndarray::Array3::from_shape_fn((3, 40, 48), |(_, y, x)| light(y, x));
+//! # let scene = udc::core::image::LinearImage::from_planes(scene)?;
+//! # let spread = |y: usize, x: usize| (-(y as f32 - 4.0).hypot(x as f32 - 4.0)).exp();
+//! # let psf = udc::core::psf::Psf::from_energy(ndarray::Array3::from_shape_fn((3, 9, 9), |(_, y, x)| spread(y, x)))?;
+//! # let convolver = udc::core::fft::Convolver::new([40, 48], [9, 9], udc::core::fft::Boundary::Replicate)?;
+//! # let seen = convolver.convolve(&convolver.spectrum(&scene)?, &convolver.otf(&psf)?);
+//! # let seen = udc::core::image::LinearImage::from_planes(seen)?;
+//! # udc::io::write_image(&folder.join("capture.exr"), &seen, &WriteOptions::default())?;
+//! # udc::io::write_psf(&folder.join("psf.exr"), &psf, &WriteOptions::default())?;
+//!
+//! // The capture may be a camera's raw file as well, and a network restores it in the same way:
+//! // `Restoration::by_network(Model::load(file)?, KernelKnowledge::Code(code))?`.
+//! let progress = Progress::default();
+//! let (capture, warnings) = Capture::open(&folder.join("capture.exr"), &Told::default(), &progress)?;
+//! let kernel = KernelKnowledge::of_psf(read_psf(&folder.join("psf.exr"))?);
+//! let method = DeconvolutionConfig { iterations: 20, ..DeconvolutionConfig::of_method(Method::Constrained) };
+//! let restoration = Restoration::by_deconvolution(method, kernel)?.with_highlights(Highlights::Blend);
+//!
+//! let plan = restoration.plan(capture.image.size())?; // 40 × 48: memory up to 25 MiB
+//! let restored = restoration.restore(capture, &progress)?;
+//! restored.clone().write(&folder.join("restored.exr"), DomainTag::Linear, &WriteOptions::default())?;
+//! restored.into_photograph()?.write(&folder.join("photo.jpg"), &WriteOptions::default())?;
+//! # assert!(warnings.is_empty() && plan.to_string().starts_with("40 × 48: memory up to"));
+//! # assert!(folder.join("photo.jpg").is_file());
+//! # let restored = udc::io::read_image::<udc::core::image::Linear>(&folder.join("restored.exr"))?;
+//! # let error = |image: &udc::core::image::LinearImage| (&image.planes() - &scene.planes()).mapv(f32::abs).sum();
+//! # assert!(error(&restored) < 0.9 * error(&seen), "{} of {}", error(&restored), error(&seen));
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! # Axes and units
 //! Images are RGB, planar, `[channel, height, width]`; batches `[item, channel, height, width]`; positions
 //! are (row y, column x), row 0 on top. Physical quantities carry their unit in their name.

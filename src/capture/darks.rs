@@ -7,7 +7,8 @@ use ndarray::{Array2, Array3, ArrayView2, Axis, Zip};
 
 use super::bracket::show_time;
 use super::exposure_times::SAME_TIME;
-use super::fuse::{BELOW_BLACK, FuseConfig, scaled_frames};
+use super::fuse::FuseConfig;
+use super::scaling::{BELOW_BLACK, scaled_frames};
 use crate::core::error::{Error, Result};
 
 /// Pictures that were taken without light.

@@ -6,7 +6,8 @@ use super::alignment::{check_motion, motions_within};
 use super::bracket::Bracket;
 use super::darks::Darks;
 use super::exposure_times::brightness_ratio;
-use super::fuse::{FuseConfig, check_black, check_finite, scaled_frames};
+use super::fuse::FuseConfig;
+use super::scaling::{check_black, check_finite, scaled_frames};
 use crate::core::error::Result;
 
 /// Pictures of one exposure time that are not equally bright.

@@ -42,6 +42,9 @@ impl Pictures {
     /// # Errors
     /// Those of reading files; what the user said that the files contradict, or did not say and must; levels that no
     /// picture has; [`Error::Interrupted`].
+    ///
+    /// # Panics
+    /// Never: there is at least one picture.
     pub fn read(files: &[PathBuf], told: &Told, progress: &Progress) -> Result<Self> {
         let config = told.config()?;
         let Some(first) = files.first() else {

@@ -7,6 +7,7 @@ mod pca;
 mod project;
 mod resample;
 mod rotation;
+mod spline;
 mod summary;
 
 pub use angles::parse_angles;
@@ -14,6 +15,7 @@ pub use interpolate::interpolate_code;
 pub use pca::{CODE_DIM, explained_share, make_bank};
 pub use project::{Projection, project};
 pub use rotation::{rotate, rotate_each};
+pub use spline::CubicSpline;
 pub use summary::{bank_in_words, code_lines};
 
 use serde_json::json;

@@ -1,6 +1,5 @@
 //! Where the results of one or several inputs go: to the file that the user names, or to files of a folder.
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf, is_separator};
 
 use anyhow::{Context as _, Result, bail};
@@ -102,38 +101,9 @@ impl Drop for OutputFolder {
     }
 }
 
-/// Leaves out files that are named again, by overlapping patterns or by another path to their folder.
-pub(crate) fn without_repeats(mut files: Vec<PathBuf>) -> Vec<PathBuf> {
-    let mut seen = BTreeSet::new();
-    files.retain(|file| seen.insert(identity(file)));
-    files
-}
-
-/// One path for all ways to name a file; a link is a file of its own.
-pub(crate) fn identity(file: &Path) -> PathBuf {
-    let folder = match file.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    match (folder.canonicalize(), file.file_name()) {
-        (Ok(folder), Some(name)) => folder.join(name),
-        _ => file.to_owned(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_file_is_named_once_whatever_the_path_to_it() {
-        let scratch = tempfile::tempdir().unwrap();
-        let inner = scratch.path().join("inner");
-        std::fs::create_dir(&inner).unwrap();
-        let [a, b] = ["a.exr", "b.exr"].map(|name| scratch.path().join(name));
-        let files = vec![a.clone(), b.clone(), a.clone(), inner.join("../a.exr")];
-        assert_eq!(without_repeats(files), [a, b]);
-    }
 
     #[test]
     fn a_folder_without_a_result_goes_again() {

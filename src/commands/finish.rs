@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
-use ndarray::Array3;
 use serde_json::{Value, json};
 
 use udc::core::capture::{CaptureInfo, is_exposure, is_level};
@@ -17,13 +16,13 @@ use udc::core::orientation::Orientation;
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
 use udc::finish::{
-    ColorMatrix, Curve, FinishConfig, Look, automatic_curve, channel_means, finish, read_color_matrix,
+    Curve, FinishConfig, Look, Photograph, automatic_curve, channel_means, finish, read_color_matrix,
 };
-use udc::io::{DomainTag, Format, PixelOptions, Pixels, read_pixels, write_pixels};
+use udc::io::{AnyImage, Format, WriteOptions, read_pixels};
 
 use super::destination::OutputFolder;
 use super::domain::DomainArg;
-use super::picture::AnyImage;
+use super::picture::read_any;
 use super::queue::{Stages, remaining, run_all};
 use super::{Session, misuse, text_of};
 use pairs::Job;
@@ -200,18 +199,13 @@ impl Finishing<'_> {
 
     /// The look that is said of the capture, and the flags that override it.
     fn look(&self, job: &Job, said: &CaptureInfo) -> Result<Look> {
-        let mut look = Look {
-            ccm: said.color_matrix().filter(|_| !self.args.no_ccm).map(ColorMatrix::of),
-            saturation: said.saturation,
-            #[expect(clippy::cast_possible_truncation, reason = "a few stops")]
-            baseline_exposure_ev: self
-                .args
-                .baseline_exposure
-                .or(said.baseline_exposure_ev)
-                .map(|stops| stops as f32),
-            orientation: self.args.orientation.or(said.orientation).unwrap_or_default(),
-            reference_means: None,
+        let said = CaptureInfo {
+            baseline_exposure_ev: self.args.baseline_exposure.or(said.baseline_exposure_ev),
+            orientation: self.args.orientation.or(said.orientation),
+            ..said.clone()
         };
+        let mut look = Look::of_capture(&said);
+        look.ccm = look.ccm.filter(|_| !self.args.no_ccm);
         if let Some(&[red, green, blue]) = self.args.saturation.as_deref() {
             look.saturation = Some([red, green, blue]);
         }
@@ -235,18 +229,10 @@ impl Finishing<'_> {
     }
 }
 
-/// A picture that is ready, with the look that it took over.
-struct Finished {
-    planes: Array3<f32>,
-    look: Look,
-    /// The curve, as it was chosen or given.
-    curve: Curve,
-}
-
 impl Stages for Finishing<'_> {
     type Job = Job;
     type Input = (AnyImage, Look);
-    type Output = Finished;
+    type Output = Photograph;
 
     fn doing(&self, job: &Job) -> String {
         format!("finishing {}", job.input.display())
@@ -276,7 +262,7 @@ impl Stages for Finishing<'_> {
     fn read(&self, job: &Job) -> Result<Self::Input> {
         // Before the pixels, so that they are not older than it.
         job.sha256()?;
-        let read = || AnyImage::read(&job.input, self.args.domain, self.session);
+        let read = || read_any(&job.input, self.args.domain, self.session);
         let (image, said) = self.session.timed(format_args!("reading {}", job.input.display()), read)?;
         let mut look = self.look(job, &said.unwrap_or_default())?;
         if let (Some(ccm), Some(path)) = (&look.ccm, &job.ccm)
@@ -298,7 +284,7 @@ impl Stages for Finishing<'_> {
         Ok((image, look))
     }
 
-    fn compute(&self, job: &Job, (image, look): Self::Input) -> Result<Finished> {
+    fn compute(&self, job: &Job, (image, look): Self::Input) -> Result<Photograph> {
         let image = image.into_linear(self.curve);
         let mut config = self.config_of(job);
         if self.is_automatic(job) {
@@ -310,10 +296,10 @@ impl Stages for Finishing<'_> {
             }
         }
         let planes = self.session.timed(self.doing(job), || finish(image, &look, &config))?;
-        Ok(Finished { planes, look, curve: config.curve })
+        Ok(Photograph { planes, look, curve: config.curve, eight_bit: config.eight_bit })
     }
 
-    fn write(&self, job: &Job, Finished { planes, look, curve }: Finished) -> Result<()> {
+    fn write(&self, job: &Job, photograph: Photograph) -> Result<()> {
         let mut described = self.describe(job);
         // Where the files lay; what they are is told by their contents.
         let text = |path: &Option<PathBuf>| path.as_deref().map(text_of);
@@ -324,17 +310,12 @@ impl Stages for Finishing<'_> {
         described["input-sha256"] = json!(input);
         described["ccm-sha256"] = json!(ccm);
         described["reference-sha256"] = json!(reference);
-        described["look"] = json!(look);
-        described["curve"] = json!(curve);
-        let pixels = Pixels {
-            domain: Some(DomainTag::Display),
-            provenance: Some(Provenance::new("finish", &described)),
-            ..Pixels::of_planes(planes)
-        };
-        let overwrite = self.session.overwrite;
-        let eight_bit = self.config_of(job).eight_bit;
-        let options = PixelOptions { overwrite, clip: true, eight_bit, ..PixelOptions::default() };
-        let write = || write_pixels(&job.output, &pixels, options);
+        described["look"] = json!(photograph.look);
+        described["curve"] = json!(photograph.curve);
+        let provenance = Some(Provenance::new("finish", &described));
+        let options =
+            WriteOptions { overwrite: self.session.overwrite, provenance, ..WriteOptions::default() };
+        let write = || photograph.write(&job.output, &options);
         self.session.timed(format_args!("writing {}", job.output.display()), write)?;
         self.session.tell(job.output.display());
         Ok(())

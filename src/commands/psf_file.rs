@@ -68,7 +68,7 @@ impl PsfFileArgs {
 }
 
 impl PsfAmongImagesArgs {
-    fn options(&self) -> PsfOptions {
+    pub(super) fn options(&self) -> PsfOptions {
         let domain = self.psf_domain.map(DomainTag::from);
         PsfOptions { domain, domain_flag: "--psf-domain", recenter: self.recenter }
     }
@@ -93,8 +93,10 @@ fn read(path: &Path, options: PsfOptions, session: &Session) -> Result<Psf> {
 }
 
 fn tell(reading: &PsfReading, session: &Session) {
-    reading.how_it_was_moved().into_iter().for_each(|moved| session.note(moved));
-    reading.what_moving_lost().into_iter().for_each(|lost| session.warn(lost));
+    if let Some((how, lost)) = reading.describe_move() {
+        session.note(how);
+        lost.into_iter().for_each(|lost| session.warn(lost));
+    }
     reading.warnings().into_iter().for_each(|warning| session.warn(warning));
 }
 

@@ -1,36 +1,37 @@
 //! `udc restore`.
 
-mod code;
-mod engine;
-mod field;
 mod files;
+mod kernel;
+mod method;
 
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use anyhow::Result;
-use clap::{ArgGroup, Args, ValueEnum};
+use clap::{ArgGroup, Args};
 use serde_json::{Map, Value, json};
 
 use udc::capture::relative_times;
-use udc::core::capture::CaptureInfo;
+use udc::core::progress::Progress;
 use udc::core::provenance::Provenance;
-use udc::core::tone::ToneCurve;
-use udc::io::WriteOptions;
+use udc::finish::Photograph;
+use udc::io::{DomainTag, WriteOptions};
+use udc::restore::{
+    Capture, Highlights, MemoryBudget, MethodConfig, Precision, Restoration, RestorationConfig, Restored,
+};
 
 use super::bracket::BracketArgs;
 use super::capture::note_what_is_lost;
+use super::choices::{Choices, HIGHLIGHTS, PRECISIONS};
 use super::destination::OutputFolder;
 use super::domain::{DomainArg, OutputDomainArg};
-use super::highlights::HighlightsArg;
-use super::picture::{AnyImage, check_domain_of_output};
-use super::precision::PrecisionArg;
+use super::picture::{check_domain_of_output, domain_of_output};
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
 use super::queue::{Stages, remaining, run_all};
-use super::{Session, text_of};
-use code::CodeArgs;
-use engine::{Engine, MethodArgs};
-use files::{Capture, Job};
+use super::{Session, misuse, text_of};
+use files::Job;
+use kernel::KernelArgs;
+use method::MethodArgs;
 
 /// Restore degraded images, by a network or by deconvolution
 ///
@@ -41,7 +42,8 @@ use files::{Capture, Job};
 /// restored is named at the end, the others are done. With --exposures or --bracket the files are one bracket, and each
 /// folder is one. A DNG says the mosaic's colours, levels, gains, exposure time and ISO itself; the shading of its lens is
 /// corrected, and it is restored as it lies on the sensor. An EXR carries to `udc finish` at what light each channel of the
-/// capture saturates, and of a DNG how it is put upright, its colour matrix and its baseline exposure.
+/// capture saturates, and of a DNG how it is put upright, its colour matrix and its baseline exposure. A JPEG is finished
+/// for viewing, as `udc finish` does without flags.
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("how").required(true).args(["model", "method"]))]
 #[command(group = ArgGroup::new(PSF_FILES).args(["psf", "field"]).multiple(true))]
@@ -50,6 +52,7 @@ use files::{Capture, Job};
     udc restore captures/ --model model.safetensors --bank bank.safetensors --psf psf.exr -o restored/\n  \
     udc restore --exposures 1,1/4,1/16 a.exr b.exr c.exr --method constrained --psf psf.exr -o restored.exr\n  \
     udc restore phone.dng --model m.pth --code c.npy -o restored.exr\n  \
+    udc restore phone.dng --model m.pth --code c.npy -o photo.jpg\n  \
     udc restore --bracket --bayer rggb --white 16383 --black 64 scenes/ --model m.pth --code c.npy -o out/ --resume")]
 pub(crate) struct RestoreArgs {
     /// Images, folders or patterns; also the folder of the published dataset, for its real captures
@@ -64,7 +67,7 @@ pub(crate) struct RestoreArgs {
     #[command(flatten)]
     method: MethodArgs,
     #[command(flatten)]
-    code: CodeArgs,
+    kernel: KernelArgs,
     #[command(flatten)]
     psf_file: PsfAmongImagesArgs,
     /// The files are one bracket, and each folder is one, with the exposure times and ISO that the files tell
@@ -80,11 +83,11 @@ pub(crate) struct RestoreArgs {
     #[arg(long, value_enum, value_name = "DOMAIN")]
     output_domain: Option<OutputDomainArg>,
     /// What to do where the capture is saturated
-    #[arg(long, value_enum, value_name = "WHAT", default_value_t = HighlightsArg::Network)]
-    highlights: HighlightsArg,
+    #[arg(long, value_name = "WHAT", value_parser = HIGHLIGHTS, default_value = "restored")]
+    highlights: Highlights,
     /// Format of the files in an output folder
-    #[arg(long, value_enum, value_name = "FORMAT", default_value_t = FormatArg::Exr)]
-    format: FormatArg,
+    #[arg(long, value_name = "FORMAT", value_parser = FORMATS, default_value = "exr")]
+    format: &'static str,
     /// Keep the images that are there and go on with the others
     ///
     /// An EXR says how it was made, and is refused if that was otherwise or of a capture or dark frames with other contents
@@ -92,8 +95,8 @@ pub(crate) struct RestoreArgs {
     #[arg(long)]
     resume: bool,
     /// What the network multiplies
-    #[arg(long, value_enum, value_name = "PRECISION", default_value_t = PrecisionArg::F32, conflicts_with = "method")]
-    precision: PrecisionArg,
+    #[arg(long, value_name = "PRECISION", value_parser = PRECISIONS, default_value = "f32", conflicts_with = "method")]
+    precision: Precision,
     /// Side of the tiles, a multiple of 4 (of 16 for de-unet) [default: chosen by --max-memory]
     #[arg(long, value_name = "N", conflicts_with = "method")]
     tile: Option<usize>,
@@ -111,52 +114,109 @@ pub(crate) struct RestoreArgs {
     x_max: Option<f32>,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum FormatArg {
-    Exr,
-    Npy,
-    Png,
-    Tif,
-}
+/// The formats of files in an output folder, as the extensions that stand for them.
+const FORMATS: Choices<&str> = Choices(&[
+    ("exr", "exr", ""),
+    ("npy", "npy", ""),
+    ("png", "png", ""),
+    ("tif", "tif", ""),
+    ("jpg", "jpg", "Finished for viewing, as `udc finish` does without flags"),
+]);
 
 impl RestoreArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        self.curve(None)?;
+        self.method.check()?;
+        self.config(&[]).curve(None)?;
         self.raw.config()?;
         let mut jobs = self.jobs(session)?;
-        let engine = Engine::new(&self, &jobs, session)?;
-        let restoration = Restoration { args: &self, engine, session, darks_sha256: OnceLock::new() };
+        if self.output_domain.is_some() && jobs.iter().any(Job::is_photograph) {
+            let reason = "--output-domain is for images of light, and a JPEG is finished for viewing: leave it out, or write \
+                          .exr";
+            return Err(misuse("restore", reason));
+        }
+        let (restoration, notices) = self.config(&jobs).open()?;
+        notices.iter().for_each(|notice| session.notice(notice));
+        let run = Run::new(&self, restoration, jobs.len() > 1, session);
         if self.resume {
-            jobs = remaining(&restoration, jobs, session)?;
+            jobs = remaining(&run, jobs, session)?;
         }
         let _folder = OutputFolder::of(&mut jobs.iter().map(|job| job.output.as_path()))?;
-        run_all(&restoration, &jobs, session)
+        run_all(&run, &jobs, session)
     }
 
-    /// φ∘C as the flags say, and for what they do not say as a model was trained.
-    fn curve(&self, of_model: Option<ToneCurve>) -> Result<ToneCurve> {
-        let default = of_model.unwrap_or_default();
-        Ok(ToneCurve::new(self.alpha.unwrap_or(default.alpha), self.x_max.unwrap_or(default.x_max))?)
+    /// How captures are restored, as the flags say.
+    fn config(&self, jobs: &[Job]) -> RestorationConfig {
+        let pictures = jobs.iter().map(|job| job.inputs.len() as u64).max().unwrap_or(0);
+        let queued_frames = if jobs.len() > 1 { QUEUED_FRAMES + pictures } else { 0 };
+        let network = |model: &PathBuf| MethodConfig::Network {
+            model: model.clone(),
+            precision: self.precision,
+            tile: self.tile,
+        };
+        let deconvolution = || MethodConfig::Deconvolution(self.method.config().unwrap_or_default());
+        RestorationConfig {
+            method: self.model.as_ref().map_or_else(deconvolution, network),
+            kernel: self.kernel.files(self.psf_file.options()),
+            alpha: self.alpha,
+            x_max: self.x_max,
+            highlights: self.highlights,
+            memory: MemoryBudget { limit_bytes: self.max_memory, queued_frames, ..MemoryBudget::default() },
+        }
     }
 }
 
-/// An image that is ready, and what is known of its capture.
-struct Restored {
-    image: AnyImage,
-    domain: OutputDomainArg,
-    info: Option<CaptureInfo>,
+/// Frames of 32-bit RGB that the queue holds beside the image in work and the pictures that are read: the file of one of
+/// these, and an image that is written, with its file.
+const QUEUED_FRAMES: u64 = 3;
+
+/// The keys of a description under which the paths of a model and of a PSF stand.
+const MODEL: &str = "model";
+const PSF: &str = "psf";
+
+/// An image that is ready.
+enum Ready {
+    /// Light, and the domain that it is written in.
+    Light(Restored, DomainTag),
+    /// A picture for viewing.
+    Photograph(Photograph),
 }
 
 /// A run over several captures.
-struct Restoration<'a> {
+struct Run<'a> {
     args: &'a RestoreArgs,
-    engine: Engine,
+    restoration: Restoration,
     session: &'a Session,
+    /// Where a capture's own progress is shown.
+    progress: Progress,
+    /// What was said last of the memory that an image takes.
+    said: Mutex<String>,
     /// SHA-256 of the dark frames, when they were first asked for.
     darks_sha256: OnceLock<Option<Vec<Option<String>>>>,
 }
 
-impl Restoration<'_> {
+impl<'a> Run<'a> {
+    fn new(args: &'a RestoreArgs, restoration: Restoration, several: bool, session: &'a Session) -> Self {
+        let progress = if several { session.progress.without_bars() } else { session.progress.clone() };
+        Self { args, restoration, session, progress, said: Mutex::default(), darks_sha256: OnceLock::new() }
+    }
+
+    /// Restores one capture; says beforehand what memory that takes, unless the image before took the same.
+    fn restore(&self, job: &Job, capture: Capture) -> Result<Restored> {
+        let line = self.restoration.plan(capture.image.size())?.to_string();
+        let mut said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+        if *said != line {
+            self.session.note(&line);
+            *said = line;
+        }
+        let restored = self.restoration.restore(capture, &self.progress)?;
+        if let Some(angle) = &restored.angle {
+            self.session.tell(format_args!("{}: {angle}", job.name()));
+            let warning = angle.warning().map(|warning| format!("{}: {warning}", job.name()));
+            warning.into_iter().for_each(|warning| self.session.warn(warning));
+        }
+        Ok(restored)
+    }
+
     fn darks_sha256(&self) -> Result<Option<&[Option<String>]>> {
         if self.darks_sha256.get().is_none() {
             // Set by whoever comes first: the reader, or the check of what is there.
@@ -174,12 +234,45 @@ impl Restoration<'_> {
         }
         Ok(contents)
     }
+
+    /// How a job's image was made, and where its files lay.
+    fn provenance(&self, job: &Job) -> Result<Provenance> {
+        let mut described = self.describe(job);
+        // It decides the tiles, which change nothing but roundings.
+        described["max-memory"] = json!(self.args.max_memory);
+        // Where files lay; what they are is told by their contents.
+        let (key, path) = match &self.args.model {
+            Some(model) => (MODEL, Some(model.as_path())),
+            None => (PSF, self.args.kernel.psf()),
+        };
+        described["how"][key] = json!(path.map(text_of));
+        described["inputs"] = job.inputs.iter().map(|input| text_of(input)).collect();
+        if let Some(files) = self.args.raw.dark_files() {
+            described["dark-files"] = json!(files);
+        }
+        for (name, contents) in self.contents(job)? {
+            described[name] = contents;
+        }
+        Ok(Provenance::new("restore", &described))
+    }
+
+    fn options(&self) -> WriteOptions {
+        WriteOptions { half: self.args.half, overwrite: self.session.overwrite, ..WriteOptions::default() }
+    }
+
+    fn write_light(&self, job: &Job, restored: Restored, domain: DomainTag) -> Result<()> {
+        let options = WriteOptions { provenance: Some(self.provenance(job)?), ..self.options() };
+        if let Some(info) = &restored.info {
+            note_what_is_lost(&job.output, info, self.session);
+        }
+        Ok(restored.write(&job.output, domain, &options)?)
+    }
 }
 
-impl Stages for Restoration<'_> {
+impl Stages for Run<'_> {
     type Job = Job;
     type Input = Capture;
-    type Output = Restored;
+    type Output = Ready;
 
     fn doing(&self, job: &Job) -> String {
         format!("restoring {}", job.name())
@@ -196,7 +289,7 @@ impl Stages for Restoration<'_> {
         let exposures = raw.exposures.as_deref().map(relative_times);
         let mut described = json!({
             "exposures": exposures, "raw": is_raw.then(|| raw.config().ok()),
-            "tone": self.engine.curve, "how": self.engine.describe(), "half": half,
+            "tone": self.restoration.curve(), "how": self.restoration.describe(), "half": half,
             "domain": domain.map(DomainArg::name), "output-domain": output_domain.map(OutputDomainArg::name),
         });
         if let Some(darks) = raw.describe_darks() {
@@ -206,8 +299,8 @@ impl Stages for Restoration<'_> {
     }
 
     fn forget_places(&self, made: &mut Value) {
-        if let Some(how) = made.get_mut("how") {
-            Engine::forget_place(how);
+        if let Some(how) = made.get_mut("how").and_then(Value::as_object_mut) {
+            how.retain(|key, _| ![MODEL, PSF].contains(&key.as_str()));
         }
     }
 
@@ -216,62 +309,37 @@ impl Stages for Restoration<'_> {
     }
 
     fn prepare(&self) {
-        self.engine.prepare();
+        self.restoration.prepare();
     }
 
     fn read(&self, job: &Job) -> Result<Capture> {
         // Before the pixels, so that they are not older than it.
         self.contents(job)?;
         let capture = self.args.read_capture(job, self.session)?;
-        let domain = self.args.output_domain.unwrap_or(capture.pixels.domain());
-        check_domain_of_output(&job.output, domain)?;
+        if !job.is_photograph() {
+            check_domain_of_output(&job.output, domain_of_output(self.args.output_domain, &capture.image))?;
+        }
         Ok(capture)
     }
 
-    fn compute(&self, job: &Job, capture: Capture) -> Result<Self::Output> {
+    fn compute(&self, job: &Job, capture: Capture) -> Result<Ready> {
         self.session.progress.check()?;
-        let domain = self.args.output_domain.unwrap_or(capture.pixels.domain());
-        let info = capture.info.clone();
-        let restore = || self.engine.restore(&job.name(), capture, self.session);
-        Ok(Restored { image: self.session.timed(self.doing(job), restore)?, domain, info })
+        let domain = domain_of_output(self.args.output_domain, &capture.image);
+        let restored = self.session.timed(self.doing(job), || self.restore(job, capture))?;
+        if !job.is_photograph() {
+            return Ok(Ready::Light(restored, domain));
+        }
+        let finishing = format!("finishing {}", job.name());
+        Ok(Ready::Photograph(self.session.timed(finishing, || restored.into_photograph())?))
     }
 
-    fn write(&self, job: &Job, Restored { image, domain, info }: Restored) -> Result<()> {
-        let mut described = self.describe(job);
-        // It decides the tiles, which change nothing but roundings.
-        described["max-memory"] = json!(self.args.max_memory);
-        // Where files lay; what they are is told by their contents.
-        described["how"] = self.engine.describe_with_place();
-        described["inputs"] = job.inputs.iter().map(|input| text_of(input)).collect();
-        if let Some(files) = self.args.raw.dark_files() {
-            described["dark-files"] = json!(files);
-        }
-        for (name, contents) in self.contents(job)? {
-            described[name] = contents;
-        }
-        let options = WriteOptions {
-            half: self.args.half,
-            overwrite: self.session.overwrite,
-            provenance: Some(Provenance::new("restore", &described)),
-            capture: info,
+    fn write(&self, job: &Job, ready: Ready) -> Result<()> {
+        let write = || match ready {
+            Ready::Light(restored, domain) => self.write_light(job, restored, domain),
+            Ready::Photograph(photograph) => Ok(photograph.write(&job.output, &self.options())?),
         };
-        if let Some(info) = &options.capture {
-            note_what_is_lost(&job.output, info, self.session);
-        }
-        let write = || image.write(&job.output, domain, self.engine.curve, &options);
         self.session.timed(format_args!("writing {}", job.output.display()), write)?;
         self.session.tell(job.output.display());
         Ok(())
-    }
-}
-
-impl FormatArg {
-    fn extension(self) -> &'static str {
-        match self {
-            Self::Exr => "exr",
-            Self::Npy => "npy",
-            Self::Png => "png",
-            Self::Tif => "tif",
-        }
     }
 }

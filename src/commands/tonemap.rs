@@ -9,15 +9,14 @@ use serde_json::{Value, json};
 use super::Session;
 use super::capture::note_what_is_lost;
 use super::choices::FORMATS;
-use super::destination::{Destination, OutputFolder, Unplaced, without_repeats};
+use super::destination::{Destination, OutputFolder, Unplaced};
 use super::domain::LightDomainArg;
-use super::picture::AnyImage;
 use super::queue::{Stages, run_all};
 use udc::core::capture::CaptureInfo;
 use udc::core::image::{Linear, ToneMapped};
 use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
-use udc::io::{DomainTag, WriteOptions, expand_inputs, image_of, read_pixels};
+use udc::io::{AnyImage, DomainTag, WriteOptions, expand_inputs, image_of, read_pixels, without_repeats};
 
 /// Apply the tone mapping or its inverse
 ///

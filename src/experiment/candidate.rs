@@ -1,16 +1,15 @@
 //! What an experiment compares: the degraded image itself, networks, deconvolutions.
 
 use super::{Cost, Method};
-use crate::core::bytes::format_bytes;
 use crate::core::error::{Error, Result};
-use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
+use crate::core::image::{LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
-use crate::core::saturation::saturated_from;
+use crate::core::psf::Psf;
 use crate::core::tone::ToneCurve;
 use crate::dataset::Dataset;
 use crate::network::Model;
-use crate::restore::deconvolution::{self, DeconvolutionConfig, deconvolution_bytes, deconvolve};
-use crate::restore::{Conditioning, Highlights, NetworkRestorer, Tiling, blend_highlights, restore_tiled};
+use crate::restore::deconvolution::{self, DeconvolutionConfig};
+use crate::restore::{Capture, Highlights, KernelKnowledge, MemoryBudget, Restoration};
 
 /// Something that makes an image of a degraded one.
 #[derive(Clone, Debug)]
@@ -75,7 +74,9 @@ impl Candidate {
     pub(super) fn knows_the_kernel(&self) -> bool {
         match self {
             Self::Nothing => false,
-            Self::Network(_, model, _) => model.architecture().reads_code(),
+            Self::Network(_, model, _) => {
+                model.architecture().reads_code() || !model.architecture().planes().is_empty()
+            }
             Self::Deconvolution(..) => true,
         }
     }
@@ -88,7 +89,7 @@ impl Candidate {
                 "{root} has kernel codes and no PSFs, which --method {} needs; name a dataset of `udc synth`",
                 method.name()
             ))),
-            Self::Network(name, model, _) if self.knows_the_kernel() => {
+            Self::Network(name, model, _) if model.architecture().reads_code() => {
                 let (needed, found) = (model.architecture().code_dim, dataset.code_dim());
                 if needed != found {
                     return Err(Error::Unsupported(format!(
@@ -124,71 +125,49 @@ impl Candidate {
 
     pub(super) fn restore(&self, degraded: &Degraded<'_>) -> Result<ToneMappedImage> {
         let curve = degraded.dataset.formation.curve()?;
-        match self {
-            Self::Nothing => Ok(curve.tone_map(degraded.image)),
+        let (restoration, highlights) = match self {
+            Self::Nothing => return Ok(curve.tone_map(degraded.image)),
             Self::Network(_, model, highlights) => {
-                degraded.treat_highlights(degraded.restore_by_network(model, curve)?, *highlights, curve)
+                (Restoration::by_network(Model::clone(model), degraded.kernel_for(model)?)?, highlights)
             }
             Self::Deconvolution(method, highlights) => {
-                degraded.treat_highlights(degraded.deconvolve(*method, curve)?, *highlights, curve)
+                let config = DeconvolutionConfig::of_method(*method);
+                let kernel = degraded.psf().map_or(KernelKnowledge::Nothing, KernelKnowledge::of_psf);
+                (Restoration::by_deconvolution(config, kernel)?, highlights)
             }
-        }
+        };
+        let memory =
+            MemoryBudget { limit_bytes: degraded.max_memory, counts_process: false, queued_frames: 0 };
+        let restoration = restoration.with_border((&degraded.dataset.formation).into()).with_curve(curve);
+        let restoration = restoration.with_highlights(*highlights).with_memory(memory);
+        let capture = Capture::from(degraded.image.clone());
+        Ok(restoration.restore(capture, &Progress::default())?.into_tone_mapped())
     }
 }
 
 /// The name of a row: the restoration, and what is done with highlights unless nothing.
 fn with_highlights(name: &str, highlights: Highlights) -> String {
     match highlights {
-        Highlights::Network => name.to_owned(),
+        Highlights::Restored => name.to_owned(),
         Highlights::Keep => format!("{name}, highlights kept"),
         Highlights::Blend => format!("{name}, highlights blended"),
     }
 }
 
 impl Degraded<'_> {
-    fn treat_highlights(
-        &self,
-        restored: ToneMappedImage,
-        highlights: Highlights,
-        curve: ToneCurve,
-    ) -> Result<ToneMappedImage> {
-        if highlights == Highlights::Network {
-            return Ok(restored);
-        }
-        let level = [curve.compress(saturated_from(curve.x_max)); CHANNELS];
-        blend_highlights(restored, &curve.tone_map(self.image), level, highlights)
+    /// What a network is told of the kernel.
+    fn kernel_for(&self, model: &Model) -> Result<KernelKnowledge> {
+        let architecture = model.architecture();
+        let code = architecture.reads_code().then(|| self.dataset.code_of(self.kernel)).transpose()?;
+        Ok(match (self.psf().filter(|_| !architecture.planes().is_empty()), code) {
+            (Some(psf), code) => KernelKnowledge::Psf { psf: psf.into(), code },
+            (None, Some(code)) => KernelKnowledge::Code(code),
+            (None, None) => KernelKnowledge::Nothing,
+        })
     }
 
-    fn restore_by_network(&self, model: &Model, curve: ToneCurve) -> Result<ToneMappedImage> {
-        let code = match model.architecture().reads_code() {
-            true => Conditioning::Code(self.dataset.code_of(self.kernel)?),
-            false => Conditioning::None,
-        };
-        let restorer = NetworkRestorer::new(model, code)?;
-        let tiling = Tiling::within(self.image.height(), self.image.width(), self.max_memory, &restorer)?;
-        let room = self.max_memory.saturating_sub(tiling.bytes(&restorer));
-        let restorer = restorer.with_room(room);
-        restore_tiled(&curve.tone_map(self.image), &tiling, &restorer, &Progress::default())
-    }
-
-    fn deconvolve(&self, method: deconvolution::Method, curve: ToneCurve) -> Result<ToneMappedImage> {
-        let ToneCurve { alpha, x_max } = curve;
-        let border = (&self.dataset.formation).into();
-        let default = DeconvolutionConfig::of_method(method);
-        let config = DeconvolutionConfig { alpha, saturation: [x_max; CHANNELS], border, ..default };
-        let bank = self.dataset.bank.as_ref().expect("checked before the work");
-        let psf = &bank.psfs[self.kernel];
-        let (size, of_psf) = ([self.image.height(), self.image.width()], [psf.height(), psf.width()]);
-        let bytes = deconvolution_bytes(size, of_psf, &config);
-        if bytes > self.max_memory {
-            let reason = format!(
-                "{} × {} pixels take {} to deconvolve; allow at least that",
-                size[0],
-                size[1],
-                format_bytes(bytes)
-            );
-            return Err(Error::config("max-memory", reason));
-        }
-        Ok(curve.tone_map(&deconvolve(self.image, psf, &config, &Progress::default())?))
+    /// The PSF of the kernel, where the dataset has PSFs.
+    fn psf(&self) -> Option<Psf> {
+        self.dataset.bank.as_ref().map(|bank| bank.psfs[self.kernel].clone())
     }
 }

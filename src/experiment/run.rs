@@ -148,3 +148,6 @@ impl<'a> Experiment<'a> {
 pub fn files_of_evaluation(metrics: impl Iterator<Item = Metric>) -> Vec<String> {
     RESULTS.map(str::to_owned).into_iter().chain(metrics.flat_map(plots_of)).collect()
 }
+
+#[cfg(test)]
+mod tests;

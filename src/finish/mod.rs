@@ -9,10 +9,12 @@ mod curve;
 mod exposure;
 mod highlights;
 mod lab;
+mod photograph;
 
 use ndarray::{Array3, Axis, Zip};
 use serde::Serialize;
 
+use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::image::LinearImage;
 use crate::core::orientation::Orientation;
@@ -21,6 +23,7 @@ pub use clahe::ClaheConfig;
 pub use color_matrix::{ColorMatrix, read_color_matrix};
 pub use curve::Curve;
 pub use exposure::automatic_curve;
+pub use photograph::{Photograph, photograph};
 
 /// What is done to every picture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -65,6 +68,18 @@ pub struct Look {
 }
 
 impl Look {
+    /// The look that is known of a capture.
+    pub fn of_capture(info: &CaptureInfo) -> Self {
+        Self {
+            ccm: info.color_matrix().map(ColorMatrix::of),
+            saturation: info.saturation,
+            #[expect(clippy::cast_possible_truncation, reason = "a few stops")]
+            baseline_exposure_ev: info.baseline_exposure_ev.map(|stops| stops as f32),
+            orientation: info.orientation.unwrap_or_default(),
+            reference_means: None,
+        }
+    }
+
     /// The light of a pixel: clipped channels estimated, then the colour matrix.
     fn light_of(&self, pixel: [f32; 3]) -> [f32; 3] {
         let pixel = self.saturation.map_or(pixel, |white| highlights::unclipped(pixel, white));

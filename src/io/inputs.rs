@@ -1,5 +1,6 @@
 //! Expands what a user names — files, folders, patterns — to a list of image files.
 
+use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::path::{Component, Path, PathBuf};
 
@@ -118,6 +119,25 @@ fn is_shown(pattern: &Path, path: &Path) -> bool {
         && spells(&pattern[last + 1..], &path[path.len() - tail..])
 }
 
+/// Leaves out files that are named again, by overlapping patterns or by another path to their folder.
+pub fn without_repeats(mut files: Vec<PathBuf>) -> Vec<PathBuf> {
+    let mut seen = BTreeSet::new();
+    files.retain(|file| seen.insert(identity(file)));
+    files
+}
+
+/// One path for all ways to name a file; a link is a file of its own.
+pub fn identity(file: &Path) -> PathBuf {
+    let folder = match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    match (folder.canonicalize(), file.file_name()) {
+        (Ok(folder), Some(name)) => folder.join(name),
+        _ => file.to_owned(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -133,5 +153,15 @@ mod tests {
         assert!(!shown("**/*.exr", "a/.b/c.exr") && !shown("**/*.exr", "a/b/.c.exr"));
         assert!(shown("**/*.exr", "a/b/c.exr") && shown("**/*.exr", "c.exr"));
         assert!(shown("x/**/.b*", "x/a/.bc") && !shown("x/**/.b*", "x/.a/.bc"));
+    }
+
+    #[test]
+    fn a_file_is_named_once_whatever_the_path_to_it() {
+        let scratch = tempfile::tempdir().unwrap();
+        let inner = scratch.path().join("inner");
+        std::fs::create_dir(&inner).unwrap();
+        let [a, b] = ["a.exr", "b.exr"].map(|name| scratch.path().join(name));
+        let files = vec![a.clone(), b.clone(), a.clone(), inner.join("../a.exr")];
+        assert_eq!(without_repeats(files), [a, b]);
     }
 }

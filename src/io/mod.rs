@@ -4,6 +4,7 @@
 //! Sizes that a header declares are checked against the file's length and [`MAX_PIXELS`] before anything is
 //! allocated for them.
 
+mod any_image;
 mod array;
 mod atomic;
 mod bank;
@@ -33,6 +34,7 @@ mod tell;
 mod tiff;
 mod write;
 
+pub use any_image::{AnyImage, ImageReading, any_image_of, inspect_any_image};
 pub use array::{read_array, write_array};
 pub use atomic::{WriteSeek, check_output, remove_unfinished, write_atomically};
 pub use bank::{
@@ -45,11 +47,11 @@ pub use convert::{Conversion, ConvertedImage};
 pub use field::{inspect_psf_field, read_field, read_psf_field, write_psf_field};
 pub use folder::{AppendFile, LineLog, create_folder, lock_folder, publish_folder, remove, try_lock_folder};
 pub use format::{Encoding, Format, check_extension};
-pub use inputs::{expand_inputs, is_hidden};
+pub use inputs::{expand_inputs, identity, is_hidden, without_repeats};
 pub use owned_folder::OwnedFolder;
 pub use pixels::{DomainTag, IgnoredOpcode, Pixels, RawMetadata};
 pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_file};
-pub use psf::{PsfOptions, PsfReading, inspect_psf, read_psf, write_psf};
+pub use psf::{PsfFaults, PsfMove, PsfOptions, PsfReading, inspect_psf, read_psf, show_shift, write_psf};
 pub use read::{
     image_of, inspect_image, inspect_mosaic, read_capture_info, read_image, read_image_told, read_pixels,
     read_provenance,

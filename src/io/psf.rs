@@ -1,12 +1,19 @@
 //! Reads and writes PSFs as image files, and says what is wrong with those that are read.
 
+mod faults;
+mod place;
+
 use std::path::{Path, PathBuf};
 
 use super::read::{check_cooked, check_domain, to_rgb};
 use super::{DomainTag, WriteOptions, read_pixels, write_image};
 use crate::core::error::{Error, Result};
 use crate::core::image::{Domain as _, Image, Linear};
-use crate::core::psf::{Move, Psf, PsfFaults, recenter, show_shift};
+use crate::core::psf::Psf;
+
+pub use faults::PsfFaults;
+use place::recenter;
+pub use place::{PsfMove, show_shift};
 
 /// How a PSF is read.
 #[derive(Clone, Copy, Debug)]
@@ -35,36 +42,35 @@ pub struct PsfReading {
     /// What is wrong with the file as a PSF.
     pub faults: PsfFaults,
     /// How it was moved to bring its peak to the centre.
-    pub moved: Option<Move>,
+    pub moved: Option<PsfMove>,
     /// What the file says of its colours against what the user says.
     pub contradiction: Option<String>,
 }
 
 impl PsfReading {
-    /// How the peak came to the centre, in a sentence; none where it was not moved.
-    pub fn how_it_was_moved(&self) -> Option<String> {
-        let moved = self.moved?;
-        let (path, by) = (self.path.display(), show_shift(moved.by));
-        Some(if moved.is_rolled {
+    /// What the user should know, a sentence each; nothing of a PSF without fault.
+    pub fn warnings(&self) -> Vec<String> {
+        let faults = self.faults.describe().map(|faults| format!("{}: {faults}", self.path.display()));
+        faults.into_iter().chain(self.contradiction.clone()).collect()
+    }
+
+    /// How it was moved, where it was, and what light that cost.
+    pub fn describe_move(&self) -> Option<(String, Option<String>)> {
+        let (moved, path) = (self.moved?, self.path.display());
+        let by = show_shift(moved.by);
+        let how = if moved.is_rolled {
             format!(
                 "{path}: it is in the layout of a Fourier transform, which begins with the centre; it was rolled to the \
                  middle, {by}, and nothing was lost"
             )
         } else {
             format!("{path}: its peak was moved to the centre, {by}")
-        })
-    }
-
-    /// The light that left the frame as the peak was moved, in a sentence; none where it was none to speak of.
-    pub fn what_moving_lost(&self) -> Option<String> {
-        let (path, lost) = (self.path.display(), self.moved?.lost_in_words()?);
-        Some(format!("{path}: {lost} of its light left the frame as its peak was moved to the centre"))
-    }
-
-    /// What the user should know, a sentence each; nothing of a PSF without fault.
-    pub fn warnings(&self) -> Vec<String> {
-        let faults = self.faults.describe().map(|faults| format!("{}: {faults}", self.path.display()));
-        faults.into_iter().chain(self.contradiction.clone()).collect()
+        };
+        let lost = moved.lost_in_words();
+        let lost = lost.map(|lost| {
+            format!("{path}: {lost} of its light left the frame as its peak was moved to the centre")
+        });
+        Some((how, lost))
     }
 }
 

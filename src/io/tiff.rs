@@ -13,6 +13,8 @@ use super::MAX_PIXELS;
 use super::planes::gather;
 use super::raster::{MAX_DECODER_BYTES, MAX_RATIO, check_declared, from_u8, from_u16};
 
+type FileDecoder<'a> = Decoder<Cursor<&'a [u8]>>;
+
 /// The samples of a file, in its own order.
 pub(super) struct Bands {
     samples: DecodingResult,
@@ -70,14 +72,14 @@ pub(super) fn icc_profile(bytes: &[u8]) -> Option<Vec<u8>> {
     Decoder::new(Cursor::new(bytes)).ok()?.with_limits(limits).get_tag_u8_vec(Tag::IccProfile).ok()
 }
 
-fn open(bytes: &[u8]) -> Option<(Decoder<Cursor<&[u8]>>, ColorType, BufferLayoutPreference)> {
+fn open(bytes: &[u8]) -> Option<(FileDecoder<'_>, ColorType, BufferLayoutPreference)> {
     let mut decoder = Decoder::new(Cursor::new(bytes)).ok()?;
     let color = decoder.colortype().ok()?;
     let layout = decoder.image_buffer_layout().ok()?;
     Some((decoder, color, layout))
 }
 
-fn is_black_zero(decoder: &mut Decoder<Cursor<&[u8]>>) -> bool {
+fn is_black_zero(decoder: &mut FileDecoder<'_>) -> bool {
     let found = decoder.find_tag_unsigned::<u16>(Tag::PhotometricInterpretation).ok().flatten();
     found == Some(PhotometricInterpretation::BlackIsZero.to_u16())
 }

@@ -99,7 +99,7 @@ impl Forward for Layers {
 
 fn stream(build: &mut StreamBuilder<'_>, _architecture: &Architecture) {
     let mut parts = vec![Part::Image];
-    parts.extend(PLANES.iter().map(|&plane| Part::Plane(plane)));
+    parts.extend(PLANES.iter().copied().map(Part::from));
     let (image, input) = (build.input(&[Part::Image]), build.input(&parts));
     let x = build.convolution("first", input, LEAKY_SLOPE, None);
     build.convolution("last", x, 1.0, Some(image));

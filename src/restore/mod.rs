@@ -1,16 +1,29 @@
 //! Turns degraded images into restored ones: by a network, tile by tile, or by deconvolution.
 
 mod angle;
+mod capture;
+mod config;
 pub mod deconvolution;
 mod field;
 mod highlights;
+mod kernel;
+mod memory;
 mod network;
+mod notice;
 mod planes;
+mod precision;
+mod restoration;
 mod tiles;
 
-pub use angle::{AngleSearch, WEAK_LEAD, search_angle};
+pub use angle::{AngleSearch, FoundAngle, WEAK_LEAD, search_angle};
+pub use capture::{Capture, CaptureReading, Restored};
+pub use config::{MethodConfig, RestorationConfig};
 pub use field::code_map;
 pub use highlights::{Highlights, blend_highlights};
-pub use network::{Conditioning, NetworkRestorer};
+pub use kernel::{Angle, KernelFiles, KernelKnowledge};
+pub use memory::{MemoryBudget, MemoryPlan};
+pub use notice::Notice;
 pub use planes::{PlaneConfig, make_plane, make_planes};
-pub use tiles::{ALIGNMENT, Restorer, Tiling, restore_tiled};
+pub use precision::Precision;
+pub use restoration::Restoration;
+pub use tiles::Tiling;

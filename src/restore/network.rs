@@ -2,16 +2,16 @@
 
 use ndarray::{Array3, s};
 
-use super::tiles::{ALIGNMENT, Restorer};
+use super::tiles::{ALIGNMENT, WindowOperator};
 use crate::core::error::{Error, Result};
-use crate::core::image::ToneMappedImage;
+use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::core::kernel_code::KernelCode;
 use crate::core::progress::Progress;
 use crate::network::{Inputs, Model, Planes};
 
 /// What a network is told about the PSF.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Conditioning {
+pub(super) enum Conditioning {
     /// Nothing.
     None,
     /// One code for the whole image.
@@ -22,7 +22,7 @@ pub enum Conditioning {
 
 /// A network with what it is told about the PSF.
 #[derive(Clone, Debug)]
-pub struct NetworkRestorer<'a> {
+pub(super) struct NetworkOperator<'a> {
     model: &'a Model,
     conditioning: Conditioning,
     /// The planes of the whole image that the network reads.
@@ -31,21 +31,19 @@ pub struct NetworkRestorer<'a> {
     room: u64,
 }
 
-impl<'a> NetworkRestorer<'a> {
-    /// Puts a network and a code together.
+impl<'a> NetworkOperator<'a> {
+    /// Takes a network that is told nothing yet, and takes as much memory as its threads can use.
+    pub(super) fn new(model: &'a Model) -> Self {
+        Self { model, conditioning: Conditioning::None, planes: Planes::default(), room: u64::MAX }
+    }
+
+    /// The network with what it is told; networks that need no code are told nothing.
     ///
     /// # Errors
     /// [`Error::Config`] when the network needs a code and there is none; [`Error::Shape`] when the code has
     /// another length than the network's.
-    pub fn new(model: &'a Model, conditioning: Conditioning) -> Result<Self> {
-        let Some(expected) = model.architecture().code_len() else {
-            return Ok(Self {
-                model,
-                conditioning: Conditioning::None,
-                planes: Planes::default(),
-                room: u64::MAX,
-            });
-        };
+    pub(super) fn told(self, conditioning: Conditioning) -> Result<Self> {
+        let Some(expected) = self.model.architecture().code_len() else { return Ok(self) };
         let dim = match &conditioning {
             Conditioning::None => {
                 let reason = format!("the model needs one of {expected} numbers");
@@ -58,29 +56,21 @@ impl<'a> NetworkRestorer<'a> {
             let found = format!("{dim}; use the bank that the model was trained with");
             return Err(Error::shape("kernel code", format!("{expected} numbers"), found));
         }
-        Ok(Self { model, conditioning, planes: Planes::default(), room: u64::MAX })
+        Ok(Self { conditioning, ..self })
     }
 
     /// Hands the network planes of the whole image.
-    #[must_use]
-    pub fn with_planes(self, planes: Planes) -> Self {
+    pub(super) fn with_planes(self, planes: Planes) -> Self {
         Self { planes, ..self }
     }
 
     /// Takes no more than `bytes` beyond the least, however many threads there are.
-    #[must_use]
-    pub fn with_room(self, bytes: u64) -> Self {
+    pub(super) fn with_room(self, bytes: u64) -> Self {
         Self { room: bytes, ..self }
-    }
-
-    /// Bytes beyond the least that restoring a window will take.
-    pub fn bytes_beyond_least(&self, height: usize, width: usize) -> u64 {
-        let bytes = self.model.working_bytes_in(height, width, self.room);
-        bytes - self.model.working_bytes(height, width)
     }
 }
 
-impl Restorer for NetworkRestorer<'_> {
+impl WindowOperator for NetworkOperator<'_> {
     fn halo(&self) -> usize {
         self.model.halo().next_multiple_of(self.alignment())
     }
@@ -89,11 +79,12 @@ impl Restorer for NetworkRestorer<'_> {
         self.model.architecture().side_multiple().next_multiple_of(ALIGNMENT)
     }
 
-    fn window_bytes(&self, height: usize, width: usize) -> u64 {
-        self.model.working_bytes(height, width)
+    fn window_bytes(&self, height: usize, width: usize, room: u64) -> u64 {
+        let planes = self.model.architecture().planes().len() * CHANNELS * size_of::<f32>();
+        self.model.working_bytes_in(height, width, room) + (planes * height * width) as u64
     }
 
-    fn restore(
+    fn apply(
         &self,
         image: &ToneMappedImage,
         top: usize,
@@ -118,7 +109,7 @@ mod tests {
     use super::*;
     use crate::network::weights::Weights;
     use crate::network::{Architecture, Condition, Initialisation, Kind, Origin, Parameters, testing};
-    use crate::restore::{Tiling, restore_tiled};
+    use crate::restore::tiles::{Tiling, restore_tiled};
 
     fn model(kind: Kind, condition: Condition) -> Model {
         let architecture = Architecture { kind, condition, features: 2, ..Architecture::default() };
@@ -144,11 +135,11 @@ mod tests {
             let model = model(kind, condition);
             let code = Conditioning::Code(KernelCode::from_elem(5, 0.3));
             let planes = testing::planes_of(&image);
-            let restorer = NetworkRestorer::new(&model, code).unwrap().with_planes(planes);
-            let whole = restorer.restore(&image, 0, 0, &Progress::default()).unwrap();
+            let operator = NetworkOperator::new(&model).told(code).unwrap().with_planes(planes);
+            let whole = operator.apply(&image, 0, 0, &Progress::default()).unwrap();
             let largest = whole.as_slice().iter().fold(0.0f32, |m, v| m.max(v.abs()));
-            let tiling = Tiling::with_tile(50, 403, 48, &restorer).unwrap();
-            let tiled = restore_tiled(&image, &tiling, &restorer, &Progress::default()).unwrap();
+            let tiling = Tiling::with_tile([50, 403], 48, &operator).unwrap();
+            let tiled = restore_tiled(&image, &tiling, &operator, &Progress::default()).unwrap();
             let pairs = whole.as_slice().iter().zip(tiled.as_slice());
             let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(error <= 1e-5 * largest, "{kind:?}: {error:e} of {largest}");
@@ -158,18 +149,18 @@ mod tests {
     #[test]
     fn an_interrupt_ends_the_restoration_of_a_window() {
         let model = model(Kind::Unet, Condition::None);
-        let restorer = NetworkRestorer::new(&model, Conditioning::None).unwrap();
+        let operator = NetworkOperator::new(&model);
         let image = ToneMappedImage::from_planes(Array3::zeros((3, 40, 40))).unwrap();
         let interrupted = Progress::new(None, std::sync::Arc::new(true.into()));
-        assert!(matches!(restorer.restore(&image, 0, 0, &interrupted), Err(Error::Interrupted)));
-        restorer.restore(&image, 0, 0, &Progress::default()).unwrap();
+        assert!(matches!(operator.apply(&image, 0, 0, &interrupted), Err(Error::Interrupted)));
+        operator.apply(&image, 0, 0, &Progress::default()).unwrap();
     }
 
     #[test]
     fn tiles_that_a_deep_network_cannot_halve_are_refused() {
         let model = model(Kind::DeUnet, Condition::Image);
-        let restorer = NetworkRestorer::new(&model, Conditioning::None).unwrap();
-        let message = Tiling::with_tile(64, 64, 36, &restorer).unwrap_err().to_string();
+        let operator = NetworkOperator::new(&model);
+        let message = Tiling::with_tile([64, 64], 36, &operator).unwrap_err().to_string();
         assert!(message.contains("multiple of 16"), "{message}");
     }
 }

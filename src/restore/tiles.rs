@@ -9,7 +9,7 @@ use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::core::progress::Progress;
 
 /// Tiles and windows start at multiples of this at least: the published network halves its resolution twice.
-pub const ALIGNMENT: usize = 4;
+pub(super) const ALIGNMENT: usize = 4;
 
 /// The shortest side of a tile that is chosen by itself: below it most of the work is halo.
 const SHORTEST_TILE: usize = 64;
@@ -17,23 +17,23 @@ const SHORTEST_TILE: usize = 64;
 /// RGB frames of 32-bit floats that exist at once around a restoration: the capture, the result and the bytes of a file.
 const FRAMES_IN_MEMORY: u64 = 3;
 
-/// Restores one window of an image on its own.
-pub trait Restorer {
+/// A restoration of one window of an image on its own, which looks no further than a halo around what it restores.
+pub(super) trait WindowOperator {
     /// Pixels around a tile that its restoration may depend on, a multiple of the alignment.
     fn halo(&self) -> usize;
 
     /// What tiles and windows start at multiples of, itself one of [`ALIGNMENT`].
     fn alignment(&self) -> usize;
 
-    /// Bytes that it takes at least to restore one window beside the window itself and the result, whatever the number of
-    /// threads: tiles are chosen by them, and results depend on tiles.
-    fn window_bytes(&self, height: usize, width: usize) -> u64;
+    /// Bytes that it takes to restore one window beside the window itself and the result, with `room` bytes more than the
+    /// least for many threads. Tiles are chosen without room, since results depend on tiles.
+    fn window_bytes(&self, height: usize, width: usize, room: u64) -> u64;
 
     /// Restores `image`, which starts at (`top`, `left`) of the whole image and ends before it or with it.
     ///
     /// # Errors
     /// Those of the method of restoration; [`Error::Interrupted`].
-    fn restore(
+    fn apply(
         &self,
         image: &ToneMappedImage,
         top: usize,
@@ -64,31 +64,41 @@ impl Tiling {
     /// Cuts an image into tiles of at most `tile` × `tile` pixels.
     ///
     /// # Errors
-    /// [`Error::Config`] when `tile` is zero or no multiple of the restorer's alignment.
-    pub fn with_tile(height: usize, width: usize, tile: usize, restorer: &dyn Restorer) -> Result<Self> {
-        let alignment = restorer.alignment();
+    /// [`Error::Config`] when `tile` is zero or no multiple of the operator's alignment.
+    pub(super) fn with_tile(
+        [height, width]: [usize; 2],
+        tile: usize,
+        operator: &dyn WindowOperator,
+    ) -> Result<Self> {
+        let alignment = operator.alignment();
         if tile == 0 || !tile.is_multiple_of(alignment) {
             let reason = format!("must be a positive multiple of {alignment}, found {tile}");
             return Err(Error::config("tile", reason));
         }
-        let halo = restorer.halo();
+        let halo = operator.halo();
         Ok(Self { rows: cut(height, tile, halo), columns: cut(width, tile, halo) })
     }
 
-    /// Chooses the tiles with the least work whose restoration stays under `max_bytes`.
+    /// Chooses the tiles with the least work whose restoration stays under `max_bytes`, of which `beside` are taken by
+    /// something else.
     ///
     /// # Errors
     /// [`Error::Config`] naming the smallest limit that would do.
-    pub fn within(height: usize, width: usize, max_bytes: u64, restorer: &dyn Restorer) -> Result<Self> {
+    pub(super) fn within(
+        [height, width]: [usize; 2],
+        max_bytes: u64,
+        beside: u64,
+        operator: &dyn WindowOperator,
+    ) -> Result<Self> {
         let most = |side: usize| side.div_ceil(SHORTEST_TILE);
         let mut best: Option<(usize, Self)> = None;
         let mut least = u64::MAX;
         for count in 1..=most(width) {
-            let columns = cut_evenly(width, count, restorer);
+            let columns = cut_evenly(width, count, operator);
             let mut tilings = (1..=most(height))
-                .map(|count| Self { rows: cut_evenly(height, count, restorer), columns: columns.clone() });
+                .map(|count| Self { rows: cut_evenly(height, count, operator), columns: columns.clone() });
             let fitting = tilings.find(|tiling| {
-                let bytes = tiling.bytes(restorer);
+                let bytes = tiling.bytes(operator) + beside;
                 least = least.min(bytes);
                 bytes <= max_bytes
             });
@@ -124,15 +134,15 @@ impl Tiling {
         (largest(&self.rows), largest(&self.columns))
     }
 
-    /// Bytes that the restoration of the whole image takes, the image and the result included.
-    pub fn bytes(&self, restorer: &dyn Restorer) -> u64 {
+    /// Bytes that the restoration of the whole image takes at least, the image and the result included.
+    pub(super) fn bytes(&self, operator: &dyn WindowOperator) -> u64 {
         let (height, width) = self.window();
         let side = |spans: &[Span]| spans.last().map_or(0, |span| span.end);
         let rgb = |height: usize, width: usize| (CHANNELS * size_of::<f32>() * height * width) as u64;
         // The only window is the image; one of several is copied out of it and restored to another copy.
         let copies = if self.len() == 1 { 0 } else { 2 * rgb(height, width) };
         let frames = FRAMES_IN_MEMORY * rgb(side(&self.rows), side(&self.columns));
-        frames + copies + restorer.window_bytes(height, width)
+        frames + copies + operator.window_bytes(height, width, 0)
     }
 
     /// Pixels that are computed, halos included.
@@ -158,8 +168,8 @@ fn cut(side: usize, tile: usize, halo: usize) -> Vec<Span> {
 }
 
 /// Cuts `side` pixels into at most `count` spans of nearly one length.
-fn cut_evenly(side: usize, count: usize, restorer: &dyn Restorer) -> Vec<Span> {
-    cut(side, side.div_ceil(count).next_multiple_of(restorer.alignment()), restorer.halo())
+fn cut_evenly(side: usize, count: usize, operator: &dyn WindowOperator) -> Vec<Span> {
+    cut(side, side.div_ceil(count).next_multiple_of(operator.alignment()), operator.halo())
 }
 
 /// Restores an image tile by tile.
@@ -168,21 +178,21 @@ fn cut_evenly(side: usize, count: usize, restorer: &dyn Restorer) -> Vec<Span> {
 /// result is that of the whole image to the rounding of f32.
 ///
 /// # Errors
-/// Those of the restorer; [`Error::Interrupted`].
+/// Those of the operator; [`Error::Interrupted`].
 ///
 /// # Panics
-/// When the tiling was made for an image of another size, or the restorer changes a window's size: broken
+/// When the tiling was made for an image of another size, or the operator changes a window's size: broken
 /// invariants of the caller.
-pub fn restore_tiled(
+pub(super) fn restore_tiled(
     image: &ToneMappedImage,
     tiling: &Tiling,
-    restorer: &dyn Restorer,
+    operator: &dyn WindowOperator,
     progress: &Progress,
 ) -> Result<ToneMappedImage> {
     let bar = progress.bar(tiling.len() as u64, "restoring");
     if tiling.len() == 1 {
         progress.check()?;
-        let restored = restorer.restore(image, 0, 0, progress)?;
+        let restored = operator.apply(image, 0, 0, progress)?;
         assert_eq!(restored.planes().dim(), image.planes().dim());
         bar.finish_and_clear();
         return Ok(restored);
@@ -193,7 +203,7 @@ pub fn restore_tiled(
             progress.check()?;
             let (top, left) = (row.window_start, column.window_start);
             let window = image.crop(top, left, row.window_len(), column.window_len());
-            let window = restorer.restore(&window, top, left, progress)?;
+            let window = operator.apply(&window, top, left, progress)?;
             assert_eq!((window.height(), window.width()), (row.window_len(), column.window_len()));
             let kept = s![.., row.start - top..row.end - top, column.start - left..column.end - left];
             restored
@@ -216,7 +226,7 @@ mod tests {
     /// Sums the four pixels at a halo's distance, with zeros beyond the border as the network pads.
     struct Corners;
 
-    impl Restorer for Corners {
+    impl WindowOperator for Corners {
         fn halo(&self) -> usize {
             HALO
         }
@@ -225,11 +235,11 @@ mod tests {
             ALIGNMENT
         }
 
-        fn window_bytes(&self, height: usize, width: usize) -> u64 {
+        fn window_bytes(&self, height: usize, width: usize, _: u64) -> u64 {
             (height * width * 1000) as u64
         }
 
-        fn restore(
+        fn apply(
             &self,
             image: &ToneMappedImage,
             top: usize,
@@ -254,9 +264,9 @@ mod tests {
     #[test]
     fn tiled_restoration_is_that_of_the_whole_image() {
         let image = image(203, 310);
-        let whole = Corners.restore(&image, 0, 0, &Progress::default()).unwrap();
+        let whole = Corners.apply(&image, 0, 0, &Progress::default()).unwrap();
         for tile in [64, 100, 200, 400] {
-            let tiling = Tiling::with_tile(203, 310, tile, &Corners).unwrap();
+            let tiling = Tiling::with_tile([203, 310], tile, &Corners).unwrap();
             let tiled = restore_tiled(&image, &tiling, &Corners, &Progress::default()).unwrap();
             assert_eq!(tiled, whole, "tiles of {tile}");
         }
@@ -265,8 +275,8 @@ mod tests {
     #[test]
     fn windows_keep_a_full_halo_except_at_the_border() {
         for tiling in [
-            Tiling::with_tile(501, 333, 96, &Corners).unwrap(),
-            Tiling::with_tile(64, 64, 4, &Corners).unwrap(),
+            Tiling::with_tile([501, 333], 96, &Corners).unwrap(),
+            Tiling::with_tile([64, 64], 4, &Corners).unwrap(),
         ] {
             for (spans, side) in
                 [(&tiling.rows, tiling.rows.last()), (&tiling.columns, tiling.columns.last())]
@@ -286,25 +296,25 @@ mod tests {
     fn chooses_tiles_that_stay_under_the_limit() {
         let (height, width) = (2448, 3264);
         for limit in [500_u64 << 20, 1 << 30, 2 << 30] {
-            let tiling = Tiling::within(height, width, limit, &Corners).unwrap();
+            let tiling = Tiling::within([height, width], limit, 0, &Corners).unwrap();
             assert!(tiling.bytes(&Corners) <= limit, "{limit}");
             assert!(tiling.len() > 1);
         }
-        assert_eq!(Tiling::within(height, width, 16 << 30, &Corners).unwrap().len(), 1);
+        assert_eq!(Tiling::within([height, width], 16 << 30, 0, &Corners).unwrap().len(), 1);
     }
 
     #[test]
     fn names_the_smallest_limit_and_honours_it() {
-        let message = Tiling::within(2448, 3264, 1 << 20, &Corners).unwrap_err().to_string();
+        let message = Tiling::within([2448, 3264], 1 << 20, 0, &Corners).unwrap_err().to_string();
         let smallest = message.split("at least ").nth(1).expect("a smallest limit").to_owned();
         let smallest = parse_bytes(&smallest).unwrap();
-        assert!(Tiling::within(2448, 3264, smallest, &Corners).is_ok(), "{message}");
-        assert!(Tiling::within(2448, 3264, smallest - (1 << 20), &Corners).is_err(), "{message}");
+        assert!(Tiling::within([2448, 3264], smallest, 0, &Corners).is_ok(), "{message}");
+        assert!(Tiling::within([2448, 3264], smallest - (1 << 20), 0, &Corners).is_err(), "{message}");
     }
 
     #[test]
     fn refuses_tiles_off_the_alignment() {
-        assert!(Tiling::with_tile(100, 100, 90, &Corners).is_err());
-        assert!(Tiling::with_tile(100, 100, 0, &Corners).is_err());
+        assert!(Tiling::with_tile([100, 100], 90, &Corners).is_err());
+        assert!(Tiling::with_tile([100, 100], 0, &Corners).is_err());
     }
 }

@@ -4,8 +4,10 @@ use std::path::{Path, PathBuf};
 
 use ndarray::{Array3, ArrayD};
 use udc::codes::make_rotated_bank;
+use udc::core::capture::CaptureInfo;
 use udc::core::image::{Linear, LinearImage, ToneMapped, ToneMappedImage};
 use udc::core::metrics::{MetricDefinition, psnr};
+use udc::core::orientation::Orientation;
 use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
 use udc::io::{self, WriteOptions};
@@ -966,5 +968,45 @@ fn flags_of_brackets_need_a_bracket() {
             1,
         );
         assert!(said.contains(flag[0]) && said.contains("--bracket"), "{said}");
+    }
+}
+
+/// A JPEG is finished as `udc finish` does it without a word, with what is known of the capture.
+#[test]
+fn a_jpeg_is_what_finishing_makes_of_the_restored_light() {
+    let scratch = scratch();
+    let (model, code) = (model(), code());
+    let info = CaptureInfo {
+        saturation: Some([5.0, 4.0, 4.5]),
+        orientation: Orientation::from_exif(6),
+        baseline_exposure_ev: Some(0.5),
+        ..CaptureInfo::default()
+    };
+    let scene = io::read_image::<Linear>(&scratch.path().join("scene.exr")).unwrap();
+    let known = WriteOptions { capture: Some(info), ..WriteOptions::default() };
+    io::write_image(&scratch.path().join("known.exr"), &scene, &known).unwrap();
+    let method = ["--method", "wiener", "--psf", "psf.exr"];
+    for (name, how) in [("a", &["--model", &model, "--code", &code][..]), ("b", &method)] {
+        for input in ["scene.exr", "known.exr"] {
+            let [light, finished, photo] =
+                ["exr", "finished.jpg", "jpg"].map(|end| format!("{name}-{input}.{end}"));
+            succeed(scratch.path(), &[&["restore", input, "-o", &light], how].concat());
+            succeed(scratch.path(), &["finish", &light, "-o", &finished]);
+            succeed(scratch.path(), &[&["restore", input, "-o", &photo], how].concat());
+            let [finished, photo] =
+                [finished, photo].map(|file| std::fs::read(scratch.path().join(file)).unwrap());
+            assert!(finished == photo, "{name} of {input}");
+        }
+    }
+    let folder =
+        [&["restore", "scene.exr", "known.exr", "-o", "photos", "--format", "jpg"], &method[..]].concat();
+    succeed(scratch.path(), &folder);
+    assert_eq!(io::list_folder(&scratch.path().join("photos")).unwrap(), ["known.jpg", "scene.jpg"]);
+    let said = succeed(scratch.path(), &[&folder[..], &["--resume"]].concat());
+    assert!(said.contains("2 of 2 images are there"), "{said}");
+    for domain in ["linear", "tone-mapped"] {
+        let asked = ["restore", "scene.exr", "-o", "c.jpg", "--output-domain", domain];
+        let said = fail(scratch.path(), &[&asked, &method[..]].concat(), 2);
+        assert!(said.contains("--output-domain") && said.contains("write .exr"), "{said}");
     }
 }

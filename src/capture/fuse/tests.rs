@@ -1,4 +1,5 @@
 use super::*;
+use crate::capture::scaling::check_black;
 use ndarray::Array2;
 
 const TIMES: [f64; 3] = [1.0, 1.0 / 32.0, 1.0 / 768.0];

@@ -5,11 +5,11 @@ use std::sync::OnceLock;
 
 use anyhow::{Result, bail};
 
-use udc::io::{expand_inputs, is_hidden, list_folder, sha256_of_file};
+use udc::io::{expand_inputs, is_hidden, list_folder, sha256_of_file, without_repeats};
 
 use super::FinishArgs;
 use crate::commands::Session;
-use crate::commands::destination::{Destination, Unplaced, without_repeats};
+use crate::commands::destination::{Destination, Unplaced};
 
 /// Where the published dataset keeps its real captures, their colour matrices and the phone's own pictures.
 const PUBLISHED: [&str; 3] = ["real_data/input", "real_data/CCM_txt", "real_data/jpg_ZTE"];

@@ -7,8 +7,10 @@
 
 mod color;
 mod directory;
+mod gains;
 mod lossless_jpeg;
 mod opcodes;
+mod reader;
 mod samples;
 
 use std::path::Path;

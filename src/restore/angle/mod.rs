@@ -1,5 +1,6 @@
 //! Finds the rotation of the panel from a capture: the one whose kernel explains the capture best.
 
+mod found;
 mod likelihood;
 
 use ndarray::{ArrayView3, s};
@@ -11,6 +12,8 @@ use crate::core::progress::Progress;
 use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
 
+pub use found::FoundAngle;
+pub(super) use found::find_code;
 use likelihood::WindowModel;
 
 /// The largest side of the windows that are looked at.

@@ -1,0 +1,77 @@
+//! Makes a photograph of light without a word from the user: the exposure is chosen from the picture.
+
+use std::path::Path;
+
+use ndarray::Array3;
+
+use super::{Curve, FinishConfig, Look, automatic_curve, finish};
+use crate::core::capture::CaptureInfo;
+use crate::core::error::Result;
+use crate::core::image::LinearImage;
+use crate::io::{DomainTag, PixelOptions, Pixels, WriteOptions, write_pixels};
+
+/// A picture that is ready, with the look that it took over.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Photograph {
+    /// Display values in `[0, 1]`, `[3, height, width]`.
+    pub planes: Array3<f32>,
+    /// The look.
+    pub look: Look,
+    /// The curve, as it was chosen or given.
+    pub curve: Curve,
+    /// Whether it was finished for 8 bits, in formats that have 16 as well.
+    pub eight_bit: bool,
+}
+
+/// Finishes light as [`finish`] does, with the look that is known of its capture and a curve that is chosen from it; an
+/// exposure that is chosen needs no clip beside. `ceiling` is the light at which captures of unknown levels clip.
+///
+/// # Errors
+/// Those of [`finish`].
+pub fn photograph(image: LinearImage, info: &CaptureInfo, ceiling: f32) -> Result<Photograph> {
+    let look = Look::of_capture(info);
+    let curve = automatic_curve(&image, &look, ceiling);
+    let config = FinishConfig { clip: None, curve, ..FinishConfig::default() };
+    Ok(Photograph { planes: finish(image, &look, &config)?, look, curve, eight_bit: config.eight_bit })
+}
+
+impl Photograph {
+    /// Writes the picture in the format of the path's extension, with the bits that it was finished for.
+    ///
+    /// # Errors
+    /// As [`write_pixels`].
+    pub fn write(self, path: &Path, options: &WriteOptions) -> Result<()> {
+        let (domain, provenance) = (Some(DomainTag::Display), options.provenance.clone());
+        let pixels = Pixels { domain, provenance, ..Pixels::of_planes(self.planes) };
+        let (overwrite, eight_bit) = (options.overwrite, self.eight_bit);
+        let options = PixelOptions { overwrite, clip: true, eight_bit, ..PixelOptions::default() };
+        write_pixels(path, &pixels, options)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::orientation::Orientation;
+
+    fn light() -> LinearImage {
+        let planes = Array3::from_shape_fn((3, 20, 30), |(c, y, x)| ((c + 2) * (y * 30 + x)) as f32 / 900.0);
+        LinearImage::from_planes(planes).unwrap()
+    }
+
+    #[test]
+    fn takes_the_look_of_its_capture_and_chooses_the_exposure() {
+        let info = CaptureInfo {
+            saturation: Some([2.0, 1.5, 1.8]),
+            orientation: Orientation::from_exif(6),
+            baseline_exposure_ev: Some(0.5),
+            ..CaptureInfo::default()
+        };
+        let shown = photograph(light(), &info, 500.0).unwrap();
+        assert_eq!(shown.planes.dim(), (3, 30, 20));
+        assert_eq!(shown.look.saturation, info.saturation);
+        assert_eq!(shown.curve, automatic_curve(&light(), &shown.look, 500.0));
+        let config = FinishConfig { clip: None, curve: shown.curve, ..FinishConfig::default() };
+        assert_eq!(shown.planes, finish(light(), &shown.look, &config).unwrap());
+    }
+}

@@ -1,0 +1,164 @@
+//! What a restoration is given and what it gives: an image, and what is known of its capture.
+
+use std::path::{Path, PathBuf};
+
+use super::FoundAngle;
+use crate::capture::{Developed, Pictures, SCENE_BRACKET, Told, names_of};
+use crate::core::capture::CaptureInfo;
+use crate::core::error::{Error, Result};
+use crate::core::image::{LinearImage, ToneMappedImage};
+use crate::core::progress::Progress;
+use crate::core::tone::ToneCurve;
+use crate::finish::{Photograph, photograph};
+use crate::io::{AnyImage, DomainTag, ImageReading, WriteOptions, any_image_of, read_pixels};
+
+/// A capture: its light, and what is known of it beside.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Capture {
+    /// The image.
+    pub image: AnyImage,
+    /// What is known of the capture, where it is.
+    pub info: Option<CaptureInfo>,
+}
+
+/// A capture that was restored.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Restored {
+    /// The image.
+    pub image: AnyImage,
+    /// What is known of the capture.
+    pub info: Option<CaptureInfo>,
+    /// The panel's angle, where it was searched in the capture.
+    pub angle: Option<FoundAngle>,
+    /// φ∘C, by which the image changes between the domains.
+    pub curve: ToneCurve,
+}
+
+/// A capture as its files were read.
+#[derive(Debug)]
+pub struct CaptureReading {
+    /// What the user should look at in the files.
+    pub warnings: Vec<String>,
+    light: Light,
+}
+
+#[derive(Debug)]
+enum Light {
+    /// An image.
+    Image(Capture),
+    /// Raw pictures, of which the image is to be made, and the names of their files.
+    Pictures(Box<Pictures>, String),
+}
+
+impl Capture {
+    /// Reads a capture from one file, an image of light or a raw picture, with what the user should look at.
+    ///
+    /// # Errors
+    /// As [`CaptureReading::of_file`] and [`CaptureReading::develop`].
+    pub fn open(file: &Path, told: &Told, progress: &Progress) -> Result<(Self, Vec<String>)> {
+        let mut reading = CaptureReading::of_file(file, told, progress)?;
+        let mut warnings = std::mem::take(&mut reading.warnings);
+        let (capture, of_fusion) = reading.develop()?;
+        warnings.extend(of_fusion);
+        Ok((capture, warnings))
+    }
+}
+
+impl CaptureReading {
+    /// Reads a capture of one exposure: an image of light, unless the file or what is told of it is raw.
+    ///
+    /// # Errors
+    /// As [`any_image_of`] and [`Pictures::read`].
+    pub fn of_file(file: &Path, told: &Told, progress: &Progress) -> Result<Self> {
+        if !told.is_raw() {
+            let pixels = read_pixels(file)?;
+            if pixels.raw.is_none() {
+                let ImageReading { image, info, contradiction } = any_image_of(file, pixels, told.domain)?;
+                let light = Light::Image(Capture { image, info });
+                return Ok(Self { warnings: contradiction.into_iter().collect(), light });
+            }
+        }
+        // A picture alone needs no time.
+        let told = Told { default_times: Some(SCENE_BRACKET), ..told.clone() };
+        Self::of_bracket(&[file.to_owned()], &told, progress)
+    }
+
+    /// Reads a capture of several exposures.
+    ///
+    /// # Errors
+    /// As [`Pictures::read`].
+    pub fn of_bracket(files: &[PathBuf], told: &Told, progress: &Progress) -> Result<Self> {
+        let name = names_of(files);
+        if told.domain == Some(DomainTag::ToneMapped) {
+            let reason =
+                format!("{name}: raw pictures are linear, and --domain says tone-mapped; leave it out");
+            return Err(Error::Unsupported(reason));
+        }
+        let mut pictures = Pictures::read(files, told, progress)?;
+        let warnings = std::mem::take(&mut pictures.warnings);
+        Ok(Self { warnings, light: Light::Pictures(Box::new(pictures), name) })
+    }
+
+    /// Whether the image is yet to be made of raw pictures.
+    pub fn is_raw(&self) -> bool {
+        matches!(self.light, Light::Pictures(..))
+    }
+
+    /// Makes the image of raw pictures; says what the user should look at in it.
+    ///
+    /// # Errors
+    /// As [`Pictures::develop`].
+    pub fn develop(self) -> Result<(Capture, Vec<String>)> {
+        match self.light {
+            Light::Image(capture) => Ok((capture, Vec::new())),
+            Light::Pictures(pictures, name) => {
+                let Developed { fused, info, warnings, .. } = pictures.develop()?;
+                let warnings = warnings.into_iter().map(|warning| format!("{name}: {warning}")).collect();
+                Ok((Capture { image: AnyImage::Linear(fused.image), info: Some(info) }, warnings))
+            }
+        }
+    }
+}
+
+impl From<LinearImage> for Capture {
+    fn from(image: LinearImage) -> Self {
+        Self { image: AnyImage::Linear(image), info: None }
+    }
+}
+
+impl From<ToneMappedImage> for Capture {
+    fn from(image: ToneMappedImage) -> Self {
+        Self { image: AnyImage::ToneMapped(image), info: None }
+    }
+}
+
+impl Restored {
+    /// Writes the image, with what is known of the capture, in a domain of light.
+    ///
+    /// # Errors
+    /// As [`AnyImage::write`].
+    pub fn write(self, path: &Path, domain: DomainTag, options: &WriteOptions) -> Result<()> {
+        let options = WriteOptions { capture: self.info, ..options.clone() };
+        self.image.write(path, domain, self.curve, &options)
+    }
+
+    /// The image as linear irradiance.
+    pub fn into_linear(self) -> LinearImage {
+        self.image.into_linear(self.curve)
+    }
+
+    /// The image after the tone mapping.
+    pub fn into_tone_mapped(self) -> ToneMappedImage {
+        self.image.into_tone_mapped(self.curve)
+    }
+
+    /// Develops the image to a photograph, as [`photograph`] does: put upright, in the colours of its camera, with an
+    /// exposure that is chosen from it.
+    ///
+    /// # Errors
+    /// Those of [`photograph`].
+    pub fn into_photograph(self) -> Result<Photograph> {
+        let (curve, info) = (self.curve, self.info.unwrap_or_default());
+        photograph(self.image.into_linear(curve), &info, curve.x_max)
+    }
+}

@@ -1,0 +1,94 @@
+//! How captures are restored, as a user names it: files and settings, read and resolved before the work.
+
+use std::path::PathBuf;
+
+use super::deconvolution::DeconvolutionConfig;
+use super::highlights::Highlights;
+use super::kernel::KernelFiles;
+use super::memory::MemoryBudget;
+use super::notice::Notice;
+use super::precision::Precision;
+use super::restoration::Restoration;
+use crate::core::error::Result;
+use crate::core::tone::ToneCurve;
+use crate::io::sha256_of_file;
+use crate::network::Model;
+
+/// What restores.
+#[derive(Clone, Debug)]
+pub enum MethodConfig {
+    /// A network.
+    Network {
+        /// Its file.
+        model: PathBuf,
+        /// What it multiplies.
+        precision: Precision,
+        /// Side of the tiles, where the memory does not choose it.
+        tile: Option<usize>,
+    },
+    /// A deconvolution with the PSF of the kernel files; α and saturation are those of the curve.
+    Deconvolution(DeconvolutionConfig),
+}
+
+/// A restoration before its files are read.
+#[derive(Clone, Debug)]
+pub struct RestorationConfig {
+    /// What restores.
+    pub method: MethodConfig,
+    /// What is known of the kernel.
+    pub kernel: KernelFiles,
+    /// α of the tone mapping, in place of the training's or the usual one.
+    pub alpha: Option<f32>,
+    /// The irradiance at which captures saturate, in place of the training's or the usual one.
+    pub x_max: Option<f32>,
+    /// What is done where a capture is saturated.
+    pub highlights: Highlights,
+    /// The memory that there is.
+    pub memory: MemoryBudget,
+}
+
+impl RestorationConfig {
+    /// Reads the files; says what is to be told of them.
+    ///
+    /// # Errors
+    /// Those of reading; [`Error::Config`](crate::core::error::Error::Config) when settings are out of range or what is known
+    /// of the kernel does not suit the method.
+    pub fn open(&self) -> Result<(Restoration, Vec<Notice>)> {
+        let (restoration, notices) = match &self.method {
+            MethodConfig::Network { model: path, precision, tile } => {
+                let (model, sha256) = rayon::join(|| Model::load(path), || sha256_of_file(path));
+                let (model, mut notices) = take(precision.apply(model?));
+                let trained = model.origin().tone_curve();
+                let curve = self.curve(trained)?;
+                if let Some(ToneCurve { alpha, x_max }) = trained.filter(|trained| *trained != curve) {
+                    notices.push(Notice::Warning(format!(
+                        "the model was trained on images tone-mapped with --alpha {alpha} --x-max {x_max}"
+                    )));
+                }
+                let (kernel, of_kernel) = self.kernel.read_for(&model)?;
+                notices.extend(of_kernel);
+                let restoration = Restoration::by_network(model, kernel)?.with_curve(curve).with_tile(*tile);
+                (restoration.with_files(Some(sha256?), self.kernel.bank_bytes()), notices)
+            }
+            MethodConfig::Deconvolution(config) => {
+                let curve = self.curve(None)?;
+                let (kernel, notices) = self.kernel.read_psf()?;
+                (Restoration::by_deconvolution(*config, kernel)?.with_curve(curve), notices)
+            }
+        };
+        Ok((restoration.with_highlights(self.highlights).with_memory(self.memory), notices))
+    }
+
+    /// φ∘C as it is given, and for what is not as a model was trained.
+    ///
+    /// # Errors
+    /// [`Error::Config`](crate::core::error::Error::Config) when a number of it is not positive and finite.
+    pub fn curve(&self, of_model: Option<ToneCurve>) -> Result<ToneCurve> {
+        let default = of_model.unwrap_or_default();
+        ToneCurve::new(self.alpha.unwrap_or(default.alpha), self.x_max.unwrap_or(default.x_max))
+    }
+}
+
+fn take((model, notice): (Model, Option<Notice>)) -> (Model, Vec<Notice>) {
+    (model, notice.into_iter().collect())
+}

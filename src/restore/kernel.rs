@@ -1,0 +1,232 @@
+//! What is known of the kernel that captures were seen through, and the files that tell it.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde_json::{Value, json};
+
+use super::Notice;
+use crate::codes::{interpolate_code, project};
+use crate::core::error::{Error, Result};
+use crate::core::field::FieldGrid;
+use crate::core::kernel_code::{KernelBank, KernelCode};
+use crate::core::psf::Psf;
+use crate::io::{
+    PsfOptions, PsfReading, inspect_psf, is_bank_of_sha256, read_bank, read_bank_codes, read_code, read_field,
+};
+use crate::network::Model;
+
+/// What is known of the kernel of captures.
+#[derive(Clone, Debug)]
+pub enum KernelKnowledge {
+    /// Nothing.
+    Nothing,
+    /// Its code.
+    Code(KernelCode),
+    /// The PSF itself, with its code where a bank gives it one.
+    Psf {
+        /// The PSF.
+        psf: Arc<Psf>,
+        /// Its code.
+        code: Option<KernelCode>,
+    },
+    /// The kernels, one of whose angles is to be found in each capture.
+    Search(Arc<KernelBank>),
+    /// The codes at several places of the frame.
+    Field {
+        /// The places.
+        grid: FieldGrid,
+        /// The code at each, row by row.
+        codes: Vec<KernelCode>,
+    },
+}
+
+/// The rotation of the panel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Angle {
+    /// That which explains a capture best.
+    Search,
+    /// Degrees, counter-clockwise; between those of a bank, codes are interpolated.
+    Degrees(f64),
+}
+
+/// The files that tell what is known of the kernel.
+#[derive(Clone, Debug, Default)]
+pub struct KernelFiles {
+    /// Kernel bank that the model was trained with.
+    pub bank: Option<PathBuf>,
+    /// The rotation of the panel, among those of the bank.
+    pub angle: Option<Angle>,
+    /// A measured PSF: what a deconvolution inverts, or what the bank turns into a code.
+    pub psf: Option<PathBuf>,
+    /// PSFs of several places of the frame, which the bank turns into codes.
+    pub field: Option<PathBuf>,
+    /// The kernel code itself.
+    pub code: Option<PathBuf>,
+    /// How PSFs are read.
+    pub psf_options: PsfOptions,
+}
+
+impl KernelKnowledge {
+    /// A PSF without a code.
+    pub fn of_psf(psf: Psf) -> Self {
+        Self::Psf { psf: Arc::new(psf), code: None }
+    }
+
+    /// The PSF, where it is known.
+    pub(super) fn psf(&self) -> Option<&Psf> {
+        match self {
+            Self::Psf { psf, .. } => Some(psf),
+            Self::Nothing | Self::Code(_) | Self::Search(_) | Self::Field { .. } => None,
+        }
+    }
+
+    /// A code that a network could be told, to see whether it fits.
+    pub(super) fn example(&self) -> Option<KernelCode> {
+        match self {
+            Self::Nothing => None,
+            Self::Code(code) => Some(code.clone()),
+            Self::Psf { code, .. } => code.clone(),
+            Self::Search(bank) => Some(bank.code(0).to_owned()),
+            Self::Field { codes, .. } => codes.first().cloned(),
+        }
+    }
+
+    /// What is known of the code, for provenance.
+    pub(super) fn describe(&self) -> Option<Value> {
+        match self {
+            Self::Nothing => None,
+            Self::Code(code) => Some(json!(code.to_vec())),
+            Self::Psf { code, .. } => code.as_ref().map(|code| json!(code.to_vec())),
+            Self::Search(_) => Some(json!("auto")),
+            Self::Field { codes, .. } => {
+                Some(json!(codes.iter().map(|code| code.to_vec()).collect::<Vec<_>>()))
+            }
+        }
+    }
+}
+
+impl KernelFiles {
+    /// Reads what is known of the kernel for a network, with what is to be told of the files.
+    ///
+    /// # Errors
+    /// [`Error::Config`] or [`Error::Unsupported`] when the files do not tell the code that the network needs; those of reading
+    /// them.
+    pub fn read_for(&self, model: &Model) -> Result<(KernelKnowledge, Vec<Notice>)> {
+        let reads_planes = !model.architecture().planes().is_empty();
+        if !model.architecture().reads_code() {
+            if reads_planes && self.psf.is_some() {
+                return self.read_psf();
+            }
+            let is_told = self.bank.is_some() || self.code.is_some() || self.psf.is_some();
+            let ignored = "the model was trained without kernel codes; --bank, --angle, --code and --psf change nothing";
+            let notices = is_told.then(|| Notice::Warning(ignored.to_owned()));
+            return Ok((KernelKnowledge::Nothing, notices.into_iter().collect()));
+        }
+        if let Some(code) = &self.code {
+            return Ok((KernelKnowledge::Code(read_code(code)?), Vec::new()));
+        }
+        let Some(bank) = &self.bank else { return Err(self.without_bank(model)) };
+        let mut notices = Vec::from_iter(check_bank(bank, model)?);
+        let knowledge = match (&self.field, self.angle, &self.psf) {
+            (Some(field), ..) => self.read_field(bank, field, &mut notices)?,
+            (None, Some(Angle::Search), _) => KernelKnowledge::Search(Arc::new(read_bank(bank)?)),
+            (None, Some(Angle::Degrees(angle)), _) => {
+                let code = interpolate_code(&read_bank_codes(bank)?, angle);
+                let what = || format!("finding the code of {angle}° in {}", bank.display());
+                KernelKnowledge::Code(code.map_err(|error| error.while_doing(what()))?)
+            }
+            (None, None, Some(psf)) => {
+                let reading = inspect_psf(psf, self.psf_options)?;
+                let code = projected(bank, &read_bank(bank)?, &reading, &mut notices)?;
+                KernelKnowledge::Psf { psf: Arc::new(reading.psf), code: Some(code) }
+            }
+            (None, None, None) => {
+                let advice = "--bank holds a code for every angle: add --angle A, --angle auto, or --psf PSF for a measured panel";
+                return Err(Error::Unsupported(advice.to_owned()));
+            }
+        };
+        Ok((knowledge, notices))
+    }
+
+    /// Reads the PSF for a deconvolution, with what is to be told of its file.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] when none is named; those of [`inspect_psf`].
+    pub fn read_psf(&self) -> Result<(KernelKnowledge, Vec<Notice>)> {
+        let Some(path) = &self.psf else {
+            return Err(Error::Unsupported("name a --model, or a --method with its --psf".to_owned()));
+        };
+        let reading = inspect_psf(path, self.psf_options)?;
+        let notices = Notice::of_psf(&reading);
+        Ok((KernelKnowledge::of_psf(reading.psf), notices))
+    }
+
+    /// Bytes that a bank which is read whole takes: it is there twice, as a file and as kernels.
+    pub(super) fn bank_bytes(&self) -> u64 {
+        let reads_all = self.angle == Some(Angle::Search) || self.psf.is_some();
+        let bank = self.bank.as_ref().filter(|_| reads_all);
+        bank.and_then(|bank| bank.metadata().ok()).map_or(0, |file| 2 * file.len())
+    }
+
+    fn read_field(&self, bank: &Path, field: &Path, notices: &mut Vec<Notice>) -> Result<KernelKnowledge> {
+        let (grid, psfs) = read_field(field)?;
+        let kernels = read_bank(bank)?;
+        let code = |psf: &PathBuf| {
+            let of_field = |error: Error| error.while_doing(format!("reading the field {}", field.display()));
+            let reading = inspect_psf(psf, self.psf_options).map_err(of_field)?;
+            projected(bank, &kernels, &reading, notices).map_err(of_field)
+        };
+        Ok(KernelKnowledge::Field { grid, codes: psfs.iter().map(code).collect::<Result<_>>()? })
+    }
+
+    fn without_bank(&self, model: &Model) -> Error {
+        Error::Unsupported(match &self.psf {
+            Some(_) => "the model needs the code of the PSF: add --bank BANK, the bank it was trained with"
+                .to_owned(),
+            None => format!(
+                "the model needs a kernel code of {} numbers: add --bank BANK with --angle A or --psf PSF, or \
+                 --code CODE.npy",
+                model.architecture().code_len().unwrap_or_default()
+            ),
+        })
+    }
+}
+
+/// The code of a PSF in a bank; what is to be told of both goes to `notices`.
+fn projected(
+    bank: &Path,
+    kernels: &KernelBank,
+    reading: &PsfReading,
+    notices: &mut Vec<Notice>,
+) -> Result<KernelCode> {
+    notices.extend(Notice::of_psf(reading));
+    let (bank, psf) = (bank.display(), reading.path.display());
+    let projection = project(kernels, &reading.psf)
+        .map_err(|error| error.while_doing(format!("projecting {psf} onto {bank}")))?;
+    notices.push(Notice::Detail(format!(
+        "{psf} is nearest to {}, {:.3} % outside of the bank",
+        kernels.kernel_name(projection.nearest),
+        100.0 * projection.residual_l2
+    )));
+    if !projection.fits() {
+        notices.push(Notice::Warning(format!(
+            "{:.2} % of {psf} lies outside of what {bank} can describe ({:.2} % is its own spread): the model may \
+             restore badly; train one with a bank of this PSF",
+            100.0 * projection.residual_l2,
+            100.0 * projection.limit_l2
+        )));
+    }
+    Ok(projection.code)
+}
+
+fn check_bank(bank: &Path, model: &Model) -> Result<Option<Notice>> {
+    let Some(expected) = &model.origin().kernel_bank_sha256 else { return Ok(None) };
+    Ok((!is_bank_of_sha256(bank, expected)?).then(|| {
+        Notice::Warning(format!(
+            "{} is not the bank that the model was trained with (SHA-256 {}…): its codes may mean something else",
+            bank.display(),
+            expected.get(..12).unwrap_or(expected)
+        ))
+    }))
+}

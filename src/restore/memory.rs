@@ -1,0 +1,132 @@
+//! Plans a restoration so that it stays under a limit of memory.
+
+use std::fmt;
+
+use super::tiles::{Tiling, WindowOperator};
+use crate::core::bytes::format_bytes;
+use crate::core::error::{Error, Result};
+use crate::core::image::CHANNELS;
+
+/// The memory that is taken where nothing else is said.
+const USUAL_BYTES: u64 = 2 << 30;
+
+/// The program's code and data, and the tables of transforms.
+const PROGRAM_BYTES: u64 = 20 << 20;
+
+/// Stack and working memory of a thread.
+const THREAD_BYTES: u64 = 2 << 20;
+
+/// The memory that there is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MemoryBudget {
+    /// Bytes to stay under.
+    pub limit_bytes: u64,
+    /// Whether all that the process takes is counted, its threads, kernels and itself too; else a restoration alone.
+    pub counts_process: bool,
+    /// RGB frames of 32-bit floats that the caller holds beside the image in work.
+    pub queued_frames: u64,
+}
+
+impl Default for MemoryBudget {
+    fn default() -> Self {
+        Self { limit_bytes: USUAL_BYTES, counts_process: true, queued_frames: 0 }
+    }
+}
+
+/// How the memory for an image is used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MemoryPlan {
+    /// Height and width of the image.
+    pub size: [usize; 2],
+    /// Bytes that its restoration takes at most.
+    pub bytes: u64,
+    /// The windows that it is restored in, one after another; none where it is restored as a whole.
+    pub tiling: Option<Tiling>,
+    /// Threads that restore it.
+    pub threads: usize,
+    /// Bytes that the threads may take beyond the least.
+    pub(super) room: u64,
+}
+
+impl MemoryBudget {
+    /// Bytes that are taken beside the work by so many threads, if all images are of this size; `kernel_bytes` by kernels.
+    pub(super) fn others(&self, [height, width]: [usize; 2], kernel_bytes: u64, threads: usize) -> u64 {
+        let frame = (CHANNELS * size_of::<f32>() * height * width) as u64;
+        let own = PROGRAM_BYTES + kernel_bytes + threads as u64 * THREAD_BYTES;
+        self.queued_frames * frame + if self.counts_process { own } else { 0 }
+    }
+
+    /// Plans the windows of an image, `beside` which so many bytes are taken, in tiles of a given side or as they fit.
+    ///
+    /// Tiles are chosen by what one thread takes: they, and results with them, do not depend on how many there are.
+    pub(super) fn plan_windows(
+        &self,
+        size: [usize; 2],
+        tile: Option<usize>,
+        beside: u64,
+        operator: &dyn WindowOperator,
+    ) -> Result<MemoryPlan> {
+        let tiling = match tile {
+            None => Tiling::within(size, self.limit_bytes, beside, operator)?,
+            Some(tile) => {
+                let tiling = Tiling::with_tile(size, tile, operator)?;
+                self.require(tiling.bytes(operator) + beside, size)?;
+                tiling
+            }
+        };
+        let least = tiling.bytes(operator) + beside;
+        let room = self.limit_bytes.saturating_sub(least);
+        let thread_bytes = if self.counts_process { THREAD_BYTES } else { 0 };
+        let affordable = room
+            .checked_div(thread_bytes)
+            .map_or(usize::MAX, |threads| usize::try_from(threads).unwrap_or(usize::MAX));
+        let more_threads = affordable.min(rayon::current_num_threads() - 1);
+        let thread_bytes = more_threads as u64 * thread_bytes;
+        let room = room - thread_bytes;
+        let (height, width) = tiling.window();
+        let more = operator.window_bytes(height, width, room) - operator.window_bytes(height, width, 0);
+        let bytes = least + thread_bytes + more;
+        Ok(MemoryPlan { size, bytes, tiling: Some(tiling), threads: 1 + more_threads, room })
+    }
+
+    /// Plans the restoration of an image as a whole by all threads, which takes so many bytes.
+    pub(super) fn plan_whole(&self, size: [usize; 2], bytes: u64) -> Result<MemoryPlan> {
+        self.require(bytes, size)?;
+        Ok(MemoryPlan { size, bytes, tiling: None, threads: rayon::current_num_threads(), room: 0 })
+    }
+
+    fn require(&self, bytes: u64, [height, width]: [usize; 2]) -> Result<()> {
+        if bytes > self.limit_bytes {
+            return Err(Error::Unsupported(format!(
+                "{height} × {width} pixels take {}, more than the {} of --max-memory; allow at least {}",
+                format_bytes(bytes),
+                format_bytes(self.limit_bytes),
+                format_bytes(bytes)
+            )));
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for MemoryPlan {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [height, width] = self.size;
+        write!(f, "{height} × {width}: ")?;
+        if let Some(tiling) = &self.tiling {
+            let windows = if tiling.len() == 1 { "window" } else { "windows" };
+            let (height, width) = tiling.window();
+            write!(f, "{} {windows} of up to {height} × {width}, ", tiling.len())?;
+        }
+        write!(f, "memory up to {}", format_bytes(self.bytes))
+    }
+}
+
+/// Runs work on so many threads, where there are more.
+pub(super) fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
+    if threads >= rayon::current_num_threads() {
+        return work();
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    pool.map_err(|error| Error::Unsupported(format!("cannot start {threads} threads: {error}")))?
+        .install(work)
+}

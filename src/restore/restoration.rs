@@ -1,0 +1,305 @@
+//! Restores captures by a network or by a deconvolution, with what is known of their kernel.
+
+use std::borrow::Cow;
+
+use serde_json::{Value, json};
+
+use super::angle::{FoundAngle, find_code};
+use super::capture::{Capture, Restored};
+use super::deconvolution::{Border, DeconvolutionConfig, deconvolution_bytes, deconvolve};
+use super::field::code_map;
+use super::highlights::{Highlights, blend_highlights};
+use super::kernel::KernelKnowledge;
+use super::memory::{MemoryBudget, MemoryPlan, with_threads};
+use super::network::{Conditioning, NetworkOperator};
+use super::planes::{PlaneConfig, make_planes};
+use super::precision::Precision;
+use super::tiles::restore_tiled;
+use crate::core::error::{Error, Result};
+use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
+use crate::core::progress::Progress;
+use crate::core::psf::Psf;
+use crate::core::saturation::saturated_from;
+use crate::core::tone::ToneCurve;
+use crate::io::AnyImage;
+use crate::network::{Model, Planes};
+
+/// How captures are restored.
+#[derive(Clone, Debug)]
+pub struct Restoration {
+    how: How,
+    kernel: KernelKnowledge,
+    curve: ToneCurve,
+    /// What lies beyond the border of frames.
+    border: Border,
+    highlights: Highlights,
+    memory: MemoryBudget,
+    /// Bytes that reading the kernels took.
+    kernel_bytes: u64,
+    /// Side of the tiles, where it is given.
+    tile: Option<usize>,
+    /// Identity of the network's file, where it is one.
+    model_sha256: Option<String>,
+}
+
+#[derive(Clone, Debug)]
+enum How {
+    Network(Model),
+    Deconvolution(DeconvolutionConfig),
+}
+
+impl Restoration {
+    /// Restores by a network that is told what it needs of the kernel, and given the planes that it reads, which are made of
+    /// the PSF; images are tone-mapped as those that it was trained with.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when the network needs a code, or the PSF for its planes, and it is not known; [`Error::Shape`] when
+    /// the code has another length than the network's.
+    pub fn by_network(model: Model, kernel: KernelKnowledge) -> Result<Self> {
+        if let (Some(plane), None) = (model.architecture().planes().first(), kernel.psf()) {
+            let reason = format!(
+                "the model reads the plane \"{}\" of every image, which is made of its PSF: name the PSF itself (--psf)",
+                plane.name()
+            );
+            return Err(Error::config("planes", reason));
+        }
+        let example = kernel.example().map_or(Conditioning::None, Conditioning::Code);
+        NetworkOperator::new(&model).told(example)?;
+        let curve = model.origin().tone_curve().unwrap_or_default();
+        Ok(Self::new(How::Network(model), kernel, curve))
+    }
+
+    /// Restores by inverting the convolution with a PSF.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when the PSF is not known.
+    pub fn by_deconvolution(config: DeconvolutionConfig, kernel: KernelKnowledge) -> Result<Self> {
+        psf_of(&kernel)?;
+        let x_max = config.saturation.into_iter().fold(0.0, f32::max);
+        let curve = ToneCurve { alpha: config.alpha, x_max };
+        let border = config.border;
+        Ok(Self { border, ..Self::new(How::Deconvolution(config), kernel, curve) })
+    }
+
+    fn new(how: How, kernel: KernelKnowledge, curve: ToneCurve) -> Self {
+        Self {
+            how,
+            kernel,
+            curve,
+            border: Border::default(),
+            highlights: Highlights::default(),
+            memory: MemoryBudget::default(),
+            kernel_bytes: 0,
+            tile: None,
+            model_sha256: None,
+        }
+    }
+
+    /// Takes another φ∘C for the mapping of images, and its x_max for the light at which captures saturate.
+    #[must_use]
+    pub fn with_curve(mut self, curve: ToneCurve) -> Self {
+        self.curve = curve;
+        if let How::Deconvolution(config) = &mut self.how {
+            (config.alpha, config.saturation) = (curve.alpha, [curve.x_max; CHANNELS]);
+        }
+        self
+    }
+
+    /// Takes this to lie beyond the border of frames, where something is deconvolved.
+    #[must_use]
+    pub fn with_border(mut self, border: Border) -> Self {
+        self.border = border;
+        if let How::Deconvolution(config) = &mut self.how {
+            config.border = border;
+        }
+        self
+    }
+
+    /// Does something else where captures are saturated.
+    #[must_use]
+    pub fn with_highlights(self, highlights: Highlights) -> Self {
+        Self { highlights, ..self }
+    }
+
+    /// Stays under another limit of memory.
+    #[must_use]
+    pub fn with_memory(self, memory: MemoryBudget) -> Self {
+        Self { memory, ..self }
+    }
+
+    /// Restores by a network in tiles of this side, instead of those that the memory allows.
+    #[must_use]
+    pub fn with_tile(self, tile: Option<usize>) -> Self {
+        Self { tile, ..self }
+    }
+
+    /// Says which files the network and the kernels were read from: its SHA-256, and the bytes that they take.
+    pub(super) fn with_files(self, model_sha256: Option<String>, kernel_bytes: u64) -> Self {
+        Self { model_sha256, kernel_bytes, ..self }
+    }
+
+    /// φ∘C.
+    pub fn curve(&self) -> ToneCurve {
+        self.curve
+    }
+
+    /// Packs a network's weights; the first capture that is restored or planned does it otherwise.
+    pub fn prepare(&self) {
+        if let How::Network(model) = &self.how {
+            model.prepare();
+        }
+    }
+
+    /// Plans the memory for a capture of `[height, width]`.
+    ///
+    /// # Errors
+    /// [`Error::Config`] or [`Error::Unsupported`] when it takes more than there is, naming what would do, or the side of the
+    /// tiles does not suit the network.
+    pub fn plan(&self, size: [usize; 2]) -> Result<MemoryPlan> {
+        match &self.how {
+            How::Network(model) => {
+                let pixel = self.floats_of_pixel(model) * size_of::<f32>();
+                let beside =
+                    (pixel * size[0] * size[1]) as u64 + self.memory.others(size, self.kernel_bytes, 1);
+                let operator = NetworkOperator::new(model);
+                let mut plan = self.memory.plan_windows(size, self.tile, beside, &operator)?;
+                if !model.architecture().planes().is_empty() {
+                    let config =
+                        DeconvolutionConfig { border: self.border, ..DeconvolutionConfig::default() };
+                    plan.bytes = plan.bytes.max(self.plan_deconvolution(size, &config)?.bytes);
+                }
+                Ok(plan)
+            }
+            How::Deconvolution(config) => self.plan_deconvolution(size, config),
+        }
+    }
+
+    /// Restores a capture, as [`plan`](Self::plan) says.
+    ///
+    /// # Errors
+    /// Those of [`plan`](Self::plan) and of the method; [`Error::Unsupported`] when an angle cannot be found;
+    /// [`Error::Interrupted`].
+    pub fn restore(&self, capture: Capture, progress: &Progress) -> Result<Restored> {
+        let plan = self.plan(capture.image.size())?;
+        let (curve, saturation) = (self.curve, self.saturation(&capture));
+        let Capture { image, info } = capture;
+        let (image, angle) = match &self.how {
+            How::Network(model) => {
+                let planes = self.planes(model, &image, saturation, progress)?;
+                let image = image.into_tone_mapped(curve);
+                let (conditioning, angle) = self.conditioning(model, &image, saturation, progress)?;
+                let operator = NetworkOperator::new(model).told(conditioning)?.with_planes(planes);
+                let restored = restore_windows(&image, &plan, operator, progress)?;
+                let level = saturation.map(|white| curve.compress(saturated_from(white)));
+                (AnyImage::ToneMapped(blend_highlights(restored, &image, level, self.highlights)?), angle)
+            }
+            How::Deconvolution(config) => {
+                let image: LinearImage = image.into_linear(curve);
+                let config = DeconvolutionConfig { saturation, ..*config };
+                let restored = deconvolve(&image, psf_of(&self.kernel)?, &config, progress)?;
+                let level = saturation.map(saturated_from);
+                (AnyImage::Linear(blend_highlights(restored, &image, level, self.highlights)?), None)
+            }
+        };
+        Ok(Restored { image, info, angle, curve })
+    }
+
+    /// The method with every setting resolved, for provenance; its files are told by their contents.
+    pub fn describe(&self) -> Value {
+        match &self.how {
+            How::Network(model) => json!({
+                "model-sha256": self.model_sha256, "code": self.kernel.describe(), "tile": self.tile,
+                "precision": Precision::of(model).name(), "highlights": self.highlights,
+            }),
+            How::Deconvolution(config) => json!({
+                "psf-sha256": self.kernel.psf().map(Psf::sha256), "deconvolution": config,
+                "highlights": self.highlights,
+            }),
+        }
+    }
+
+    fn plan_deconvolution(&self, size: [usize; 2], config: &DeconvolutionConfig) -> Result<MemoryPlan> {
+        let psf = psf_of(&self.kernel)?;
+        let of_psf = [psf.height(), psf.width()];
+        // As the file, as the PSF, and as what it is prepared to.
+        let kernel_bytes = 5 * (CHANNELS * size_of::<f32>() * of_psf[0] * of_psf[1]) as u64;
+        let others = self.memory.others(size, kernel_bytes, rayon::current_num_threads());
+        self.memory.plan_whole(size, deconvolution_bytes(size, of_psf, config) + others)
+    }
+
+    /// What a network is told of the kernel, and the angle where it is searched in the image.
+    fn conditioning(
+        &self,
+        model: &Model,
+        image: &ToneMappedImage,
+        saturation: [f32; CHANNELS],
+        progress: &Progress,
+    ) -> Result<(Conditioning, Option<FoundAngle>)> {
+        let seen = saturation.map(|x_max| ToneCurve { x_max, ..self.curve });
+        Ok(match &self.kernel {
+            _ if !model.architecture().reads_code() => (Conditioning::None, None),
+            KernelKnowledge::Search(bank) => {
+                let (code, angle) = find_code(image, bank, seen, progress)?;
+                (Conditioning::Code(code), Some(angle))
+            }
+            KernelKnowledge::Field { codes, grid } => {
+                (Conditioning::Map(code_map(codes, grid, [image.height(), image.width()])?), None)
+            }
+            known => (known.example().map_or(Conditioning::None, Conditioning::Code), None),
+        })
+    }
+
+    /// The planes that a network reads beside the image.
+    fn planes(
+        &self,
+        model: &Model,
+        image: &AnyImage,
+        saturation: [f32; CHANNELS],
+        progress: &Progress,
+    ) -> Result<Planes> {
+        let wanted = model.architecture().planes();
+        if wanted.is_empty() {
+            return Ok(Planes::default());
+        }
+        let config = PlaneConfig { curve: self.curve, border: self.border, saturation };
+        let capture = match image {
+            AnyImage::Linear(image) => Cow::Borrowed(image),
+            AnyImage::ToneMapped(image) => Cow::Owned(self.curve.inverse_tone_map(image)),
+        };
+        make_planes(wanted, &capture, psf_of(&self.kernel)?, &config, progress)
+    }
+
+    /// Floats that are kept of every pixel of an image beside the image itself: planes, and a code that changes.
+    fn floats_of_pixel(&self, model: &Model) -> usize {
+        let planes = CHANNELS * model.architecture().planes().len();
+        match (&self.kernel, model.architecture().code_len()) {
+            (KernelKnowledge::Field { .. }, Some(code)) => planes + code,
+            _ => planes,
+        }
+    }
+
+    /// The irradiance at which each channel of a capture is saturated.
+    fn saturation(&self, capture: &Capture) -> [f32; CHANNELS] {
+        let usual = match &self.how {
+            How::Network(_) => [self.curve.x_max; CHANNELS],
+            How::Deconvolution(config) => config.saturation,
+        };
+        let levels = capture.info.as_ref().and_then(|info| info.saturation).unwrap_or(usual);
+        levels.map(|white| white.min(self.curve.x_max))
+    }
+}
+
+fn restore_windows(
+    image: &ToneMappedImage,
+    plan: &MemoryPlan,
+    operator: NetworkOperator<'_>,
+    progress: &Progress,
+) -> Result<ToneMappedImage> {
+    let operator = operator.with_room(plan.room);
+    let tiling = plan.tiling.as_ref().expect("a network's plan has windows");
+    with_threads(plan.threads, || restore_tiled(image, tiling, &operator, progress))
+}
+
+fn psf_of(kernel: &KernelKnowledge) -> Result<&Psf> {
+    kernel.psf().ok_or_else(|| Error::config("psf", "a deconvolution needs the PSF itself"))
+}
