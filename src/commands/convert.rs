@@ -7,11 +7,12 @@ use clap::Args;
 use serde_json::json;
 
 use super::Session;
-use super::capture::note_what_is_lost;
 use super::domain::DomainArg;
 use udc::core::image::CHANNELS;
 use udc::core::provenance::Provenance;
-use udc::io::{DomainTag, Format, PixelOptions, Pixels, check_output, read_pixels, write_pixels};
+use udc::io::{
+    DomainTag, Format, PixelOptions, Pixels, check_output, read_pixels, what_is_lost, write_pixels,
+};
 use udc::network::weights;
 
 /// Convert an image, or a PyTorch checkpoint to a model
@@ -101,7 +102,7 @@ impl ConvertArgs {
         let is_implied = !self.writes_floats() && pixels.domain == Some(DomainTag::Linear);
         let is_one = |levels: &[f32; CHANNELS]| levels.iter().all(|level| (level - 1.0).abs() < f32::EPSILON);
         info.saturation = info.saturation.filter(|levels| !(is_implied && is_one(levels)));
-        note_what_is_lost(&self.output, &info, session);
+        what_is_lost(&self.output, &info).iter().for_each(|lost| session.note(lost));
     }
 
     /// Whether the output no longer shows that its values were integers, which are asked for their domain.

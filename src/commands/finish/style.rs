@@ -3,7 +3,7 @@
 use anyhow::Result;
 use clap::{Args, ValueEnum};
 
-use udc::finish::{ClaheConfig, Curve, FinishConfig};
+use udc::finish::{ClaheConfig, Clip, Curve, Style};
 
 use crate::commands::misuse;
 
@@ -49,36 +49,20 @@ enum CurveArg {
 }
 
 impl StyleArgs {
-    /// Refuses settings of another curve than the chosen one.
-    pub(super) fn check_curve(&self) -> Result<()> {
-        match (self.curve(), self.gamma, self.max) {
-            (CurveArg::Gamma, ..) | (_, None, None) | (CurveArg::Srgb | CurveArg::Aces, None, _) => Ok(()),
-            (CurveArg::None, _, Some(_)) => {
-                Err(misuse("finish", "--curve none has no --max: light stays as it is"))
-            }
-            (_, Some(_), _) => Err(misuse("finish", "--gamma belongs to --curve gamma")),
-        }
-    }
-
-    /// The settings, every default resolved.
-    pub(super) fn config(&self) -> FinishConfig {
-        let default = FinishConfig::default();
-        let default_clahe = ClaheConfig::default();
-        let clahe = ClaheConfig {
-            clip_limit: self.clip_limit.unwrap_or(default_clahe.clip_limit),
-            grid: self.grid.map(|side| [side; 2]).or(default_clahe.grid),
+    /// How pictures shall look; refuses settings of another curve than the chosen one.
+    pub(super) fn style(&self) -> Result<Style> {
+        let clip = match self.clip {
+            Some(light) => Clip::At(light),
+            None if self.no_clip => Clip::Nowhere,
+            None => Clip::Usual,
         };
-        FinishConfig {
-            clip: if self.no_clip { None } else { self.clip.or(default.clip) },
-            curve: self.resolved_curve(),
-            clahe: (!self.no_clahe).then_some(clahe),
-            ..default
-        }
-    }
-
-    /// The clip of a flag.
-    pub(super) fn clip_given(&self) -> Option<f32> {
-        self.clip
+        let default = ClaheConfig::default();
+        let clahe = ClaheConfig {
+            clip_limit: self.clip_limit.unwrap_or(default.clip_limit),
+            grid: self.grid.map(|side| [side; 2]).or(default.grid),
+        };
+        let curve = if self.says_curve() { Some(self.curve()?) } else { None };
+        Ok(Style { clip, curve, clahe: (!self.no_clahe).then_some(clahe) })
     }
 
     /// Whether a flag says how light becomes display values.
@@ -86,21 +70,22 @@ impl StyleArgs {
         self.curve.is_some() || self.gamma.is_some() || self.max.is_some()
     }
 
-    fn curve(&self) -> CurveArg {
-        self.curve.unwrap_or(CurveArg::Gamma)
-    }
-
-    fn resolved_curve(&self) -> Curve {
+    fn curve(&self) -> Result<Curve> {
         let Curve::Gamma { gamma, max } = Curve::default() else {
             unreachable!("the default is a gamma curve")
         };
-        match self.curve() {
-            CurveArg::Gamma => {
-                Curve::Gamma { gamma: self.gamma.unwrap_or(gamma), max: self.max.unwrap_or(max) }
+        let white = self.max.unwrap_or(1.0);
+        match (self.curve.unwrap_or(CurveArg::Gamma), self.gamma) {
+            (CurveArg::Gamma, given) => {
+                Ok(Curve::Gamma { gamma: given.unwrap_or(gamma), max: self.max.unwrap_or(max) })
             }
-            CurveArg::Srgb => Curve::Srgb { max: self.max.unwrap_or(1.0) },
-            CurveArg::Aces => Curve::Aces { max: self.max.unwrap_or(1.0) },
-            CurveArg::None => Curve::None,
+            (CurveArg::None, _) if self.max.is_some() => {
+                Err(misuse("finish", "--curve none has no --max: light stays as it is"))
+            }
+            (_, Some(_)) => Err(misuse("finish", "--gamma belongs to --curve gamma")),
+            (CurveArg::Srgb, None) => Ok(Curve::Srgb { max: white }),
+            (CurveArg::Aces, None) => Ok(Curve::Aces { max: white }),
+            (CurveArg::None, None) => Ok(Curve::None),
         }
     }
 }
