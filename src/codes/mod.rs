@@ -7,12 +7,14 @@ mod pca;
 mod project;
 mod resample;
 mod rotation;
+mod spline;
 
 pub use angles::parse_angles;
 pub use interpolate::interpolate_code;
 pub use pca::{CODE_DIM, explained_share, make_bank};
 pub use project::{Projection, project};
 pub use rotation::{rotate, rotate_each};
+pub use spline::CubicSpline;
 
 use serde_json::json;
 

@@ -24,7 +24,7 @@
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
 
-use crate::core::resample::CubicSpline;
+use super::spline::CubicSpline;
 
 /// The largest sum of absolute differences from the clipped spline, less the rounding of the result.
 const FARTHEST: f64 = 0.05 * 0.98;

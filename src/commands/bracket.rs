@@ -3,19 +3,20 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde_json::{Value, json};
 
 use udc::capture::{FuseConfig, MergeRule, Told, ToldLevels, relative_times};
 use udc::core::bayer::BayerPattern;
 use udc::io::DomainTag;
 
+use super::choices::Choices;
 use super::text_of;
 
 #[derive(Args, Debug)]
 pub(crate) struct BracketArgs {
     /// Exposure times of a bracket, in the order of the files; only their ratios count [default: those in the files,
-    /// else in `udc fuse` 1,1/4,1/16, with --psf 1,1/32,1/768]
+    /// else in `udc fuse` 1,1/4,1/16, with --point-source 1,1/32,1/768]
     ///
     /// Files of one time, within 1 %, are averaged: 1,1,1,1/4,1/4,1/4. Seconds do as well as shares: 1/60,1/240,1/960 is the same bracket as 1,1/4,1/16. Irradiance 1 is white of the
     /// longest exposure.
@@ -35,14 +36,14 @@ pub(crate) struct BracketArgs {
     /// A mosaic is one channel, or four channels of half its size, one for each photosite: channels R, G1, G2, B or
     /// R, Gr, Gb, B of an EXR; the channels of an RGBA PNG, TIFF or EXR, or the last axis of a .npy, in reading order.
     /// Greens on the wrong diagonal are noticed; red and blue exchanged look like another scene.
-    #[arg(long, value_enum, value_name = "PATTERN")]
-    pub(crate) bayer: Option<Bayer>,
+    #[arg(long, value_name = "PATTERN", value_parser = MOSAICS)]
+    pub(crate) bayer: Option<BayerPattern>,
     /// Gains of red, green and blue [default: what a DNG says, else those of its camera's daylight, else 1,1,1]
     #[arg(long, value_name = "R,G,B", value_delimiter = ',', value_parser = parse_fraction)]
     white_balance: Option<Vec<f64>>,
     /// Take the longest unsaturated exposure, or the mean of all weighted by time [default: longest]
-    #[arg(long, value_enum, value_name = "RULE")]
-    merge: Option<Merge>,
+    #[arg(long, value_name = "RULE", value_parser = MERGES)]
+    merge: Option<MergeRule>,
     /// Fuse exposures even if the camera moved by more than a pixel between them
     #[arg(long)]
     allow_motion: bool,
@@ -61,19 +62,15 @@ pub(crate) struct BracketArgs {
     dark_exposures: Option<Vec<f64>>,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Merge {
-    Longest,
-    Weighted,
-}
+const MERGES: Choices<MergeRule> =
+    Choices(&[("longest", MergeRule::Longest, ""), ("weighted", MergeRule::Weighted, "")]);
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum Bayer {
-    Rggb,
-    Bggr,
-    Grbg,
-    Gbrg,
-}
+const MOSAICS: Choices<BayerPattern> = Choices(&[
+    ("rggb", BayerPattern::Rggb, ""),
+    ("bggr", BayerPattern::Bggr, ""),
+    ("grbg", BayerPattern::Grbg, ""),
+    ("gbrg", BayerPattern::Gbrg, ""),
+]);
 
 /// Reads `0.5`, `1/32`, `16383/65535`.
 pub(crate) fn parse_fraction(text: &str) -> std::result::Result<f64, String> {
@@ -113,13 +110,13 @@ impl BracketArgs {
                 bail!("--white-balance takes three gains, red, green and blue; found {}", gains.len())
             }
         };
-        let bayer = self.bayer.map(BayerPattern::from);
+        let bayer = self.bayer;
         Ok(Told {
             levels: ToldLevels { white: self.white, black: self.black, bayer, white_balance },
             domain,
             exposures: self.exposures.clone(),
             estimate_exposures: self.estimate_exposures,
-            merge: self.merge.map(MergeRule::from).unwrap_or_default(),
+            merge: self.merge.unwrap_or_default(),
             allow_motion: self.allow_motion,
             darks: self.dark.clone(),
             dark_exposures: self.dark_exposures.clone(),
@@ -145,26 +142,6 @@ impl BracketArgs {
     /// Where the dark frames lie, as the flags name them.
     pub(crate) fn dark_files(&self) -> Option<Vec<String>> {
         Some(self.dark.as_ref()?.iter().map(|file| text_of(file)).collect())
-    }
-}
-
-impl From<Merge> for MergeRule {
-    fn from(merge: Merge) -> Self {
-        match merge {
-            Merge::Longest => Self::Longest,
-            Merge::Weighted => Self::Weighted,
-        }
-    }
-}
-
-impl From<Bayer> for BayerPattern {
-    fn from(bayer: Bayer) -> Self {
-        match bayer {
-            Bayer::Rggb => Self::Rggb,
-            Bayer::Bggr => Self::Bggr,
-            Bayer::Grbg => Self::Grbg,
-            Bayer::Gbrg => Self::Gbrg,
-        }
     }
 }
 

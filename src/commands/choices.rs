@@ -5,6 +5,10 @@ use std::ffi::OsStr;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Command};
 
+use udc::dataset::Split;
+use udc::restore::deconvolution::Method;
+use udc::restore::{Highlights, Precision};
+
 /// The values that a flag takes: the name of each, the value, and what it means where the name does not tell.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Choices<T: 'static>(pub(crate) &'static [(&'static str, T, &'static str)]);
@@ -12,6 +16,47 @@ pub(crate) struct Choices<T: 'static>(pub(crate) &'static [(&'static str, T, &'s
 /// The formats of files in an output folder, as the extensions that stand for them.
 pub(crate) const FORMATS: Choices<&str> =
     Choices(&[("exr", "exr", ""), ("npy", "npy", ""), ("png", "png", ""), ("tif", "tif", "")]);
+
+/// The formats of files that keep every bit of a float, as their extensions.
+pub(crate) const FLOAT_FORMATS: Choices<&str> = Choices(&[("exr", "exr", ""), ("npy", "npy", "")]);
+
+/// The parts of a dataset.
+pub(crate) const SPLITS: Choices<Split> =
+    Choices(&[("train", Split::Train, ""), ("test", Split::Test, ""), ("val", Split::Val, "")]);
+
+/// The deconvolutions.
+pub(crate) const METHODS: Choices<Method> = Choices(&[
+    ("wiener", Method::Wiener, "Wiener–Hunt filter with Laplacian regularisation"),
+    ("wiener-orieux", Method::WienerOrieux, "The same, noise and regularisation estimated by Gibbs sampling"),
+    ("richardson-lucy", Method::RichardsonLucy, "Richardson–Lucy iteration"),
+    (
+        "constrained",
+        Method::Constrained,
+        "Non-negative weighted least squares; light around the frame and saturation modelled",
+    ),
+]);
+
+/// What becomes of saturated pixels.
+pub(crate) const HIGHLIGHTS: Choices<Highlights> = Choices(&[
+    ("restored", Highlights::Restored, "What the network or the deconvolution makes of them"),
+    ("keep", Highlights::Keep, "The capture's values in every saturated pixel"),
+    (
+        "blend",
+        Highlights::Blend,
+        "The capture's values inside of large saturated areas, fading to the restored ones at their edges",
+    ),
+]);
+
+/// How a network multiplies.
+pub(crate) const PRECISIONS: Choices<Precision> = Choices(&[
+    ("f32", Precision::F32, "32-bit floats"),
+    (
+        "bf16",
+        Precision::Bf16,
+        "Rounded to bfloat16 and added up in 32 bits: faster where the CPU has instructions for it (AVX-512 BF16), and off \
+         by up to 0.3 % of white; elsewhere as f32",
+    ),
+]);
 
 impl<T> Choices<T> {
     fn possible(self) -> impl Iterator<Item = PossibleValue> {

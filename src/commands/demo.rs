@@ -158,7 +158,7 @@ impl Demo<'_> {
         }
         self.session.tell("# its point spread function is recorded in three noisy 14-bit exposures");
         let names: Vec<String> = names.iter().map(|name| format!("@{name}")).collect();
-        let mut fuse = vec!["fuse", "--psf", "--exposures", "1,1/32,1/768", "--size", &size];
+        let mut fuse = vec!["fuse", "--point-source", "--exposures", "1,1/32,1/768", "--size", &size];
         fuse.extend(names.iter().map(String::as_str));
         fuse.extend(["-o", "@psf/measured.exr"]);
         self.run(&fuse)?;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use clap::{ArgGroup, Args, ValueEnum};
+use clap::{ArgGroup, Args};
 
 use udc::core::metrics::Measure;
 use udc::dataset::{Dataset, KernelChoice, Split};
@@ -14,15 +14,13 @@ use udc::experiment::{
 use udc::io::DomainTag;
 use udc::network::Model;
 use udc::report::{self, picture};
-use udc::restore::Highlights;
 use udc::restore::deconvolution::Method;
+use udc::restore::{Highlights, Precision};
 
 use super::Session;
+use super::choices::{HIGHLIGHTS, METHODS, PRECISIONS, SPLITS};
 use super::domain::DomainArg;
-use super::highlights::HighlightsArg;
-use super::method::MethodArg;
 use super::metrics::MetricArgs;
-use super::precision::PrecisionArg;
 
 /// Measure models and deconvolutions on datasets, or restored images against ground truth
 ///
@@ -30,44 +28,48 @@ use super::precision::PrecisionArg;
 /// table. Rows are the degraded images, every model and every method, on every dataset; each image is restored
 /// under its own kernel. Images of two folders are paired by their names without extension.
 #[derive(Args, Debug)]
-#[command(group = ArgGroup::new("images").required(true).args(["dataset", "restored"]))]
-#[command(after_help = "Examples:\n  udc eval dataset --model run/model.safetensors -o results\n  \
-    udc eval dataset --model a/model.safetensors b/model.safetensors --method wiener --method constrained \
+#[command(group = ArgGroup::new("images").required(true).args(["dataset", "data", "restored"]))]
+#[command(group = ArgGroup::new("datasets").args(["dataset", "data"]))]
+#[command(after_help = "Examples:\n  udc eval --data dataset --model run/model.safetensors -o results\n  \
+    udc eval --data dataset --model a/model.safetensors b/model.safetensors --method wiener --method constrained \
     --regions --mismatch --ldr -o results\n  \
-    udc eval dataset --model model.safetensors --highlights network,blend,keep --regions -o results\n  \
+    udc eval --data dataset --model model.safetensors --highlights restored,blend,keep --regions -o results\n  \
     udc eval --restored restored --gt clean -o results")]
 pub(crate) struct EvalArgs {
-    /// Datasets to restore and measure
+    /// Datasets, as after --data
     #[arg(value_name = "DATASET")]
     dataset: Vec<PathBuf>,
+    /// Datasets to restore and measure
+    #[arg(long, value_name = "DATASET", num_args = 1..)]
+    data: Vec<PathBuf>,
     /// Models to measure, .safetensors or .pth
-    #[arg(long, value_name = "MODEL", num_args = 1.., requires = "dataset", conflicts_with = "restored")]
+    #[arg(long, value_name = "MODEL", num_args = 1.., requires = "datasets", conflicts_with = "restored")]
     model: Vec<PathBuf>,
     /// Deconvolutions to measure, with the PSF of each image's kernel and the border that the dataset was made with, or a
     /// scene that goes on where it has a margin; may be repeated
     #[arg(
         long,
-        value_enum,
         value_name = "METHOD",
+        value_parser = METHODS,
         value_delimiter = ',',
-        requires = "dataset",
+        requires = "datasets",
         conflicts_with = "restored"
     )]
-    method: Vec<MethodArg>,
-    /// What to do where the capture is saturated; a row for each of several [default: network]
+    method: Vec<Method>,
+    /// What to do where the capture is saturated; a row for each of several [default: restored]
     #[arg(
         long,
-        value_enum,
         value_name = "WHAT",
+        value_parser = HIGHLIGHTS,
         value_delimiter = ',',
-        requires = "dataset",
+        requires = "datasets",
         conflicts_with = "restored"
     )]
-    highlights: Vec<HighlightsArg>,
+    highlights: Vec<Highlights>,
     /// What the models multiply; a row for each of several [default: f32]
-    #[arg(long, value_enum, value_name = "PRECISION", value_delimiter = ',', requires = "model")]
+    #[arg(long, value_name = "PRECISION", value_parser = PRECISIONS, value_delimiter = ',', requires = "model")]
     #[arg(conflicts_with = "restored")]
-    precision: Vec<PrecisionArg>,
+    precision: Vec<Precision>,
     /// Folder of restored images, instead of a dataset
     #[arg(long, value_name = "DIR", requires = "gt")]
     restored: Option<PathBuf>,
@@ -80,42 +82,42 @@ pub(crate) struct EvalArgs {
     #[command(flatten)]
     metrics: MetricArgs,
     /// Measure highlights, flare and the rest of each image for themselves too (regions.csv)
-    #[arg(long, requires = "dataset", conflicts_with = "restored")]
+    #[arg(long, requires = "datasets", conflicts_with = "restored")]
     regions: bool,
     /// Restore every image under the kernels of all rotations too, right or wrong (mismatch.json, .csv and .svg)
-    #[arg(long, requires = "dataset", conflicts_with = "restored")]
+    #[arg(long, requires = "datasets", conflicts_with = "restored")]
     mismatch: bool,
     /// Measure flare too, and beside it that of the same scenes clipped at a monitor's white [default: 1]
-    #[arg(long, value_name = "WHITE", requires = "dataset", conflicts_with = "restored")]
+    #[arg(long, value_name = "WHITE", requires = "datasets", conflicts_with = "restored")]
     #[arg(num_args = 0..=1, default_missing_value = "1")]
     ldr: Option<f32>,
     /// What the images of folders hold, where they do not say so themselves: srgb is decoded to linear light
-    #[arg(long, value_enum, requires = "restored", conflicts_with = "dataset")]
+    #[arg(long, value_enum, requires = "restored", conflicts_with = "datasets")]
     domain: Option<DomainArg>,
     /// Irradiance that the tone mapping of folders' linear images maps to one half [default: as the files say, else 0.25]
-    #[arg(long, value_name = "A", requires = "restored", conflicts_with = "dataset")]
+    #[arg(long, value_name = "A", requires = "restored", conflicts_with = "datasets")]
     alpha: Option<f32>,
     /// Irradiance at which folders' linear images saturate [default: as the files say, else 500]
-    #[arg(long, value_name = "X", requires = "restored", conflicts_with = "dataset")]
+    #[arg(long, value_name = "X", requires = "restored", conflicts_with = "datasets")]
     x_max: Option<f32>,
     /// Part of the dataset to measure on
-    #[arg(long, value_enum, default_value_t = SplitArg::Test, requires = "dataset", conflicts_with = "restored")]
-    split: SplitArg,
+    #[arg(long, value_parser = SPLITS, default_value = "test", requires = "datasets", conflicts_with = "restored")]
+    split: Split,
     /// Measure images of these kernels only, by their names: r+00,r+03 [default: all]
     #[arg(
         long,
         value_name = "NAME",
         value_delimiter = ',',
-        requires = "dataset",
+        requires = "datasets",
         conflicts_with = "restored"
     )]
     kernels: Vec<String>,
     /// Measure the first N triplets only
-    #[arg(long, value_name = "N", requires = "dataset", conflicts_with = "restored",
+    #[arg(long, value_name = "N", requires = "datasets", conflicts_with = "restored",
         value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
     limit: Option<usize>,
     /// Keep N of the restored images as pictures beside the results, evenly spread
-    #[arg(long, value_name = "N", requires = "dataset", conflicts_with = "restored", default_value_t = 0)]
+    #[arg(long, value_name = "N", requires = "datasets", conflicts_with = "restored", default_value_t = 0)]
     pictures: usize,
     /// Memory that one restoration may take: 2GiB, 500MB, …
     #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = udc::core::bytes::parse_bytes)]
@@ -124,13 +126,6 @@ pub(crate) struct EvalArgs {
     /// Leave out images that cannot be measured, and name them, instead of stopping
     #[arg(long)]
     allow_missing: bool,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum SplitArg {
-    Train,
-    Test,
-    Val,
 }
 
 impl EvalArgs {
@@ -164,8 +159,9 @@ impl EvalArgs {
 
     /// Measures restorations on datasets.
     fn compare(&self, measuring: EvalConfig, listener: Listener<'_>, session: &Session) -> Result<()> {
-        let open = |root: &PathBuf| Ok((name_among(&self.dataset, root), Dataset::open(root)?));
-        let datasets = self.dataset.iter().map(open).collect::<Result<Vec<_>>>()?;
+        let roots = if self.dataset.is_empty() { &self.data } else { &self.dataset };
+        let open = |root: &PathBuf| Ok((name_among(roots, root), Dataset::open(root)?));
+        let datasets = roots.iter().map(open).collect::<Result<Vec<_>>>()?;
         let candidates = self.candidates(session)?;
         let config = self.config(measuring);
         let experiment = Experiment::new(&datasets, &candidates, &config, listener)?;
@@ -175,19 +171,19 @@ impl EvalArgs {
     }
 
     fn candidates(&self, session: &Session) -> Result<Vec<Candidate>> {
-        let precisions = if self.precision.is_empty() { &[PrecisionArg::F32][..] } else { &self.precision };
+        let precisions = if self.precision.is_empty() { &[Precision::F32][..] } else { &self.precision };
         let mut models = Vec::new();
         for path in &self.model {
             let model = Model::load(path)?;
             let name = name_among(&self.model, path);
-            let of = |precision: &PrecisionArg| {
-                (precision.name_of(&name), precision.apply(model.clone(), session))
+            let of = |precision: &Precision| {
+                let (model, notice) = precision.apply(model.clone());
+                notice.iter().for_each(|notice| session.notice(notice));
+                (precision.name_of(&name), model)
             };
             models.extend(precisions.iter().map(of));
         }
-        let methods: Vec<Method> = self.method.iter().copied().map(Method::from).collect();
-        let highlights: Vec<Highlights> = self.highlights.iter().copied().map(Highlights::from).collect();
-        Ok(Candidate::list(models, &methods, &highlights))
+        Ok(Candidate::list(models, &self.method, &self.highlights))
     }
 
     fn config(&self, measuring: EvalConfig) -> ExperimentConfig {
@@ -195,7 +191,7 @@ impl EvalArgs {
             [] => KernelChoice::All,
             names => KernelChoice::Only(names.to_vec()),
         };
-        let (split, limit, max_memory) = (self.split.into(), self.limit, self.max_memory);
+        let (split, limit, max_memory) = (self.split, self.limit, self.max_memory);
         ExperimentConfig {
             measuring,
             images: ImagesConfig { split, kernels, limit, max_memory },
@@ -237,15 +233,5 @@ impl EvalArgs {
         session.tell(evaluation.to_markdown());
         session.tell(self.output.join(RESULTS[0]).display());
         Ok(())
-    }
-}
-
-impl From<SplitArg> for Split {
-    fn from(split: SplitArg) -> Self {
-        match split {
-            SplitArg::Train => Self::Train,
-            SplitArg::Test => Self::Test,
-            SplitArg::Val => Self::Val,
-        }
     }
 }

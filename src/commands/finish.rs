@@ -8,7 +8,7 @@ use anyhow::Result;
 use clap::{Args, ValueEnum};
 
 use udc::batch::Destination;
-use udc::core::capture::{CaptureInfo, is_exposure, is_level};
+use udc::core::capture::{CaptureInfo, parse_exposure, parse_level};
 use udc::core::orientation::Orientation;
 use udc::core::tone::ToneCurve;
 use udc::finish::{Companions, FinishInputs, FinishPlan};
@@ -60,7 +60,7 @@ pub(crate) struct FinishArgs {
     no_reference: bool,
     /// How the picture lies, as EXIF numbers it: 1 upright, 3 upside down, 6 to be turned right, 8 left [default: what the
     /// file says, else 1]
-    #[arg(long, value_name = "1…8", value_parser = parse_orientation)]
+    #[arg(long, value_name = "1…8")]
     orientation: Option<Orientation>,
     /// Light at which red, green and blue of the capture clip; what is clipped is made neutral [default: what the file says]
     #[arg(long, value_name = "R,G,B", value_delimiter = ',', num_args = 1, value_parser = parse_level)]
@@ -105,21 +105,6 @@ fn parse_bits(text: &str) -> Result<u8, String> {
         "16" => Ok(16),
         _ => Err("write 8 or 16".to_owned()),
     }
-}
-
-fn parse_orientation(text: &str) -> Result<Orientation, String> {
-    let number = text.parse().ok();
-    number.and_then(Orientation::from_exif).ok_or_else(|| "write a number from 1 to 8".to_owned())
-}
-
-fn parse_exposure(text: &str) -> Result<f64, String> {
-    let stops = text.trim().parse().ok().filter(|stops| is_exposure(*stops));
-    stops.ok_or_else(|| "write a number of stops from -10 to 10".to_owned())
-}
-
-fn parse_level(text: &str) -> Result<f32, String> {
-    let level = text.trim().parse().ok().filter(|level| is_level(*level));
-    level.ok_or_else(|| "write three numbers from 1e-6 to 1e9, for red, green and blue: 1.9,1,1.6".to_owned())
 }
 
 impl FinishArgs {

@@ -5,11 +5,12 @@ mod summary;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde_json::json;
 
 use super::Session;
 use super::bracket::BracketArgs;
+use super::choices::Choices;
 use super::domain::SceneDomainArgs;
 use super::psf::check_float_output;
 use udc::capture::{Developed, PSF_BRACKET, Pictures, SCENE_BRACKET, Told, names_of, read_mask, uncorrected};
@@ -22,7 +23,7 @@ use summary::Summary;
 /// Fuse a bracket of exposures to one linear HDR image or PSF
 #[derive(Args, Debug)]
 #[command(
-    after_help = "Example: udc fuse --exposures 1,1/32,1/768 long.exr middle.exr short.exr -o psf.exr --psf\n\n\
+    after_help = "Example: udc fuse --exposures 1,1/32,1/768 long.exr middle.exr short.exr -o psf.exr --point-source\n\n\
     Give the times in the order of the files; files of one time are averaged. Levels above 1 are in the integers of the file: --white 16383 \
     --black 64 for 14 bits in a 16-bit PNG. DNGs say times, levels, mosaic and gains themselves"
 )]
@@ -40,36 +41,35 @@ pub(crate) struct FuseArgs {
     /// Picture that is black where pixels are to be discarded and filled from their neighbours
     #[arg(long, value_name = "MASK")]
     mask: Option<PathBuf>,
-    /// Cut out the PSF: background subtracted, main peak centred, cropped, normalised
+    /// The bracket is of a point source: cut out its PSF (background subtracted, main peak centred, cropped, normalised)
     #[arg(long)]
-    psf: bool,
+    point_source: bool,
     /// Side of the square PSF in pixels [default: 800]
-    #[arg(long, value_name = "N", requires = "psf")]
+    #[arg(long, value_name = "N", requires = "point_source")]
     size: Option<usize>,
     /// What of the PSF sums to one [default: channel]
-    #[arg(long, value_enum, value_name = "WHAT", requires = "psf")]
-    normalize: Option<Normalize>,
+    #[arg(long, value_name = "WHAT", value_parser = NORMALIZATIONS, requires = "point_source")]
+    normalize: Option<Normalization>,
     /// Print the summary as JSON
     #[arg(long)]
     json: bool,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Normalize {
-    Channel,
-    Total,
-    None,
-}
+const NORMALIZATIONS: Choices<Normalization> = Choices(&[
+    ("channel", Normalization::Channel, "Each channel sums to 1"),
+    ("total", Normalization::Total, "All channels together sum to 3"),
+    ("none", Normalization::None, "As measured"),
+]);
 
 impl FuseArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let files = expand_inputs(&self.inputs)?;
         let doing = || format!("fusing bracket {}", names_of(&files));
-        if self.psf {
+        if self.point_source {
             check_float_output(&self.output)?;
         }
         check_output(&self.output, session.overwrite)?;
-        let measure = self.psf.then(|| self.measure_config());
+        let measure = self.point_source.then(|| self.measure_config());
         measure.as_ref().map_or(Ok(()), MeasureConfig::check)?;
 
         let told = self.told()?;
@@ -113,8 +113,8 @@ impl FuseArgs {
     /// What the flags say of the pictures.
     fn told(&self) -> Result<Told> {
         Ok(Told {
-            default_times: Some(if self.psf { PSF_BRACKET } else { SCENE_BRACKET }),
-            demosaic_linear: self.psf,
+            default_times: Some(if self.point_source { PSF_BRACKET } else { SCENE_BRACKET }),
+            demosaic_linear: self.point_source,
             mask: self.mask.as_deref().map(read_mask).transpose()?,
             ..self.bracket.told(self.scene.told())?
         })
@@ -124,17 +124,7 @@ impl FuseArgs {
         let default = MeasureConfig::default();
         MeasureConfig {
             size: self.size.unwrap_or(default.size),
-            normalize: self.normalize.map_or(default.normalize, Normalization::from),
-        }
-    }
-}
-
-impl From<Normalize> for Normalization {
-    fn from(normalize: Normalize) -> Self {
-        match normalize {
-            Normalize::Channel => Self::Channel,
-            Normalize::Total => Self::Total,
-            Normalize::None => Self::None,
+            normalize: self.normalize.unwrap_or(default.normalize),
         }
     }
 }

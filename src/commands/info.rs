@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use super::Session;
 use super::psf_file::PsfFileArgs;
 use udc::dataset::CONFIG_FILE;
-use udc::io::{Description, describe, describe_psf, expand_inputs};
+use udc::io::{FileDescription, describe, describe_psf, expand_inputs};
 use udc::network::weights;
 
 /// Describe a file or folder: image, PSF, kernel bank, model, dataset, training run, configuration
@@ -91,7 +91,7 @@ impl InfoArgs {
         }
         let description =
             if self.psf { describe_psf(file, self.psf_file.options())? } else { describe(file)? };
-        if let Description::Model(model) = &description
+        if let FileDescription::Model(model) = &description
             && model.metadata.get("format").is_some_and(|format| format == weights::FORMAT)
         {
             return examine_model(file);

@@ -13,12 +13,9 @@ mod domain;
 mod eval;
 mod finish;
 mod fuse;
-mod highlights;
 mod info;
 mod man;
-mod method;
 mod metrics;
-mod precision;
 mod psf;
 mod psf_file;
 mod report;
@@ -37,13 +34,15 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use clap::error::ErrorKind;
-use clap::{ArgAction, Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand, ValueEnum};
+use clap::{ArgAction, Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
 use udc::batch::{Watcher, timed};
 use udc::core::progress::Progress;
 use udc::kernels::Isa;
+
+use choices::Choices;
 use udc::restore::Notice;
 
 use self::bars::StderrBars;
@@ -61,31 +60,40 @@ pub(crate) struct Cli {
     command: Command,
 }
 
+/// The heading of the flags of every command.
+const GLOBAL: &str = "Options of every command";
+
 #[derive(Args, Debug)]
 struct GlobalArgs {
     /// Say less: errors only
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    #[arg(short, long, global = true, help_heading = GLOBAL, conflicts_with = "verbose")]
     quiet: bool,
     /// Say more: the time of each step, and the memory at most
-    #[arg(short, long, global = true, action = ArgAction::Count)]
+    #[arg(short, long, global = true, help_heading = GLOBAL, action = ArgAction::Count)]
     verbose: u8,
     /// Number of threads (default: all cores)
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, global = true, help_heading = GLOBAL, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
     /// When to draw progress bars on stderr
-    #[arg(long, global = true, value_enum, default_value_t = ProgressMode::Auto, value_name = "WHEN")]
+    #[arg(long, global = true, help_heading = GLOBAL, value_parser = PROGRESS, default_value = "auto", value_name = "WHEN")]
     progress: ProgressMode,
     /// Replace existing outputs
-    #[arg(long, global = true)]
+    #[arg(long, global = true, help_heading = GLOBAL)]
     overwrite: bool,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
+#[derive(Clone, Copy, Debug)]
 enum ProgressMode {
     Auto,
     Always,
     Never,
 }
+
+const PROGRESS: Choices<ProgressMode> = Choices(&[
+    ("auto", ProgressMode::Auto, "Where stderr is a terminal"),
+    ("always", ProgressMode::Always, ""),
+    ("never", ProgressMode::Never, ""),
+]);
 
 #[derive(Subcommand, Debug)]
 enum Command {

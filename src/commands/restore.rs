@@ -18,13 +18,13 @@ use udc::core::progress::Progress;
 use udc::core::provenance::Provenance;
 use udc::finish::Photograph;
 use udc::io::{DomainTag, WriteOptions, check_output_domain, what_is_lost};
-use udc::restore::{Capture, MemoryBudget, MethodConfig, Restoration, RestorationConfig, Restored};
+use udc::restore::{
+    Capture, Highlights, MemoryBudget, MethodConfig, Precision, Restoration, RestorationConfig, Restored,
+};
 
 use super::bracket::BracketArgs;
-use super::choices::Choices;
+use super::choices::{Choices, HIGHLIGHTS, PRECISIONS};
 use super::domain::{DomainArg, OutputDomainArg};
-use super::highlights::HighlightsArg;
-use super::precision::PrecisionArg;
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
 use super::{Session, misuse, text_of};
 use files::Job;
@@ -81,8 +81,8 @@ pub(crate) struct RestoreArgs {
     #[arg(long, value_enum, value_name = "DOMAIN")]
     output_domain: Option<OutputDomainArg>,
     /// What to do where the capture is saturated
-    #[arg(long, value_enum, value_name = "WHAT", default_value_t = HighlightsArg::Network)]
-    highlights: HighlightsArg,
+    #[arg(long, value_name = "WHAT", value_parser = HIGHLIGHTS, default_value = "restored")]
+    highlights: Highlights,
     /// Format of the files in an output folder
     #[arg(long, value_name = "FORMAT", value_parser = FORMATS, default_value = "exr")]
     format: &'static str,
@@ -93,8 +93,8 @@ pub(crate) struct RestoreArgs {
     #[arg(long)]
     resume: bool,
     /// What the network multiplies
-    #[arg(long, value_enum, value_name = "PRECISION", default_value_t = PrecisionArg::F32, conflicts_with = "method")]
-    precision: PrecisionArg,
+    #[arg(long, value_name = "PRECISION", value_parser = PRECISIONS, default_value = "f32", conflicts_with = "method")]
+    precision: Precision,
     /// Side of the tiles, a multiple of 4 (of 16 for de-unet) [default: chosen by --max-memory]
     #[arg(long, value_name = "N", conflicts_with = "method")]
     tile: Option<usize>,
@@ -149,7 +149,7 @@ impl RestoreArgs {
         let queued_frames = if jobs.len() > 1 { QUEUED_FRAMES + pictures } else { 0 };
         let network = |model: &PathBuf| MethodConfig::Network {
             model: model.clone(),
-            precision: self.precision.into(),
+            precision: self.precision,
             tile: self.tile,
         };
         let deconvolution = || MethodConfig::Deconvolution(self.method.config().unwrap_or_default());
@@ -158,7 +158,7 @@ impl RestoreArgs {
             kernel: self.kernel.files(self.psf_file.options()),
             alpha: self.alpha,
             x_max: self.x_max,
-            highlights: self.highlights.into(),
+            highlights: self.highlights,
             memory: MemoryBudget { limit_bytes: self.max_memory, queued_frames, ..MemoryBudget::default() },
         }
     }

@@ -13,9 +13,10 @@ use udc::io;
 use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, SynthesisConfig};
 
 use super::Session;
+use super::choices::SPLITS;
 use super::domain::SceneDomainArgs;
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
-use options::{FormationArgs, KernelArgs, SplitName, StorageArgs};
+use options::{FormationArgs, KernelArgs, StorageArgs};
 
 /// The largest number that `dataset.toml` can hold.
 const MOST_SEED: u64 = i64::MAX.cast_unsigned();
@@ -66,8 +67,8 @@ pub(crate) struct SynthArgs {
     #[arg(long, value_name = "SHARE", default_value_t = 0.15, conflicts_with = "split")]
     test_fraction: f64,
     /// Keep all scenes for one use; adds it to a dataset of the same flags that has none of it
-    #[arg(long, value_enum)]
-    split: Option<SplitName>,
+    #[arg(long, value_name = "SPLIT", value_parser = SPLITS)]
+    split: Option<Split>,
     /// Make only the I-th of N parts; all parts may be made at the same time
     #[arg(long, value_name = "I/N", default_value = "1/1")]
     shard: Shard,
@@ -127,13 +128,13 @@ impl SynthArgs {
             formation: self.formation.resolve(),
             margin: self.formation.margin,
             division: match self.split {
-                Some(split) => Division::All(split.into()),
+                Some(split) => Division::All(split),
                 None => Division::TestFraction(self.test_fraction),
             },
             seed: self.seed,
             shard: self.shard,
             told: self.scene.told(),
-            image_format: self.storage.format.extension(),
+            image_format: self.storage.format,
             half: self.storage.half,
             max_bytes: self.max_memory,
         };

@@ -20,7 +20,6 @@ pub mod orientation;
 pub mod progress;
 pub mod provenance;
 pub mod psf;
-pub mod resample;
 pub mod rng;
 pub mod saturation;
 pub mod spread;

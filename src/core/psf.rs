@@ -1,16 +1,10 @@
 //! Turns measured or simulated energy maps into point spread functions: non-negative, of unit sum.
 
-mod faults;
-mod place;
-
 use ndarray::{Array3, ArrayView2, ArrayView3, Axis};
 use sha2::{Digest, Sha256};
 
 use super::error::{Error, Result};
 use super::image::CHANNELS;
-
-pub use faults::PsfFaults;
-pub use place::{Move, recenter, show_shift};
 
 /// A sum this close to one is left alone, so that a PSF stays the same however often it is written and read:
 /// each rounded value is off by at most 2⁻²⁴ of itself, and so is their sum.

@@ -148,7 +148,7 @@ impl Candidate {
 /// The name of a row: the restoration, and what is done with highlights unless nothing.
 fn with_highlights(name: &str, highlights: Highlights) -> String {
     match highlights {
-        Highlights::Network => name.to_owned(),
+        Highlights::Restored => name.to_owned(),
         Highlights::Keep => format!("{name}, highlights kept"),
         Highlights::Blend => format!("{name}, highlights blended"),
     }

@@ -151,7 +151,7 @@ mod tests {
             std::fs::write(&path, text).unwrap();
             Mismatch::read(&path)
         };
-        assert_eq!(write_and_read(&matrix).unwrap().matrices, [matrix.clone()]);
+        assert_eq!(write_and_read(&matrix).unwrap().matrices, std::slice::from_ref(&matrix));
         let mut cut = matrix;
         cut.rows.pop();
         let message = write_and_read(&cut).unwrap_err().to_string();

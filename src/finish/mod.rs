@@ -24,7 +24,7 @@ use crate::core::orientation::Orientation;
 
 pub use clahe::ClaheConfig;
 pub use color_matrix::{ColorMatrix, read_color_matrix};
-pub use curve::Curve;
+pub use curve::{Curve, CurveKind};
 pub use exposure::automatic_curve;
 pub use pairs::{Companions, FinishInputs};
 pub use photograph::{Photograph, photograph};

@@ -19,7 +19,7 @@ pub use tensors::{BankDescription, ModelDescription};
 /// What a file is.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
-pub enum Description {
+pub enum FileDescription {
     /// An image.
     Image(ImageDescription),
     /// An image, looked at as a PSF.
@@ -52,11 +52,11 @@ const SMALL_ARRAY: usize = 64;
 ///
 /// # Errors
 /// [`Error::Io`](crate::core::error::Error::Io) when it cannot be read; [`Error::Format`](crate::core::error::Error::Format) when it is damaged or of no known kind.
-pub fn describe(path: &Path) -> Result<Description> {
+pub fn describe(path: &Path) -> Result<FileDescription> {
     match path.extension().and_then(|extension| extension.to_str()) {
         Some("safetensors") => tensors::describe_tensors(path),
         Some("npy") => match inspect_image(path) {
-            Ok((pixels, encoding)) => Ok(Description::Image(image::describe_image(pixels, encoding))),
+            Ok((pixels, encoding)) => Ok(FileDescription::Image(image::describe_image(pixels, encoding))),
             // What is no image may still be an array; if it is neither, the first reason says more.
             Err(no_image) => match read_array(path) {
                 Ok(array) if !array.is_empty() => Ok(describe_array(&array)),
@@ -64,14 +64,14 @@ pub fn describe(path: &Path) -> Result<Description> {
             },
         },
         _ => inspect_image(path)
-            .map(|(pixels, encoding)| Description::Image(image::describe_image(pixels, encoding))),
+            .map(|(pixels, encoding)| FileDescription::Image(image::describe_image(pixels, encoding))),
     }
 }
 
-fn describe_array(array: &ArrayD<f64>) -> Description {
+fn describe_array(array: &ArrayD<f64>) -> FileDescription {
     let (min, max) =
         array.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), &v| (min.min(v), max.max(v)));
     let shape = array.shape().to_vec();
     let values = (array.len() <= SMALL_ARRAY).then(|| array.iter().copied().collect());
-    Description::Array(ArrayDescription { shape, min, max, values })
+    FileDescription::Array(ArrayDescription { shape, min, max, values })
 }

@@ -44,7 +44,7 @@ pub use bank::{
 pub use color_tags::ColorTag;
 pub use container::{TensorData, write_safetensors};
 pub use describe::{
-    ArrayDescription, BankDescription, Description, ImageDescription, ModelDescription, PsfChannel,
+    ArrayDescription, BankDescription, FileDescription, ImageDescription, ModelDescription, PsfChannel,
     PsfDescription, Statistics, describe, describe_psf,
 };
 pub use field::{inspect_psf_field, read_field, read_psf_field, write_psf_field};
@@ -54,7 +54,7 @@ pub use inputs::{expand_inputs, identity, is_hidden, without_repeats};
 pub use lost::what_is_lost;
 pub use pixels::{DomainTag, IgnoredOpcode, Pixels, RawMetadata};
 pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_file};
-pub use psf::{PsfOptions, PsfReading, inspect_psf, read_psf, write_psf};
+pub use psf::{PsfFaults, PsfMove, PsfOptions, PsfReading, inspect_psf, read_psf, show_shift, write_psf};
 pub use read::{
     image_of, inspect_image, inspect_mosaic, read_capture_info, read_image, read_image_told, read_pixels,
     read_provenance,

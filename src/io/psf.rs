@@ -1,12 +1,19 @@
 //! Reads and writes PSFs as image files, and says what is wrong with those that are read.
 
+mod faults;
+mod place;
+
 use std::path::{Path, PathBuf};
 
 use super::read::{check_cooked, check_domain, to_rgb};
 use super::{DomainTag, WriteOptions, read_pixels, write_image};
 use crate::core::error::{Error, Result};
 use crate::core::image::{Domain as _, Image, Linear};
-use crate::core::psf::{Move, Psf, PsfFaults, recenter, show_shift};
+use crate::core::psf::Psf;
+
+pub use faults::PsfFaults;
+use place::recenter;
+pub use place::{PsfMove, show_shift};
 
 /// How a PSF is read.
 #[derive(Clone, Copy, Debug)]
@@ -35,7 +42,7 @@ pub struct PsfReading {
     /// What is wrong with the file as a PSF.
     pub faults: PsfFaults,
     /// How it was moved to bring its peak to the centre.
-    pub moved: Option<Move>,
+    pub moved: Option<PsfMove>,
     /// What the file says of its colours against what the user says.
     pub contradiction: Option<String>,
 }

@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use super::gradient::{input_gradient, weight_gradient};
-use super::{Convolution, DynamicFilter, Finish, Geometry, Isa, Shape};
+use super::{Convolution, DynamicFilter, Epilogue, Geometry, Isa, Shape};
 
 /// An operation's best time.
 #[derive(Clone, Debug)]
@@ -81,7 +81,7 @@ fn forward(time: Time<'_>, name: &str, geometry: Geometry, side: usize) {
         let convolution =
             Convolution::new(geometry, &values(geometry.weight_len()), &values(geometry.outputs));
         let (input, mut output) = (values(shape.len()), vec![0.0; pixels * geometry.outputs]);
-        Box::new(move || convolution.forward(&input, shape, Finish::Leak(0.2), &mut output))
+        Box::new(move || convolution.forward(&input, shape, Epilogue::Leak(0.2), &mut output))
     });
 }
 
@@ -93,7 +93,7 @@ fn up(time: Time<'_>, channels: usize, side: usize) {
         let up = Convolution::up(Isa::current(), inputs, &values(weights), &values(4 * channels));
         let (input, mut output) = (values(shape.len()), vec![0.0; up.output_shape(shape).len()]);
         let skip = values(output.len());
-        Box::new(move || up.forward(&input, shape, Finish::LeakThenAdd(0.2, &skip), &mut output))
+        Box::new(move || up.forward(&input, shape, Epilogue::LeakThenAdd(0.2, &skip), &mut output))
     });
 }
 
@@ -131,7 +131,7 @@ fn backward(time: Time<'_>, geometry: Geometry, side: usize) {
     let what = format!("{}→{}{stride} {IMAGES}×{side}²", geometry.inputs, geometry.outputs);
     time(format!("3×3 to input {what}"), operations, &|| {
         let (weight, gradient) = (values(geometry.weight_len()), gradient());
-        Box::new(move || drop(input_gradient(geometry, &weight, &gradient, shape, Finish::Leak(1.0))))
+        Box::new(move || drop(input_gradient(geometry, &weight, &gradient, shape, Epilogue::Leak(1.0))))
     });
     time(format!("3×3 to weights {what}"), operations, &|| {
         let (input, gradient) = (values(shape.len()), gradient());

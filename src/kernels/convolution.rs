@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::direct::few_outputs::{self, OutputRows as FewOutputRows};
 use super::direct::forward::{self as direct, Geometry, OutputRows};
-use super::finish::Finish;
+use super::epilogue::Epilogue;
 use super::rows::Rows;
 use super::scratch::{Target, written};
 use super::shape::Shape;
@@ -18,7 +18,7 @@ pub(crate) const BLOCK_ROWS: usize = TILE;
 /// A convolution with its weights packed, ready to be applied any number of times.
 ///
 /// # Equation
-/// `output(y, x, o) = finish(bias(o) + Σ weight(o, i, k, l) · input(y·stride + k − p, x·stride + l − p, i))`
+/// `output(y, x, o) = epilogue(bias(o) + Σ weight(o, i, k, l) · input(y·stride + k − p, x·stride + l − p, i))`
 /// with zeros outside of the image and `p = side / 2` rounded down.
 ///
 /// # Accuracy
@@ -135,20 +135,20 @@ impl Convolution {
     ///
     /// # Panics
     /// When a slice's length is not that of its shape.
-    pub fn forward(&self, input: &[f32], shape: Shape, finish: Finish<'_>, output: &mut [f32]) {
+    pub fn forward(&self, input: &[f32], shape: Shape, epilogue: Epilogue<'_>, output: &mut [f32]) {
         let out = self.output_shape(shape);
         assert_eq!(output.len(), out.len(), "floats of an output {out:?}");
-        self.forward_blocks(input, shape, finish, (output, Target::Written));
+        self.forward_blocks(input, shape, epilogue, (output, Target::Written));
     }
 
     /// As [`Convolution::forward`], to memory of its own, which is not filled with zeros beforehand.
     ///
     /// # Panics
     /// When a slice's length is not that of its shape.
-    pub fn apply(&self, input: &[f32], shape: Shape, finish: Finish<'_>) -> Vec<f32> {
+    pub fn apply(&self, input: &[f32], shape: Shape, epilogue: Epilogue<'_>) -> Vec<f32> {
         let len = self.output_shape(shape).len();
         // SAFETY: `forward_blocks` cuts the whole output into blocks, and computing one gets it ready.
-        unsafe { written(len, |output| self.forward_blocks(input, shape, finish, (output, Target::Fresh))) }
+        unsafe { written(len, |output| self.forward_blocks(input, shape, epilogue, (output, Target::Fresh))) }
     }
 
     /// Cuts an output into blocks of rows, which `target` makes known as such, and computes all of them.
@@ -156,12 +156,12 @@ impl Convolution {
         &self,
         input: &'a [f32],
         shape: Shape,
-        finish: Finish<'a>,
+        epilogue: Epilogue<'a>,
         (output, target): (&'a mut [T], MakeTarget<'a, T>),
     ) {
         let out = self.output_shape(shape);
         assert_eq!((shape.channels, input.len()), (self.geometry.inputs, shape.len()), "{shape:?}");
-        finish.check_len(output.len());
+        epilogue.check_len(output.len());
         if out.is_empty() {
             return;
         }
@@ -171,10 +171,10 @@ impl Convolution {
             let rows = Rows::whole(&input[n * shape.image_len()..][..shape.image_len()], shape.height);
             for (b, output) in image.chunks_mut(block_len).enumerate() {
                 let start = n * out.image_len() + b * block_len;
-                let finish = finish.part(start..start + output.len());
+                let epilogue = epilogue.part(start..start + output.len());
                 let count = output.len() / (self.factor() * out.row_len());
                 let (first, output) = (b * BLOCK_ROWS, target(output));
-                blocks.push(RowBlock { input: rows, first, rows: count, output, finish });
+                blocks.push(RowBlock { input: rows, first, rows: count, output, epilogue });
             }
         }
         self.compute(blocks, shape.width);
@@ -205,9 +205,9 @@ impl Convolution {
                 weights.isa.run_products(TileRows { weights, width, order: self.order, rows });
             }
             Method::FewOutputs(weights) => blocks.into_iter().for_each(|block| {
-                let RowBlock { input, first, output, finish, .. } = block;
+                let RowBlock { input, first, output, epilogue, .. } = block;
                 let output = output.ready();
-                weights.isa.run(FewOutputRows { weights, input, first, output, finish });
+                weights.isa.run(FewOutputRows { weights, input, first, output, epilogue });
             }),
             Method::Direct(weights) => blocks.into_iter().for_each(|block| match self.order {
                 Order::Plain => weights.isa.run(block.into_output_rows(weights)),
@@ -225,7 +225,7 @@ pub(crate) struct RowBlock<'a> {
     /// The rows computed.
     pub(crate) rows: usize,
     pub(crate) output: Target<'a>,
-    pub(crate) finish: Finish<'a>,
+    pub(crate) epilogue: Epilogue<'a>,
 }
 
 impl<'a> RowBlock<'a> {
@@ -234,21 +234,21 @@ impl<'a> RowBlock<'a> {
         // Rows below those that the outputs depend on may not be there yet.
         let input = |k: usize| if k < self.rows + 2 { self.input.row(top + k.cast_signed()) } else { None };
         let inputs: [_; POINTS] = std::array::from_fn(input);
-        TileRow { inputs, output: self.output.ready(), finish: self.finish }
+        TileRow { inputs, output: self.output.ready(), epilogue: self.epilogue }
     }
 
     fn into_output_rows(self, weights: &'a direct::Weights) -> OutputRows<'a> {
-        let Self { input, first, output, finish, .. } = self;
-        OutputRows { weights, input, first, output: output.ready(), finish }
+        let Self { input, first, output, epilogue, .. } = self;
+        OutputRows { weights, input, first, output: output.ready(), epilogue }
     }
 }
 
 /// Computes a block by the direct method and shuffles it: for few channels, where it costs little.
 fn shuffle_block(weights: &direct::Weights, block: RowBlock<'_>, width: usize) {
-    let RowBlock { input, first, output, finish, .. } = block;
+    let RowBlock { input, first, output, epilogue, .. } = block;
     let output = output.ready();
     let mut sums = vec![0.0; output.len()];
-    weights.isa.run(OutputRows { weights, input, first, output: &mut sums, finish: Finish::Leak(1.0) });
+    weights.isa.run(OutputRows { weights, input, first, output: &mut sums, epilogue: Epilogue::Leak(1.0) });
     let outputs = weights.geometry.outputs;
     let channels = outputs / 4;
     for (pixel, sums) in sums.chunks_exact(outputs).enumerate() {
@@ -257,7 +257,7 @@ fn shuffle_block(weights: &direct::Weights, block: RowBlock<'_>, width: usize) {
             let (y, x) = (2 * y + group / 2, 2 * x + group % 2);
             let at = (y * 2 * width + x) * channels;
             for (c, sum) in sums.iter().enumerate() {
-                output[at + c] = finish.scalar(*sum, at + c);
+                output[at + c] = epilogue.scalar(*sum, at + c);
             }
         }
     }
@@ -292,15 +292,15 @@ mod tests {
         let out = convolution.output_shape(shape);
         let sums = naive::convolution(geometry, &weight, &bias, &input, shape);
         let other = values.take(out.len());
-        for (name, finish) in [
-            ("leak", Finish::Leak(0.2)),
-            ("steep leak", Finish::Leak(-1.5)),
-            ("add", Finish::LeakThenAdd(1.0, &other)),
-            ("gate", Finish::Gate(0.3, &other)),
+        for (name, epilogue) in [
+            ("leak", Epilogue::Leak(0.2)),
+            ("steep leak", Epilogue::Leak(-1.5)),
+            ("add", Epilogue::LeakThenAdd(1.0, &other)),
+            ("gate", Epilogue::Gate(0.3, &other)),
         ] {
             let mut output = vec![f32::NAN; out.len()];
-            convolution.forward(&input, shape, finish, &mut output);
-            let expected = naive::finish(finish, &sums);
+            convolution.forward(&input, shape, epilogue, &mut output);
+            let expected = naive::epilogue(epilogue, &sums);
             assert_close(&output, &expected, 4e-6, &format!("{} {geometry:?} {shape:?} {name}", isa.name()));
         }
     }
@@ -351,9 +351,9 @@ mod tests {
                     let weight = values.take_scaled(geometry.weight_len(), 9 * inputs);
                     let bias = values.take(outputs);
                     let convolution = Convolution::for_isa(isa, geometry, &weight, &bias);
-                    let output = convolution.apply(&input, shape, Finish::Leak(0.2));
+                    let output = convolution.apply(&input, shape, Epilogue::Leak(0.2));
                     let sums = naive::convolution(geometry, &weight, &bias, &input, shape);
-                    let expected = naive::finish(Finish::Leak(0.2), &sums);
+                    let expected = naive::epilogue(Epilogue::Leak(0.2), &sums);
                     assert_close(&output, &expected, 2e-2, &format!("{} {geometry:?} {shape:?}", isa.name()));
                 }
             }
@@ -402,11 +402,11 @@ mod tests {
                     let up = Convolution::up(isa, inputs, &weight, &bias);
                     let skip = values.take(up.output_shape(shape).len());
                     let mut output = vec![f32::NAN; skip.len()];
-                    up.forward(&input, shape, Finish::LeakThenAdd(0.2, &skip), &mut output);
+                    up.forward(&input, shape, Epilogue::LeakThenAdd(0.2, &skip), &mut output);
                     let geometry = Geometry::three_by_three(inputs, 4 * channels);
                     let sums = naive::convolution(geometry, &weight, &bias, &input, shape);
                     let shuffled = naive::pixel_shuffle(&sums, shape.with_channels(4 * channels));
-                    let expected = naive::finish(Finish::LeakThenAdd(0.2, &skip), &shuffled);
+                    let expected = naive::epilogue(Epilogue::LeakThenAdd(0.2, &skip), &shuffled);
                     assert_close(&output, &expected, 4e-6, &format!("{} {inputs} {channels}", isa.name()));
                 }
             }
@@ -423,7 +423,7 @@ mod tests {
         let run = |threads: usize| {
             let mut output = vec![0.0; shape.len()];
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| convolution.forward(&input, shape, Finish::Leak(0.2), &mut output));
+            pool.install(|| convolution.forward(&input, shape, Epilogue::Leak(0.2), &mut output));
             output
         };
         assert_eq!(run(1), run(3));

@@ -9,7 +9,7 @@ use super::convolution::Convolution;
 use super::direct::forward::Geometry;
 use super::direct::input_gradient::{InputRows, Weights as TransposedWeights};
 use super::direct::weight_gradient::{AddOutputRow, SumsLayout};
-use super::finish::Finish;
+use super::epilogue::Epilogue;
 use super::rows::Rows;
 use super::scratch::{AlignedBuffer, zeros};
 use super::shape::Shape;
@@ -27,14 +27,14 @@ const MOST_GROUPS: usize = 16;
 
 /// Weight and bias of a convolution, or their gradients, as PyTorch lays them out.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Parameters {
+pub struct ConvolutionParameters {
     /// `[outputs, inputs, side, side]`.
     pub weight: Vec<f32>,
     /// `[outputs]`.
     pub bias: Vec<f32>,
 }
 
-impl Parameters {
+impl ConvolutionParameters {
     /// Computes the gradients of a convolution's weight and bias from its input, of shape `shape`, and the gradient of its
     /// outputs.
     ///
@@ -50,7 +50,7 @@ impl Parameters {
 }
 
 /// Takes the gradient of a convolution's outputs to that of its inputs, of shape `shape`, and finishes it
-/// (convolutions of stride 2 know [`Finish::Leak`] of slope 1 only).
+/// (convolutions of stride 2 know [`Epilogue::Leak`] of slope 1 only).
 ///
 /// # Panics
 /// When a slice's length is not that of its shape, or a convolution of stride 2 is to be finished by anything but slope 1.
@@ -59,15 +59,18 @@ pub fn input_gradient(
     weight: &[f32],
     gradient: &[f32],
     shape: Shape,
-    finish: Finish<'_>,
+    epilogue: Epilogue<'_>,
 ) -> Vec<f32> {
     geometry.check_gradient(Some(weight), shape, gradient);
     let isa = Isa::current();
     if geometry.stride == 1 {
         let out = shape.with_channels(geometry.outputs);
-        return Convolution::transposed(isa, geometry, weight).apply(gradient, out, finish);
+        return Convolution::transposed(isa, geometry, weight).apply(gradient, out, epilogue);
     }
-    assert!(matches!(finish, Finish::Leak(1.0)), "{finish:?} after a transposed convolution of stride 2");
+    assert!(
+        matches!(epilogue, Epilogue::Leak(1.0)),
+        "{epilogue:?} after a transposed convolution of stride 2"
+    );
     if shape.is_empty() {
         return Vec::new();
     }
@@ -163,7 +166,7 @@ mod tests {
             let gradient = values.take(pixels * outputs);
             let found = on_every_isa(|| {
                 vec![
-                    input_gradient(geometry, &weight, &gradient, shape, Finish::Leak(1.0)),
+                    input_gradient(geometry, &weight, &gradient, shape, Epilogue::Leak(1.0)),
                     weight_gradient(geometry, &x, shape, &gradient),
                     sums::per_channel(&gradient, outputs),
                 ]
@@ -188,7 +191,7 @@ mod tests {
             let gradient = values.take(pixels * outputs);
             let found = on_every_isa(|| {
                 [
-                    input_gradient(geometry, &weight, &gradient, shape, Finish::Leak(1.0)),
+                    input_gradient(geometry, &weight, &gradient, shape, Epilogue::Leak(1.0)),
                     weight_gradient(geometry, &x, shape, &gradient),
                 ]
             });

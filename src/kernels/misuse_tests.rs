@@ -2,12 +2,12 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use super::gradient::{Parameters, input_gradient, weight_gradient};
+use super::gradient::{ConvolutionParameters, input_gradient, weight_gradient};
 use super::modulation::{Branch, Kept, Modulation};
 use super::res_block::ResBlock;
-use super::stream::{Arena, Network, Plan, Source};
+use super::stream::{Arena, Graph, Plan, Source};
 use super::up_convolution::UpConvolution;
-use super::{Convolution, DynamicFilter, Finish, Geometry, Isa, Shape, sums};
+use super::{Convolution, DynamicFilter, Epilogue, Geometry, Isa, Shape, sums};
 
 /// A call that must end in a panic that says this.
 type Case<'a> = (&'a str, Box<dyn Fn() + 'a>);
@@ -59,7 +59,7 @@ fn gradients_of_another_size_are_refused() {
     let plain = Geometry { stride: 1, ..geometry };
     let (weight, input) = (floats(geometry.weight_len()), floats(SHAPE.len()));
     let out = geometry.output_shape(SHAPE).len();
-    let none = Finish::Leak(1.0);
+    let none = Epilogue::Leak(1.0);
     let short = floats(out - 1);
     assert_refused(vec![
         case("floats of a gradient", || input_gradient(geometry, &weight, &short, SHAPE, none)),
@@ -69,15 +69,17 @@ fn gradients_of_another_size_are_refused() {
         case("weights of", || input_gradient(plain, &weight[1..], &floats(4 * 48), SHAPE, none)),
         case("channels of", || input_gradient(geometry, &weight, &floats(out), SHAPE.with_channels(7), none)),
         case("tensor that finishes", || {
-            input_gradient(plain, &weight, &floats(4 * 48), SHAPE, Finish::Gate(0.2, &input[1..]))
+            input_gradient(plain, &weight, &floats(4 * 48), SHAPE, Epilogue::Gate(0.2, &input[1..]))
         }),
         case("after a transposed convolution", || {
-            input_gradient(geometry, &weight, &floats(out), SHAPE, Finish::Leak(0.2))
+            input_gradient(geometry, &weight, &floats(out), SHAPE, Epilogue::Leak(0.2))
         }),
         case("floats of a gradient", || weight_gradient(geometry, &input, SHAPE, &short)),
         case("floats of a gradient", || weight_gradient(plain, &input, SHAPE, &short)),
         case("floats of an input", || weight_gradient(geometry, &input[1..], SHAPE, &floats(out))),
-        case("floats of an input", || Parameters::gradients(geometry, &input[1..], SHAPE, &floats(out))),
+        case("floats of an input", || {
+            ConvolutionParameters::gradients(geometry, &input[1..], SHAPE, &floats(out))
+        }),
         case("side 4, stride 2", || {
             weight_gradient(Geometry { side: 4, ..geometry }, &input, SHAPE, &floats(out))
         }),
@@ -92,7 +94,8 @@ fn convolutions_of_another_size_are_refused() {
     let geometry = Geometry::three_by_three(8, 4);
     let (weight, bias, input) = (floats(geometry.weight_len()), floats(4), floats(SHAPE.len()));
     let made = convolution(8, 4, 1);
-    let apply = |input: &[f32], shape: Shape, finish: Finish<'_>| drop(made.apply(input, shape, finish));
+    let apply =
+        |input: &[f32], shape: Shape, epilogue: Epilogue<'_>| drop(made.apply(input, shape, epilogue));
     let isa = Isa::current();
     assert_refused(vec![
         case("weights of", || Convolution::new(geometry, &weight[1..], &bias)),
@@ -103,14 +106,14 @@ fn convolutions_of_another_size_are_refused() {
         case("weights of", || Convolution::up(isa, 8, &weight[1..], &bias)),
         case("weights of", || Convolution::transposed(isa, geometry, &weight[1..])),
         case("stride of a convolution", || Convolution::transposed(isa, strided(), &weight)),
-        case("Shape", || apply(&input[1..], SHAPE, Finish::Leak(1.0))),
-        case("Shape", || apply(&input, SHAPE.with_channels(4), Finish::Leak(1.0))),
-        case("tensor that finishes", || apply(&input, SHAPE, Finish::LeakThenAdd(1.0, &input))),
+        case("Shape", || apply(&input[1..], SHAPE, Epilogue::Leak(1.0))),
+        case("Shape", || apply(&input, SHAPE.with_channels(4), Epilogue::Leak(1.0))),
+        case("tensor that finishes", || apply(&input, SHAPE, Epilogue::LeakThenAdd(1.0, &input))),
         case("floats of an output", || {
-            made.forward(&input, SHAPE, Finish::Leak(1.0), &mut floats(SHAPE.len()));
+            made.forward(&input, SHAPE, Epilogue::Leak(1.0), &mut floats(SHAPE.len()));
         }),
         case("more numbers than memory", || {
-            apply(&[], Shape { height: 1 << 40, width: 1 << 40, ..SHAPE }, Finish::Leak(1.0));
+            apply(&[], Shape { height: 1 << 40, width: 1 << 40, ..SHAPE }, Epilogue::Leak(1.0));
         }),
     ]);
 }
@@ -182,9 +185,9 @@ fn blocks_of_another_size_are_refused() {
 /// their rows' ends or from other rows.
 #[test]
 fn steps_of_a_stream_that_do_not_fit_together_are_refused() {
-    let build = |append: &dyn Fn(&mut Network)| append(&mut Network::default());
+    let build = |append: &dyn Fn(&mut Graph)| append(&mut Graph::default());
     let run = |sources: &[Source<'_>]| {
-        let mut network = Network::default();
+        let mut network = Graph::default();
         let image = network.input(3);
         network.convolution(image, convolution(3, 4, 1), 0.2, None);
         Plan::new(&network, 8, 8, 2).run(&mut Arena::default(), sources, |_, _| (), |_| Ok::<(), ()>(()))

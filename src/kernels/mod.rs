@@ -32,19 +32,19 @@
 #![expect(unsafe_code, reason = "vector instructions and unchecked reads of the inner loops")]
 #![warn(unsafe_op_in_unsafe_fn, clippy::missing_safety_doc, clippy::undocumented_unsafe_blocks)]
 
-mod ahead;
 mod allocator;
 pub mod benchmark;
 pub mod convolution;
 mod direct;
 pub mod dynamic_filter;
-mod finish;
+mod epilogue;
 mod gemm;
 pub mod gradient;
 #[cfg(test)]
 mod misuse_tests;
 pub mod modulation;
 pub mod peak;
+mod prefetch;
 #[cfg(test)]
 mod published_shapes_tests;
 pub mod res_block;
@@ -64,7 +64,7 @@ pub use allocator::{keep_freed_memory, share_freed_memory};
 pub use convolution::Convolution;
 pub use direct::forward::Geometry;
 pub use dynamic_filter::DynamicFilter;
-pub use finish::Finish;
+pub use epilogue::Epilogue;
 pub(crate) use scratch::zeros;
 pub use shape::Shape;
 pub use simd::Isa;

@@ -8,8 +8,8 @@ use rayon::prelude::*;
 
 use super::convolution::Convolution;
 use super::direct::forward::Geometry;
-use super::finish::Finish;
-use super::gradient::{Parameters, input_gradient};
+use super::epilogue::Epilogue;
+use super::gradient::{ConvolutionParameters, input_gradient};
 use super::scratch::{by_chunks, zeros};
 use super::shape::Shape;
 
@@ -57,7 +57,7 @@ pub struct ModulationGradients {
     /// Of the map.
     pub map: Vec<f32>,
     /// Of the convolutions of the scale's and of the offset's branch.
-    pub parameters: [[Parameters; 2]; 2],
+    pub parameters: [[ConvolutionParameters; 2]; 2],
 }
 
 impl Branch<'_> {
@@ -73,7 +73,7 @@ impl Branch<'_> {
         let convolve = |geometry, i: usize, x: &[f32], slope: f32| {
             let convolution = Convolution::new(geometry, self.weights[i], self.biases[i]);
             let shape = shape.with_channels(geometry.inputs);
-            convolution.apply(x, shape, Finish::Leak(slope))
+            convolution.apply(x, shape, Epilogue::Leak(slope))
         };
         let inner = convolve(first, 0, joined, slope);
         let output = convolve(second, 1, &inner, 1.0);
@@ -86,20 +86,20 @@ impl Branch<'_> {
         (joined, inner): (&[f32], &[f32]),
         gradient: &[f32],
         (shape, slope): (Shape, f32),
-        finish: Finish<'_>,
-    ) -> (Vec<f32>, [Parameters; 2]) {
+        epilogue: Epilogue<'_>,
+    ) -> (Vec<f32>, [ConvolutionParameters; 2]) {
         let [first, second] = self.geometries(shape.channels);
         let inner_shape = shape.with_channels(second.inputs);
-        let gate = Finish::Gate(slope, inner);
+        let gate = Epilogue::Gate(slope, inner);
         let inner_gradient = input_gradient(second, self.weights[1], gradient, inner_shape, gate);
         let ((first_gradients, second_gradients), input) = rayon::join(
             || {
                 rayon::join(
-                    || Parameters::gradients(first, joined, shape, &inner_gradient),
-                    || Parameters::gradients(second, inner, inner_shape, gradient),
+                    || ConvolutionParameters::gradients(first, joined, shape, &inner_gradient),
+                    || ConvolutionParameters::gradients(second, inner, inner_shape, gradient),
                 )
             },
-            || input_gradient(first, self.weights[0], &inner_gradient, shape, finish),
+            || input_gradient(first, self.weights[0], &inner_gradient, shape, epilogue),
         );
         (input, [first_gradients, second_gradients])
     }
@@ -182,8 +182,8 @@ impl Modulation<'_> {
         });
         let extent = (joined_shape, self.inner_slope);
         let (joined_gradient, of_scale) =
-            self.scale.backward((joined, inner[0]), &scale, extent, Finish::Leak(1.0));
-        let add = Finish::LeakThenAdd(1.0, &joined_gradient);
+            self.scale.backward((joined, inner[0]), &scale, extent, Epilogue::Leak(1.0));
+        let add = Epilogue::LeakThenAdd(1.0, &joined_gradient);
         let (joined_gradient, of_offset) = self.offset.backward((joined, inner[1]), &offset, extent, add);
         let map = split(&joined_gradient, shape, joined_shape, &mut direct);
         ModulationGradients { x: direct, map, parameters: [of_scale, of_offset] }
@@ -243,8 +243,10 @@ mod tests {
             let [w1, b1, w2, b2] = parameters else { panic!("four tensors") };
             let first = Geometry::three_by_three(joined_channels, b1.len());
             let joined_shape = shape.with_channels(joined_channels);
-            let inner =
-                naive::finish(Finish::Leak(0.2), &naive::convolution(first, w1, b1, &joined, joined_shape));
+            let inner = naive::epilogue(
+                Epilogue::Leak(0.2),
+                &naive::convolution(first, w1, b1, &joined, joined_shape),
+            );
             let second = Geometry::three_by_three(b1.len(), b2.len());
             naive::convolution(second, w2, b2, &inner, shape.with_channels(b1.len()))
         };
@@ -252,7 +254,7 @@ mod tests {
         let values = x.iter().zip(scale).zip(offset);
         let sums: Vec<f64> =
             values.map(|((x, scale), offset)| f64::from(*x) / (1.0 + (-scale).exp()) + offset).collect();
-        naive::finish(Finish::Leak(slope), &sums)
+        naive::epilogue(Epilogue::Leak(slope), &sums)
     }
 
     #[test]
@@ -286,7 +288,7 @@ mod tests {
                 let kept = Kept { joined, inner: [scale, offset], share };
                 let gradients = modulation.backward(&tensors[0], kept, (&output, &gradient), shape);
                 let mut found = vec![gradients.x, gradients.map];
-                for Parameters { weight, bias } in gradients.parameters.into_iter().flatten() {
+                for ConvolutionParameters { weight, bias } in gradients.parameters.into_iter().flatten() {
                     found.extend([weight, bias]);
                 }
                 found

@@ -1,10 +1,10 @@
 //! The operations at the sizes that the published network has, against their equations in f64: sums in several groups,
 //! rows of more than one batch of tiles, filters within an image.
 
-use super::gradient::{Parameters, input_gradient};
+use super::gradient::{ConvolutionParameters, input_gradient};
 use super::testing::{Values, assert_close, naive, on_every_isa};
 use super::winograd;
-use super::{Convolution, DynamicFilter, Finish, Geometry, Isa, Shape};
+use super::{Convolution, DynamicFilter, Epilogue, Geometry, Isa, Shape};
 
 /// Sums of up to 70,000 products round to some 1e-6 of the largest; a group that is left out is a tenth of it.
 #[test]
@@ -30,7 +30,9 @@ fn weight_gradients_of_several_groups_agree_with_the_sum_written_down() {
         let expected = naive::weight_gradient(geometry, &input, shape, &gradient);
         let sum = |o: usize| gradient.iter().skip(o).step_by(outputs).map(|g| f64::from(*g)).sum();
         let biases: Vec<f64> = (0..outputs).map(sum).collect();
-        for (isa, found) in on_every_isa(|| Parameters::gradients(geometry, &input, shape, &gradient)) {
+        for (isa, found) in
+            on_every_isa(|| ConvolutionParameters::gradients(geometry, &input, shape, &gradient))
+        {
             let what = format!("{} {geometry:?} {shape:?}", isa.name());
             assert_close(&found.weight, &expected, 1e-5, &what);
             assert_close(&found.bias, &biases, 1e-5, &what);
@@ -49,7 +51,7 @@ fn input_gradients_of_wide_images_agree_with_the_sum_written_down() {
         let weight = values.take_scaled(geometry.weight_len(), 9 * inputs);
         let gradient = values.take(geometry.output_shape(shape).len());
         let expected = naive::input_gradient(geometry, &weight, &gradient, shape);
-        let found = on_every_isa(|| input_gradient(geometry, &weight, &gradient, shape, Finish::Leak(1.0)));
+        let found = on_every_isa(|| input_gradient(geometry, &weight, &gradient, shape, Epilogue::Leak(1.0)));
         for (isa, found) in found {
             assert_close(&found, &expected, 4e-6, &format!("{} {geometry:?} {shape:?}", isa.name()));
         }
@@ -82,9 +84,11 @@ fn rows_of_several_batches_of_tiles_agree_with_the_sum_written_down() {
             } else {
                 Convolution::for_isa(isa, geometry, &weight, &bias)
             };
-            for finish in [Finish::Leak(0.2), Finish::LeakThenAdd(0.2, &other), Finish::Gate(0.3, &other)] {
-                let found = convolution.apply(&input, shape, finish);
-                let expected = naive::finish(finish, &sums);
+            for epilogue in
+                [Epilogue::Leak(0.2), Epilogue::LeakThenAdd(0.2, &other), Epilogue::Gate(0.3, &other)]
+            {
+                let found = convolution.apply(&input, shape, epilogue);
+                let expected = naive::epilogue(epilogue, &sums);
                 assert_close(&found, &expected, 4e-6, &format!("{} {geometry:?} {shape:?}", isa.name()));
             }
         }
@@ -101,7 +105,7 @@ fn rows_of_several_batches_are_rounded_to_bfloat16_and_no_more() {
         let weight = values.take_scaled(geometry.weight_len(), 9 * 32);
         let bias = values.take(32);
         let found =
-            Convolution::for_isa(isa, geometry, &weight, &bias).apply(&input, shape, Finish::Leak(1.0));
+            Convolution::for_isa(isa, geometry, &weight, &bias).apply(&input, shape, Epilogue::Leak(1.0));
         let expected = naive::convolution(geometry, &weight, &bias, &input, shape);
         assert_close(&found, &expected, 2e-2, isa.name());
     }

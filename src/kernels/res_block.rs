@@ -6,8 +6,8 @@
 
 use super::convolution::Convolution;
 use super::direct::forward::Geometry;
-use super::finish::Finish;
-use super::gradient::{Parameters, input_gradient};
+use super::epilogue::Epilogue;
+use super::gradient::{ConvolutionParameters, input_gradient};
 use super::shape::Shape;
 
 /// A residual block with its parameters.
@@ -27,7 +27,7 @@ pub struct ResBlockGradients {
     /// Of its input.
     pub input: Vec<f32>,
     /// Of the two convolutions' parameters.
-    pub parameters: [Parameters; 2],
+    pub parameters: [ConvolutionParameters; 2],
 }
 
 impl ResBlock<'_> {
@@ -38,8 +38,8 @@ impl ResBlock<'_> {
     pub fn forward(&self, x: &[f32], shape: Shape) -> (Vec<f32>, Vec<f32>) {
         let geometry = Geometry::three_by_three(shape.channels, shape.channels);
         let convolution = |i: usize| Convolution::new(geometry, self.weights[i], self.biases[i]);
-        let inner = convolution(0).apply(x, shape, Finish::Leak(self.slope));
-        let output = convolution(1).apply(&inner, shape, Finish::LeakThenAdd(1.0, x));
+        let inner = convolution(0).apply(x, shape, Epilogue::Leak(self.slope));
+        let output = convolution(1).apply(&inner, shape, Epilogue::LeakThenAdd(1.0, x));
         (inner, output)
     }
 
@@ -51,14 +51,14 @@ impl ResBlock<'_> {
         let lengths = (x.len(), inner.len(), gradient.len());
         assert_eq!(lengths, (shape.len(), shape.len(), shape.len()), "floats of {shape:?}");
         let geometry = Geometry::three_by_three(shape.channels, shape.channels);
-        let gate = Finish::Gate(self.slope, inner);
+        let gate = Epilogue::Gate(self.slope, inner);
         let inner_gradient = input_gradient(geometry, self.weights[1], gradient, shape, gate);
-        let add = Finish::LeakThenAdd(1.0, gradient);
+        let add = Epilogue::LeakThenAdd(1.0, gradient);
         let ((first, second), input) = rayon::join(
             || {
                 rayon::join(
-                    || Parameters::gradients(geometry, x, shape, &inner_gradient),
-                    || Parameters::gradients(geometry, inner, shape, gradient),
+                    || ConvolutionParameters::gradients(geometry, x, shape, &inner_gradient),
+                    || ConvolutionParameters::gradients(geometry, inner, shape, gradient),
                 )
             },
             || input_gradient(geometry, self.weights[0], &inner_gradient, shape, add),
@@ -76,7 +76,7 @@ mod tests {
     fn naive_block(parameters: &[Vec<f32>], shape: Shape) -> Vec<f64> {
         let geometry = Geometry::three_by_three(shape.channels, shape.channels);
         let [x, w1, b1, w2, b2] = parameters else { panic!("five tensors") };
-        let inner = naive::finish(Finish::Leak(0.2), &naive::convolution(geometry, w1, b1, x, shape));
+        let inner = naive::epilogue(Epilogue::Leak(0.2), &naive::convolution(geometry, w1, b1, x, shape));
         let sums = naive::convolution(geometry, w2, b2, &inner, shape);
         sums.iter().zip(x).map(|(s, x)| s + f64::from(*x)).collect()
     }

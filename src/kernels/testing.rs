@@ -105,7 +105,7 @@ pub(crate) fn check_gradients(
 
 /// The operations as their equations say, in f64.
 pub(crate) mod naive {
-    use crate::kernels::{Finish, Geometry, Shape};
+    use crate::kernels::{Epilogue, Geometry, Shape};
 
     fn at<T: Copy + Into<f64>>(input: &[T], shape: Shape, n: usize, (y, x): (isize, isize), c: usize) -> f64 {
         let inside = |v: isize, extent: usize| v >= 0 && v < extent.cast_signed();
@@ -196,13 +196,13 @@ pub(crate) mod naive {
     }
 
     /// Bias is in the sums already: activation, addition or gate.
-    pub(crate) fn finish(finish: Finish<'_>, sums: &[f64]) -> Vec<f64> {
+    pub(crate) fn epilogue(epilogue: Epilogue<'_>, sums: &[f64]) -> Vec<f64> {
         let leak =
             |sign: f64, value: f64, slope: f32| if sign > 0.0 { value } else { value * f64::from(slope) };
-        let one = |(i, v): (usize, &f64)| match finish {
-            Finish::Leak(slope) => leak(*v, *v, slope),
-            Finish::LeakThenAdd(slope, other) => leak(*v, *v, slope) + f64::from(other[i]),
-            Finish::Gate(slope, sign) => leak(f64::from(sign[i]), *v, slope),
+        let one = |(i, v): (usize, &f64)| match epilogue {
+            Epilogue::Leak(slope) => leak(*v, *v, slope),
+            Epilogue::LeakThenAdd(slope, other) => leak(*v, *v, slope) + f64::from(other[i]),
+            Epilogue::Gate(slope, sign) => leak(f64::from(sign[i]), *v, slope),
         };
         sums.iter().enumerate().map(one).collect()
     }
@@ -238,7 +238,7 @@ pub(crate) mod naive {
             shape: Shape,
         ) -> Vec<f64> {
             let taps = self.size * self.size;
-            let filters = finish(Finish::Leak(self.slope), &self.filters(condition, shape));
+            let filters = epilogue(Epilogue::Leak(self.slope), &self.filters(condition, shape));
             let mut output = Vec::new();
             for i in 0..shape.len() {
                 let tap = |t: usize| filters[i * taps + t] * features[self.seen(i, t, shape)].into();

@@ -6,8 +6,8 @@
 
 use super::convolution::{Convolution, shuffled_output};
 use super::direct::forward::Geometry;
-use super::finish::Finish;
-use super::gradient::{Parameters, input_gradient};
+use super::epilogue::Epilogue;
+use super::gradient::{ConvolutionParameters, input_gradient};
 use super::scratch::by_chunks;
 use super::shape::Shape;
 use super::simd::Isa;
@@ -31,7 +31,7 @@ impl UpConvolution<'_> {
     /// When a slice's length, or that of a parameter, is not that of the shape.
     pub fn forward(&self, x: &[f32], shape: Shape) -> Vec<f32> {
         let up = Convolution::up(Isa::current(), shape.channels, self.weight, self.bias);
-        up.apply(x, shape, Finish::Leak(self.slope))
+        up.apply(x, shape, Epilogue::Leak(self.slope))
     }
 
     /// Takes the gradient of the result back to that of `x` and of the parameters, given the result.
@@ -44,7 +44,7 @@ impl UpConvolution<'_> {
         shape: Shape,
         output: &[f32],
         gradient: &[f32],
-    ) -> (Vec<f32>, Parameters) {
+    ) -> (Vec<f32>, ConvolutionParameters) {
         let outputs = self.bias.len();
         let channels = outputs / 4;
         assert!(outputs.is_multiple_of(4), "{outputs} outputs to shuffle");
@@ -58,10 +58,11 @@ impl UpConvolution<'_> {
             (0..outputs).map(|o| &self.weight[shuffled_output(o, channels) * row_len..][..row_len]).collect();
         let weight = rows.concat();
         let (input, sums) = rayon::join(
-            || input_gradient(geometry, &weight, &gated, shape, Finish::Leak(1.0)),
-            || Parameters::gradients(geometry, x, shape, &gated),
+            || input_gradient(geometry, &weight, &gated, shape, Epilogue::Leak(1.0)),
+            || ConvolutionParameters::gradients(geometry, x, shape, &gated),
         );
-        let mut parameters = Parameters { weight: vec![0.0; weight.len()], bias: vec![0.0; outputs] };
+        let mut parameters =
+            ConvolutionParameters { weight: vec![0.0; weight.len()], bias: vec![0.0; outputs] };
         for o in 0..outputs {
             let place = shuffled_output(o, channels);
             parameters.bias[place] = sums.bias[o];
@@ -113,7 +114,7 @@ mod tests {
             let loss = |tensors: &[Vec<f32>]| {
                 let sums = naive::convolution(geometry, &tensors[1], &tensors[2], &tensors[0], shape);
                 let shuffled = naive::pixel_shuffle(&sums, shape.with_channels(4 * channels));
-                dot(&naive::finish(Finish::Leak(0.2), &shuffled), &gradient)
+                dot(&naive::epilogue(Epilogue::Leak(0.2), &shuffled), &gradient)
             };
             check_gradients(vec![x.clone(), weight.clone(), bias.clone()], &found, loss);
         }

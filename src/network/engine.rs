@@ -17,9 +17,9 @@ use crate::core::image::CHANNELS;
 use crate::core::progress::Progress;
 use crate::kernels::Isa;
 
-/// Feature maps as wide as what the widest layer of a resolution reads and writes together that exist at once: those of
-/// the layer, its sums before the activation, and skip connections.
-const LIVE_FEATURES: usize = 4;
+/// Feature maps as wide as what the widest layer of a resolution reads and writes together that exist at once. Peaks of four
+/// networks with the kernels were those of 1 to 2.2; plain operations hold sums and copies of another layout too.
+const LIVE_FEATURES: usize = 3;
 
 /// A network ready to restore whole images, one after another or several at once.
 pub(super) trait Engine: Debug + Send + Sync {

@@ -13,7 +13,7 @@ use super::parameters::Parameters;
 use crate::core::error::Result;
 use crate::core::image::CHANNELS;
 use crate::core::progress::Progress;
-use crate::kernels::stream::{Arena, Network, Plan, Source, Tensor};
+use crate::kernels::stream::{Arena, Graph, Plan, Source, Tensor};
 use crate::kernels::{Convolution, Geometry, Isa};
 
 /// Bytes per weight: itself, and Winograd's 36 points for 9 taps.
@@ -51,7 +51,7 @@ impl Part {
 /// A network whose weights are packed for the kernels: the engine of CPUs.
 pub(super) struct Streamed {
     architecture: Architecture,
-    network: Network,
+    network: Graph,
     /// What each of the network's inputs is made of.
     inputs: Vec<Vec<Part>>,
     /// Number of weights that were made of the named ones, to be packed in their place.
@@ -77,7 +77,7 @@ impl Streamed {
         let mut build = StreamBuilder {
             values: parameters.iter().map(|p| (p.name.as_str(), p.values.as_slice())).collect(),
             isa,
-            network: Network::default(),
+            network: Graph::default(),
             inputs: Vec::new(),
             derived_weights: 0,
         };
@@ -165,7 +165,7 @@ fn fill_row(parts: &[ArrayView3<'_, f32>], y: usize, row: &mut [f32]) {
 pub(super) struct StreamBuilder<'a> {
     values: HashMap<&'a str, &'a [f32]>,
     pub(super) isa: Isa,
-    pub(super) network: Network,
+    pub(super) network: Graph,
     inputs: Vec<Vec<Part>>,
     /// Number of weights that were made of the named ones.
     pub(super) derived_weights: usize,

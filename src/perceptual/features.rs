@@ -1,7 +1,7 @@
 //! A frozen convolution of a recognition network, and the images that it reads.
 
 use crate::core::image::CHANNELS;
-use crate::kernels::{Convolution, Finish, Geometry, Isa, Shape};
+use crate::kernels::{Convolution, Epilogue, Geometry, Isa, Shape};
 
 /// Numbers with their extent, `[image, row, column, channel]`.
 #[derive(Clone, Debug)]
@@ -43,7 +43,7 @@ impl Features {
     pub(super) fn convolve(&self, convolution: &Convolution, slope: f32) -> Self {
         let shape = convolution.output_shape(self.shape);
         let mut values = vec![0.0; shape.len()];
-        convolution.forward(&self.values, self.shape, Finish::Leak(slope), &mut values);
+        convolution.forward(&self.values, self.shape, Epilogue::Leak(slope), &mut values);
         Self { values, shape }
     }
 }

@@ -22,7 +22,7 @@ pub struct DisplayConfig {
     /// The source and the lens.
     pub optics: OpticsConfig,
     /// The sensor.
-    pub sensor: SensorConfig,
+    pub sensor: PixelConfig,
     /// The light that each colour channel sees.
     pub spectrum: SpectrumConfig,
     /// The grid of the computation; left out, it is chosen.
@@ -64,14 +64,14 @@ impl Default for OpticsConfig {
 /// The sensor's pixels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
-pub struct SensorConfig {
+pub struct PixelConfig {
     /// The side of a square pixel; all of its area collects light.
     pub pixel_pitch_um: f64,
     /// The side of the square PSF in pixels.
     pub size_px: usize,
 }
 
-impl Default for SensorConfig {
+impl Default for PixelConfig {
     fn default() -> Self {
         Self { pixel_pitch_um: 1.12, size_px: 800 }
     }

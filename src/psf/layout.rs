@@ -8,7 +8,7 @@ use crate::core::error::{Error, Result};
 use crate::io::read_pixels;
 
 use super::display::{Direction, Grey, LayoutConfig, LayoutKind, WiringConfig};
-use super::shape::Shape;
+use super::shape::Outline;
 
 /// One period of a display: the factor t on the field, constant over each raster square.
 ///
@@ -113,7 +113,7 @@ fn rounded_up(count: f64) -> usize {
 
 /// A region at its place, repeated with the cell.
 struct Placed {
-    shape: Shape,
+    outline: Outline,
     y_um: f64,
     x_um: f64,
     transmittance: f64,
@@ -135,7 +135,7 @@ fn draw_panel(layout: &LayoutConfig, band_per_m: f64) -> UnitCell {
         transmittance.indexed_iter_mut().for_each(|((row, column), t)| {
             let dy = wrapped(place(row) - region.y_um, side_um);
             let dx = wrapped(place(column) - region.x_um, side_um);
-            let covered = region.shape.coverage(dy, dx, raster_um);
+            let covered = region.outline.coverage(dy, dx, raster_um);
             *t += covered * (region.transmittance - *t);
         });
     }
@@ -166,7 +166,8 @@ fn placed_regions(layout: &LayoutConfig, pitch_um: f64) -> Vec<Placed> {
     };
     let placed = |region: &_, y_um, x_um| {
         let region: &super::display::RegionConfig = region;
-        Placed { shape: Shape::of(region), y_um, x_um, transmittance: region.transmittance }
+        let outline = Outline::new(region.shape, [region.height_um, region.width_um], region.corner_um);
+        Placed { outline, y_um, x_um, transmittance: region.transmittance }
     };
     let mut regions: Vec<Placed> = sub_pixels
         .into_iter()

@@ -2,8 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::display::RegionConfig;
-
 /// The outline of a region.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -19,7 +17,7 @@ pub enum ShapeKind {
 
 /// An outline around the origin; lengths in one unit of the caller's choice.
 #[derive(Clone, Copy, Debug)]
-pub struct Shape {
+pub struct Outline {
     kind: ShapeKind,
     half_width: f64,
     half_height: f64,
@@ -30,15 +28,10 @@ pub struct Shape {
 /// to about 1/256 of it.
 const EDGE_SAMPLES: usize = 16;
 
-impl Shape {
-    /// The outline of a region, in micrometres.
-    pub fn of(region: &RegionConfig) -> Self {
-        Self {
-            kind: region.shape,
-            half_width: region.width_um / 2.0,
-            half_height: region.height_um / 2.0,
-            corner: region.corner_um,
-        }
+impl Outline {
+    /// An outline of these sides; only a rectangle has corners to round.
+    pub fn new(kind: ShapeKind, [height, width]: [f64; 2], corner: f64) -> Self {
+        Self { kind, half_width: width / 2.0, half_height: height / 2.0, corner }
     }
 
     /// Whether a point lies inside.
@@ -92,13 +85,11 @@ mod tests {
     use std::f64::consts::PI;
 
     fn area(kind: ShapeKind, corner_um: f64) -> f64 {
-        let region =
-            RegionConfig { shape: kind, width_um: 20.0, height_um: 12.0, corner_um, transmittance: 1.0 };
-        let shape = Shape::of(&region);
+        let outline = Outline::new(kind, [12.0, 20.0], corner_um);
         let side = 0.37;
         let places = |index: i32| f64::from(index) * side;
         let squares = (-40..=40).flat_map(|y| (-40..=40).map(move |x| (places(y), places(x))));
-        squares.map(|(y, x)| shape.coverage(y, x, side)).sum::<f64>() * side * side
+        squares.map(|(y, x)| outline.coverage(y, x, side)).sum::<f64>() * side * side
     }
 
     /// Straight sides are placed to 1/32 of a square of 0.37 µm: at worst 2 · 0.012 · (1/20 + 1/12) of the area.

@@ -47,7 +47,7 @@ enum Light {
     /// An image.
     Image(Capture),
     /// Raw pictures, of which the image is to be made, and the names of their files.
-    Pictures(Pictures, String),
+    Pictures(Box<Pictures>, String),
 }
 
 impl Capture {
@@ -96,7 +96,7 @@ impl CaptureReading {
         }
         let mut pictures = Pictures::read(files, told, progress)?;
         let warnings = std::mem::take(&mut pictures.warnings);
-        Ok(Self { warnings, light: Light::Pictures(pictures, name) })
+        Ok(Self { warnings, light: Light::Pictures(Box::new(pictures), name) })
     }
 
     /// Whether the image is yet to be made of raw pictures.

@@ -12,7 +12,7 @@ use crate::core::image::{CHANNELS, Domain, Image};
 pub enum Highlights {
     /// What the network or the deconvolution made of them.
     #[default]
-    Network,
+    Restored,
     /// The capture's own values in every saturated pixel.
     Keep,
     /// The capture's own values inside of saturated areas, fading to the restored ones at their edges.
@@ -46,7 +46,7 @@ pub fn blend_highlights<D: Domain>(
     saturated_from: [f32; CHANNELS],
     highlights: Highlights,
 ) -> Result<Image<D>> {
-    if highlights == Highlights::Network {
+    if highlights == Highlights::Restored {
         return Ok(restored);
     }
     let mut planes = restored.into_planes();
@@ -212,7 +212,7 @@ mod tests {
         assert_eq!((kept.planes()[[0, 5, 5]], kept.planes()[[0, 5, 6]]), (500.0, 2.0));
         let none = blend_highlights(restored.clone(), &capture, [501.0; 3], Highlights::Keep).unwrap();
         assert_eq!(none, restored);
-        let network = blend_highlights(restored.clone(), &capture, [499.5; 3], Highlights::Network).unwrap();
+        let network = blend_highlights(restored.clone(), &capture, [499.5; 3], Highlights::Restored).unwrap();
         assert_eq!(network, restored);
     }
 

@@ -41,4 +41,12 @@ impl Precision {
             Self::Bf16 => "bf16",
         }
     }
+
+    /// The name of a model in tables, where several precisions of it may be.
+    pub fn name_of(self, model: &str) -> String {
+        match self {
+            Self::F32 => model.to_owned(),
+            Self::Bf16 => format!("{model}, bf16"),
+        }
+    }
 }

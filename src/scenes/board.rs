@@ -2,28 +2,8 @@
 
 use rand::RngExt as _;
 
-use super::canvas::{Light, Region, Rgb, Shape, hash_to_unit, scale};
+use super::canvas::{Light, Region, Rgb, Shape, scale};
 use crate::core::rng::Rng;
-
-/// Sixteen letters of an invented script on a grid of 5 × 7 dots, one byte a row, the left dot in bit 4.
-const LETTERS: [[u8; 7]; 16] = [
-    [0x0E, 0x11, 0x11, 0x1F, 0x11, 0x11, 0x11],
-    [0x1E, 0x11, 0x1E, 0x11, 0x11, 0x11, 0x1E],
-    [0x0F, 0x10, 0x10, 0x10, 0x10, 0x10, 0x0F],
-    [0x1F, 0x10, 0x1E, 0x10, 0x10, 0x10, 0x1F],
-    [0x11, 0x11, 0x1F, 0x11, 0x11, 0x11, 0x11],
-    [0x1F, 0x04, 0x04, 0x04, 0x04, 0x04, 0x1F],
-    [0x11, 0x12, 0x14, 0x18, 0x14, 0x12, 0x11],
-    [0x10, 0x10, 0x10, 0x10, 0x10, 0x10, 0x1F],
-    [0x11, 0x1B, 0x15, 0x15, 0x11, 0x11, 0x11],
-    [0x11, 0x19, 0x15, 0x13, 0x11, 0x11, 0x11],
-    [0x0E, 0x11, 0x11, 0x11, 0x11, 0x11, 0x0E],
-    [0x1E, 0x11, 0x11, 0x1E, 0x10, 0x10, 0x10],
-    [0x0F, 0x10, 0x10, 0x0E, 0x01, 0x01, 0x1E],
-    [0x1F, 0x04, 0x04, 0x04, 0x04, 0x04, 0x04],
-    [0x11, 0x11, 0x11, 0x11, 0x11, 0x11, 0x0E],
-    [0x1F, 0x02, 0x04, 0x04, 0x08, 0x10, 0x1F],
-];
 
 pub(super) fn shapes(rng: &mut Rng) -> Vec<Shape> {
     let cork = Light::Noise([0.16, 0.11, 0.06], rng.random_range(50.0..110.0), 0.8, rng.random());
@@ -69,32 +49,5 @@ fn lamps(rng: &mut Rng, shapes: &mut Vec<Shape>) {
         let tint: Rgb = std::array::from_fn(|_| rng.random_range(0.5..1.0));
         let light = scale(&tint, rng.random_range(500.0..1500.0));
         shapes.push(Shape::opaque(Region::Disc(centre), Light::Flat(light)));
-    }
-}
-
-/// Whether a point of a text is ink; x and y are in units of the height of a letter, from the text's corner.
-///
-/// A letter takes 5 × 7 of the 7 × 11 dots of its cell; every sixth letter or so is a blank.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "dots of a cell are 0 to 10")]
-pub(super) fn is_ink(x: f32, y: f32, seed: u32) -> bool {
-    let (column, row) = (x * 7.0, y * 7.0);
-    let (cell_x, cell_y) = ((column / 7.0).floor(), (row / 11.0).floor());
-    let (dot_x, dot_y) = ((column - 7.0 * cell_x) as usize, (row - 11.0 * cell_y) as usize);
-    if dot_x >= 5 || dot_y >= 7 {
-        return false;
-    }
-    let choice = (hash_to_unit(cell_x, cell_y, seed) * 19.0) as usize;
-    LETTERS.get(choice).is_some_and(|letter| letter[dot_y] >> (4 - dot_x) & 1 == 1)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn text_has_ink_in_letters_and_none_between_rows() {
-        let inked = |y: f32| (0..700).filter(|&i| is_ink(f32::from(i as u16) * 0.05, y, 3)).count();
-        assert!(inked(0.5) > 50);
-        assert_eq!(inked(1.3), 0);
     }
 }

@@ -8,7 +8,9 @@ mod board;
 mod canvas;
 pub mod point_source;
 mod room;
+mod script;
 mod street;
+mod values;
 
 use rayon::prelude::*;
 
@@ -43,7 +45,7 @@ impl SceneKind {
 
 /// A painted scene and its name, which is unique within a set.
 #[derive(Clone, Debug)]
-pub struct Scene {
+pub struct PaintedScene {
     /// `street-00`, `room-01`, …
     pub name: String,
     /// The scene's light.
@@ -54,7 +56,7 @@ pub struct Scene {
 ///
 /// # Errors
 /// [`Error::Shape`](crate::core::error::Error::Shape) when `size_px` is zero.
-pub fn paint(kind: SceneKind, index: usize, size_px: usize, seed: u64) -> Result<Scene> {
+pub fn paint(kind: SceneKind, index: usize, size_px: usize, seed: u64) -> Result<PaintedScene> {
     let name = format!("{}-{index:02}", kind.name());
     let mut rng = rng::stream(seed, &format!("scene/{name}"));
     let shapes = match kind {
@@ -62,14 +64,14 @@ pub fn paint(kind: SceneKind, index: usize, size_px: usize, seed: u64) -> Result
         SceneKind::Room => room::shapes(&mut rng),
         SceneKind::Board => board::shapes(&mut rng),
     };
-    Ok(Scene { name, image: canvas::render(&shapes, size_px)? })
+    Ok(PaintedScene { name, image: canvas::render(&shapes, size_px)? })
 }
 
 /// Paints `count` scenes, cycling through the kinds, starting with scene `first` of the endless sequence.
 ///
 /// # Errors
 /// As [`paint`].
-pub fn scenes(first: usize, count: usize, size_px: usize, seed: u64) -> Result<Vec<Scene>> {
+pub fn scenes(first: usize, count: usize, size_px: usize, seed: u64) -> Result<Vec<PaintedScene>> {
     let kinds = SceneKind::ALL;
     (first..first + count)
         .into_par_iter()

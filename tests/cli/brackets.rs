@@ -51,7 +51,7 @@ fn exposure_times_in_seconds_give_the_same_image_as_ratios() {
     let scratch = scratch();
     let of = |command: &[&str], times: &str| made(scratch.path(), command, &["--exposures", times]);
     let restore = ["restore", "--method", "wiener", "--psf", "psf.exr"];
-    let psf = ["fuse", "--psf", "--normalize", "none", "--size", "24"];
+    let psf = ["fuse", "--point-source", "--normalize", "none", "--size", "24"];
     for command in [&["fuse"][..], &["fuse", "--merge", "weighted"], &psf, &restore] {
         let shares = of(command, "1,1/4,1/16");
         for times in ["1/60,1/240,1/960", "16,4,1", "0.3,0.075,0.01875"] {

@@ -195,7 +195,7 @@ fn measures_models_and_the_degraded_images_of_a_dataset() {
         "{said}"
     );
 
-    let treated = ["--model", "1.pth", "--highlights", "network,keep,blend", "-o", "highlights"];
+    let treated = ["--model", "1.pth", "--highlights", "restored,keep,blend", "-o", "highlights"];
     succeed(scratch.path(), &[&["eval", "dataset"][..], &treated].concat());
     let table = std::fs::read_to_string(scratch.path().join("highlights/table.md")).unwrap();
     assert!(

@@ -51,7 +51,8 @@ fn fuses_a_bracket_to_the_scene() {
 fn fuses_a_bracket_to_a_psf_with_its_quality() {
     let folder = tempdir().unwrap();
     write_bracket(folder.path(), &scene(3));
-    let args = ["fuse", "a.npy", "b.npy", "c.npy", "-o", "psf.exr", "--psf", "--size", "40", "--json"];
+    let args =
+        ["fuse", "a.npy", "b.npy", "c.npy", "-o", "psf.exr", "--point-source", "--size", "40", "--json"];
     let summary: Value = serde_json::from_str(&succeed(folder.path(), &args)).unwrap();
     assert_eq!(summary["psf"]["displacement-px"], serde_json::json!([1, 0]));
     let ratio = summary["psf"]["channels"][1]["peak-to-sidelobe"].as_f64().unwrap();
@@ -130,7 +131,8 @@ fn refuses_an_impossible_size_before_it_reads_pictures() {
     let folder = tempdir().unwrap();
     std::fs::write(folder.path().join("a.npy"), "no picture").unwrap();
     for size in ["0", "100000", "18446744073709551615"] {
-        let message = fail(folder.path(), &["fuse", "a.npy", "-o", "o.exr", "--psf", "--size", size], 1);
+        let message =
+            fail(folder.path(), &["fuse", "a.npy", "-o", "o.exr", "--point-source", "--size", size], 1);
         assert!(message.contains("between 1 and 8192"), "{message}");
     }
 }

@@ -146,7 +146,7 @@ fn psfs_that_udc_wrote_are_read_without_a_warning() {
         (700.0 * spot(33.0, 30.0) + 2.0 * spot(33.0, 42.0) + 0.01).min(1.0)
     });
     write(&folder.join("source.npy"), source);
-    succeed(folder, &["fuse", "source.npy", "--psf", "--size", "40", "-o", "measured.exr"]);
+    succeed(folder, &["fuse", "source.npy", "--point-source", "--size", "40", "-o", "measured.exr"]);
     succeed(folder, &["convert", "simulated.exr", "half.exr", "--half"]);
     for name in ["simulated.exr", "measured.exr", "half.exr"] {
         let bank = format!("{name}.safetensors");

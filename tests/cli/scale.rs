@@ -142,7 +142,7 @@ fn noise_is_that_of_a_capture_not_thirty_one_times_poorer() {
     fs::create_dir(folder.join("flat")).unwrap();
     io::write_image(&folder.join("flat/grey_01.npy"), &flat, &WriteOptions::default()).unwrap();
     let noise = sensor();
-    let flags = ["--split", "test", "--boundary", "replicate", "--noise", &noise];
+    let flags = ["--split", "test", "--border", "replicate", "--noise", &noise];
     succeed(folder, &[&["synth", "flat", "--psf", "psf.npy", "-o", "dataset"][..], &flags].concat());
     let dataset = Dataset::open(&folder.join("dataset")).unwrap();
     let path = folder.join("dataset").join(&dataset.triplets[0].degraded);

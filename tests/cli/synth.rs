@@ -89,7 +89,7 @@ fn writes_a_dataset_that_opens_and_keeps_panoramas_together() {
 #[test]
 fn one_and_two_threads_write_the_same_bytes() {
     let folder = scratch();
-    let flags = ["--noise", "sensor", "--boundary", "reflect", "--seed", "7"];
+    let flags = ["--noise", "sensor", "--border", "reflect", "--seed", "7"];
     synth(folder.path(), "one", &[&flags[..], &["--threads", "1"]].concat());
     synth(folder.path(), "two", &[&flags[..], &["--threads", "2"]].concat());
     let (one, two) = (contents(&folder.path().join("one")), contents(&folder.path().join("two")));
@@ -393,7 +393,7 @@ fn the_psf_may_change_over_the_frame() {
     io::write_psf(&folder.path().join("turned.npy"), &turned, &WriteOptions::default()).unwrap();
     write_field(folder.path(), "field.toml", &["psf.npy", "turned.npy"]);
     write_field(folder.path(), "same.toml", &["psf.npy", "psf.npy"]);
-    let said = synth(folder.path(), "dataset", &["--field", "field.toml", "--boundary", "replicate"]);
+    let said = synth(folder.path(), "dataset", &["--field", "field.toml", "--border", "replicate"]);
     assert!(said.contains("through 1 kernels: 5 images"), "{said}");
     let root = folder.path().join("dataset");
     let dataset = Dataset::open(&root).unwrap();
@@ -412,7 +412,7 @@ fn the_psf_may_change_over_the_frame() {
     synth(
         folder.path(),
         "poor",
-        &["--field", "field.toml", "--boundary", "replicate", "--max-memory", "200kB"],
+        &["--field", "field.toml", "--border", "replicate", "--max-memory", "200kB"],
     );
     assert!(contents(&folder.path().join("poor")) == contents(&root), "different bytes");
     let views = ["synth", "views", "-o"];
@@ -500,7 +500,7 @@ fn says_what_is_wrong_with_its_flags() {
     fs::write(folder.path().join("sensor.toml"), "full-wel-e = 3.0\n").unwrap();
     assert!(with(&["--noise", "sensor:sensor.toml"], 2).contains("full-wel-e"));
     assert!(with(&["--shard", "3/2"], 2).contains("I/N"));
-    assert!(with(&["--boundary", "wrap"], 2).contains("replicate"));
+    assert!(with(&["--border", "wrap"], 2).contains("replicate"));
     assert!(with(&["--seed", "9223372036854775808"], 2).contains("9223372036854775807"));
     assert!(with(&["--x-max", "-5"], 2).contains("-5") || with(&["--x-max=-5"], 1).contains("x-max"));
     assert!(with(&["--test-fraction", "1.5"], 1).contains("test-fraction"));

@@ -4,10 +4,9 @@
 use std::path::Path;
 
 use ndarray::{Array2, Array3, ArrayView2};
-use udc::codes::rotate;
+use udc::codes::{CubicSpline, rotate};
 use udc::core::progress::Progress;
 use udc::core::psf::Psf;
-use udc::core::resample::CubicSpline;
 use udc::io::{PixelOptions, Pixels, read_text, write_pixels};
 use udc::psf::display::{LayoutConfig, LayoutKind, RegionConfig, SpectrumConfig};
 use udc::psf::{DisplayConfig, simulate_psf, simulate_turned};

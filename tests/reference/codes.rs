@@ -3,9 +3,8 @@
 use std::path::PathBuf;
 
 use ndarray::{Array2, ArrayD, Axis};
-use udc::codes::{make_bank, project, rotate};
+use udc::codes::{CubicSpline, make_bank, project, rotate};
 use udc::core::psf::Psf;
-use udc::core::resample::CubicSpline;
 use udc::io;
 
 fn fixture(name: &str) -> PathBuf {

@@ -1,10 +1,11 @@
 //! The flags that decide how every picture looks.
 
 use anyhow::Result;
-use clap::{Args, ValueEnum};
+use clap::Args;
 
-use udc::finish::{ClaheConfig, Clip, Curve, Style};
+use udc::finish::{ClaheConfig, Clip, Curve, CurveKind, Style};
 
+use crate::commands::choices::Choices;
 use crate::commands::misuse;
 
 #[derive(Args, Debug)]
@@ -17,8 +18,8 @@ pub(super) struct StyleArgs {
     no_clip: bool,
     /// How light becomes display values [default: gamma with a --reference or another flag of the curve, else photographic:
     /// an exposure chosen from the picture, with a shoulder where its range asks for one]
-    #[arg(long, value_enum, value_name = "CURVE")]
-    curve: Option<CurveArg>,
+    #[arg(long, value_parser = CURVES, value_name = "CURVE")]
+    curve: Option<CurveKind>,
     /// Exponent's inverse of --curve gamma [default: 2.8]
     #[arg(long, value_name = "G")]
     gamma: Option<f32>,
@@ -36,17 +37,12 @@ pub(super) struct StyleArgs {
     no_clahe: bool,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum CurveArg {
-    /// A power, as the published pictures have
-    Gamma,
-    /// The sRGB curve
-    Srgb,
-    /// A filmic curve with a soft shoulder
-    Aces,
-    /// Light as it is
-    None,
-}
+const CURVES: Choices<CurveKind> = Choices(&[
+    ("gamma", CurveKind::Gamma, "A power, as the published pictures have"),
+    ("srgb", CurveKind::Srgb, "The sRGB curve"),
+    ("aces", CurveKind::Aces, "A filmic curve with a soft shoulder"),
+    ("none", CurveKind::None, "Light as it is"),
+]);
 
 impl StyleArgs {
     /// How pictures shall look; refuses settings of another curve than the chosen one.
@@ -61,31 +57,13 @@ impl StyleArgs {
             clip_limit: self.clip_limit.unwrap_or(default.clip_limit),
             grid: self.grid.map(|side| [side; 2]).or(default.grid),
         };
-        let curve = if self.says_curve() { Some(self.curve()?) } else { None };
+        let curve = || Curve::of_kind(self.curve.unwrap_or_default(), self.gamma, self.max);
+        let curve = self.says_curve().then(curve).transpose().map_err(|reason| misuse("finish", reason))?;
         Ok(Style { clip, curve, clahe: (!self.no_clahe).then_some(clahe) })
     }
 
     /// Whether a flag says how light becomes display values.
     pub(super) fn says_curve(&self) -> bool {
         self.curve.is_some() || self.gamma.is_some() || self.max.is_some()
-    }
-
-    fn curve(&self) -> Result<Curve> {
-        let Curve::Gamma { gamma, max } = Curve::default() else {
-            unreachable!("the default is a gamma curve")
-        };
-        let white = self.max.unwrap_or(1.0);
-        match (self.curve.unwrap_or(CurveArg::Gamma), self.gamma) {
-            (CurveArg::Gamma, given) => {
-                Ok(Curve::Gamma { gamma: given.unwrap_or(gamma), max: self.max.unwrap_or(max) })
-            }
-            (CurveArg::None, _) if self.max.is_some() => {
-                Err(misuse("finish", "--curve none has no --max: light stays as it is"))
-            }
-            (_, Some(_)) => Err(misuse("finish", "--gamma belongs to --curve gamma")),
-            (CurveArg::Srgb, None) => Ok(Curve::Srgb { max: white }),
-            (CurveArg::Aces, None) => Ok(Curve::Aces { max: white }),
-            (CurveArg::None, None) => Ok(Curve::None),
-        }
     }
 }

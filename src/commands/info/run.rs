@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context as _, Result, bail};
 use serde_json::{Map, Value, json};
 
-use udc::io::{Description, describe, read_text};
+use udc::io::{FileDescription, describe, read_text};
 use udc::train::TrainConfig;
 
 /// What a checkpoint goes on from, beside its model.
@@ -50,7 +50,7 @@ pub(super) fn is_checkpoint(folder: &Path) -> bool {
 /// What a checkpoint is, for scripts and for people.
 pub(super) fn examine_checkpoint(folder: &Path) -> Result<(Value, String)> {
     let path = folder.join(STATE);
-    let Description::Model(state) = describe(&path)? else {
+    let FileDescription::Model(state) = describe(&path)? else {
         bail!("{} is no training state", path.display());
     };
     let Some(iteration) = state.metadata.get("iteration") else {

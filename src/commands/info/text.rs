@@ -5,19 +5,19 @@ use std::fmt::Write;
 use udc::core::camera_color::CameraColor;
 use udc::core::capture::CaptureInfo;
 use udc::io::{
-    ArrayDescription, BankDescription, Description, ImageDescription, ModelDescription, PsfDescription,
+    ArrayDescription, BankDescription, FileDescription, ImageDescription, ModelDescription, PsfDescription,
     RawMetadata,
 };
 
 /// Lines of text without a newline at the end.
-pub(super) fn render(description: &Description) -> String {
+pub(super) fn render(description: &FileDescription) -> String {
     let mut text = String::new();
     match description {
-        Description::Image(image) => render_image(&mut text, image),
-        Description::Psf(psf) => render_psf(&mut text, psf),
-        Description::KernelBank(bank) => render_bank(&mut text, bank),
-        Description::Model(model) => render_model(&mut text, model),
-        Description::Array(array) => render_array(&mut text, array),
+        FileDescription::Image(image) => render_image(&mut text, image),
+        FileDescription::Psf(psf) => render_psf(&mut text, psf),
+        FileDescription::KernelBank(bank) => render_bank(&mut text, bank),
+        FileDescription::Model(model) => render_model(&mut text, model),
+        FileDescription::Array(array) => render_array(&mut text, array),
     }
     .expect("writing to a string succeeds");
     text.trim_end().to_owned()

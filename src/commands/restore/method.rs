@@ -3,10 +3,9 @@
 use anyhow::Result;
 use clap::Args;
 
-use udc::restore::deconvolution::{Border, DeconvolutionConfig};
+use udc::restore::deconvolution::{Border, DeconvolutionConfig, Method};
 
-use crate::commands::choices::Choices;
-use crate::commands::method::MethodArg;
+use crate::commands::choices::{Choices, METHODS};
 use crate::commands::misuse;
 
 /// What lies beyond the frame.
@@ -17,14 +16,14 @@ const BORDERS: Choices<Border> = Choices(&[
         "A scene that goes on: smoothly (wiener, wiener-orieux), or estimated (richardson-lucy, constrained)",
     ),
     ("periodic", Border::Periodic, "The frame again"),
-    ("zero", Border::Zero, "Darkness, as in `udc synth --boundary zero`"),
+    ("zero", Border::Zero, "Darkness, as in `udc synth --border zero`"),
 ]);
 
 #[derive(Args, Debug)]
 pub(super) struct MethodArgs {
     /// Deconvolution to restore with
-    #[arg(long, value_enum, value_name = "METHOD", requires = "psf")]
-    method: Option<MethodArg>,
+    #[arg(long, value_name = "METHOD", value_parser = METHODS, requires = "psf")]
+    method: Option<Method>,
     /// Weight of smoothness against fidelity (wiener) [default: 0.01]
     #[arg(long, value_name = "B", requires = "method", conflicts_with = "model")]
     balance: Option<f32>,
@@ -45,9 +44,9 @@ pub(super) struct MethodArgs {
 impl MethodArgs {
     /// Refuses flags that the method would ignore.
     pub(super) fn check(&self) -> Result<()> {
-        use MethodArg::{Constrained, RichardsonLucy, Wiener, WienerOrieux};
+        use Method::{Constrained, RichardsonLucy, Wiener, WienerOrieux};
         let Some(method) = self.method else { return Ok(()) };
-        let belongings: [(&str, bool, &[MethodArg]); 4] = [
+        let belongings: [(&str, bool, &[Method]); 4] = [
             ("balance", self.balance.is_some(), &[Wiener]),
             ("iterations", self.iterations.is_some(), &[RichardsonLucy, Constrained]),
             ("mask-saturated", self.mask_saturated, &[Wiener, WienerOrieux]),
@@ -67,7 +66,7 @@ impl MethodArgs {
 
     /// The deconvolution, if one was asked for.
     pub(super) fn config(&self) -> Option<DeconvolutionConfig> {
-        let default = DeconvolutionConfig::of_method(self.method?.into());
+        let default = DeconvolutionConfig::of_method(self.method?);
         Some(DeconvolutionConfig {
             balance: self.balance.unwrap_or(default.balance),
             border: self.border.unwrap_or(default.border),

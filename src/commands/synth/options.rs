@@ -3,14 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use udc::core::fft::Boundary;
-use udc::dataset::{FormationConfig, NoiseConfig, Split};
+use udc::dataset::{FormationConfig, NoiseConfig};
 use udc::io;
 use udc::synth::Degradations;
 
 use crate::commands::Session;
+use crate::commands::choices::{Choices, FLOAT_FORMATS};
 use crate::commands::psf_file::PsfAmongImagesArgs;
 
 #[derive(Args, Debug)]
@@ -31,8 +32,8 @@ pub(super) struct KernelArgs {
 #[derive(Args, Debug)]
 pub(super) struct FormationArgs {
     /// Where the paper and its released data differ, take the values of one of them
-    #[arg(long, value_enum, default_value = "paper")]
-    preset: Preset,
+    #[arg(long, value_name = "PRESET", value_parser = PRESETS, default_value = "paper")]
+    preset: Defaults,
     /// Irradiance at which the sensor saturates, 1 being white of a capture's longest exposure: 16 for a bracket 1, 1/4,
     /// 1/16 [default: that of --noise sensor, else 500 as published]
     #[arg(long, value_name = "X")]
@@ -42,8 +43,8 @@ pub(super) struct FormationArgs {
     #[arg(long, value_name = "A")]
     alpha: Option<f32>,
     /// What lies beyond the scene's border, beyond its margin if it has one [default: zero]
-    #[arg(long, value_enum)]
-    boundary: Option<BoundaryName>,
+    #[arg(long, value_name = "BORDER", value_parser = BORDERS)]
+    border: Option<Boundary>,
     /// Pixels by which the scenes are larger than the frame on each side [default: what .exr files of `udc crop` say,
     /// else 0]
     #[arg(long, value_name = "PX")]
@@ -60,38 +61,26 @@ pub(super) struct FormationArgs {
 #[derive(Args, Debug)]
 pub(super) struct StorageArgs {
     /// Format of the images; .exr carries their origin
-    #[arg(long, value_enum, default_value = "exr")]
-    pub(super) format: ImageFormat,
+    #[arg(long, value_name = "FORMAT", value_parser = FLOAT_FORMATS, default_value = "exr")]
+    pub(super) format: &'static str,
     /// Write half floats
     #[arg(long)]
     pub(super) half: bool,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Preset {
-    Paper,
-    Released,
-}
+/// The parameters that a preset begins with.
+type Defaults = fn() -> FormationConfig;
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum BoundaryName {
-    Zero,
-    Replicate,
-    Reflect,
-}
+const PRESETS: Choices<Defaults> = Choices(&[
+    ("paper", FormationConfig::default as Defaults, ""),
+    ("released", FormationConfig::released, ""),
+]);
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(super) enum ImageFormat {
-    Exr,
-    Npy,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(super) enum SplitName {
-    Train,
-    Test,
-    Val,
-}
+const BORDERS: Choices<Boundary> = Choices(&[
+    ("zero", Boundary::Zero, "Darkness"),
+    ("replicate", Boundary::Replicate, "The outermost pixels again and again"),
+    ("reflect", Boundary::Reflect, "The scene mirrored"),
+]);
 
 impl KernelArgs {
     pub(super) fn read(&self, psf_file: &PsfAmongImagesArgs, session: &Session) -> Result<Degradations> {
@@ -113,10 +102,7 @@ impl KernelArgs {
 impl FormationArgs {
     /// The parameters, with every default resolved but that of the margin, which the scenes' files know.
     pub(super) fn resolve(&self) -> FormationConfig {
-        let preset = match self.preset {
-            Preset::Paper => FormationConfig::default(),
-            Preset::Released => FormationConfig::released(),
-        };
+        let preset = (self.preset)();
         let x_max = match &self.noise {
             NoiseConfig::Sensor(sensor) => sensor.x_max(),
             NoiseConfig::None | NoiseConfig::Gaussian { .. } => preset.x_max,
@@ -124,40 +110,10 @@ impl FormationArgs {
         FormationConfig {
             x_max: self.x_max.unwrap_or(x_max),
             alpha: self.alpha.unwrap_or(preset.alpha),
-            boundary: self.boundary.map_or(preset.boundary, Boundary::from),
+            boundary: self.border.unwrap_or(preset.boundary),
             clip_ground_truth: self.clip_ground_truth || preset.clip_ground_truth,
             noise: self.noise.clone(),
             ..preset
-        }
-    }
-}
-
-impl From<BoundaryName> for Boundary {
-    fn from(name: BoundaryName) -> Self {
-        match name {
-            BoundaryName::Zero => Self::Zero,
-            BoundaryName::Replicate => Self::Replicate,
-            BoundaryName::Reflect => Self::Reflect,
-        }
-    }
-}
-
-impl From<SplitName> for Split {
-    fn from(name: SplitName) -> Self {
-        match name {
-            SplitName::Train => Self::Train,
-            SplitName::Test => Self::Test,
-            SplitName::Val => Self::Val,
-        }
-    }
-}
-
-impl ImageFormat {
-    /// The extension of files in this format.
-    pub(super) fn extension(self) -> &'static str {
-        match self {
-            Self::Exr => "exr",
-            Self::Npy => "npy",
         }
     }
 }

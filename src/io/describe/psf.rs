@@ -5,7 +5,7 @@ use std::path::Path;
 use ndarray::ArrayView2;
 use serde::Serialize;
 
-use super::Description;
+use super::FileDescription;
 use crate::core::error::Result;
 use crate::io::{PsfOptions, inspect_psf};
 
@@ -44,11 +44,11 @@ pub struct PsfChannel {
 ///
 /// # Errors
 /// As [`inspect_psf`].
-pub fn describe_psf(path: &Path, options: PsfOptions) -> Result<Description> {
+pub fn describe_psf(path: &Path, options: PsfOptions) -> Result<FileDescription> {
     let reading = inspect_psf(path, options)?;
     let (warnings, psf) = (reading.warnings(), reading.psf);
     let channels = (0..3).map(|channel| describe_psf_channel(&psf.channel(channel), psf.centre())).collect();
-    Ok(Description::Psf(PsfDescription {
+    Ok(FileDescription::Psf(PsfDescription {
         width: psf.width(),
         height: psf.height(),
         centre: psf.centre(),

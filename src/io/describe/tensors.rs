@@ -7,7 +7,7 @@ use safetensors::SafeTensors;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::Description;
+use super::FileDescription;
 use crate::core::error::{Error, Result};
 use crate::core::kernel_code::KernelBank;
 use crate::core::psf::Psf;
@@ -48,21 +48,21 @@ pub struct ModelDescription {
     pub metadata: BTreeMap<String, Value>,
 }
 
-pub(super) fn describe_tensors(path: &Path) -> Result<Description> {
+pub(super) fn describe_tensors(path: &Path) -> Result<FileDescription> {
     let bytes = read_all(path)?;
     let damaged =
         |error: safetensors::SafeTensorError| Error::format(path, format!("is no safetensors file: {error}"));
     let (_, header) = SafeTensors::read_metadata(&bytes).map_err(damaged)?;
     let metadata = header.metadata().clone().unwrap_or_default();
     if metadata.get("format").is_some_and(|format| format == bank::FORMAT) {
-        return Ok(Description::KernelBank(describe_bank(&read_bank(path)?, bank_sha256(path)?)));
+        return Ok(FileDescription::KernelBank(describe_bank(&read_bank(path)?, bank_sha256(path)?)));
     }
     let tensors = header.tensors();
     let parameters =
         header.offset_keys().iter().map(|name| tensors[name].shape.iter().product::<usize>()).sum();
     let as_json = |text: String| serde_json::from_str(&text).unwrap_or(Value::String(text));
     let metadata: BTreeMap<String, String> = metadata.into_iter().collect();
-    Ok(Description::Model(ModelDescription {
+    Ok(FileDescription::Model(ModelDescription {
         tensors: tensors.len(),
         parameters,
         metadata: metadata.into_iter().map(|(key, text)| (key, as_json(text))).collect(),

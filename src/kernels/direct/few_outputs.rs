@@ -9,7 +9,7 @@
 //! A lane adds `9 · inputs / LANES` products, a tree the lanes: below that of the sum in order.
 
 use super::forward::{Geometry, copy_columns};
-use crate::kernels::finish::Finish;
+use crate::kernels::epilogue::Epilogue;
 use crate::kernels::rows::Rows;
 use crate::kernels::scratch::{AlignedBuffer, LINE, lend, whole_lines};
 use crate::kernels::simd::{Isa, Kernel, Simd, load_strided, prefetch};
@@ -67,7 +67,7 @@ pub(crate) struct OutputRows<'a> {
     pub(crate) first: usize,
     /// The output rows.
     pub(crate) output: &'a mut [f32],
-    pub(crate) finish: Finish<'a>,
+    pub(crate) epilogue: Epilogue<'a>,
 }
 
 impl Kernel for OutputRows<'_> {
@@ -87,7 +87,7 @@ impl Kernel for OutputRows<'_> {
 impl OutputRows<'_> {
     #[inline(always)]
     fn compute<S: Simd, const OUTPUTS: usize>(self, simd: S) {
-        let Self { weights, input, first, output, finish } = self;
+        let Self { weights, input, first, output, epilogue } = self;
         let inputs = weights.geometry.inputs;
         let width = input.row_len() / inputs;
         let edge_row = whole_lines((PIXELS + 2) * inputs);
@@ -123,7 +123,7 @@ impl OutputRows<'_> {
                 let at = (y * width + x) * OUTPUTS;
                 for (i, pixel) in pixels.chunks_exact_mut(OUTPUTS).enumerate() {
                     for (o, value) in pixel.iter_mut().enumerate() {
-                        *value = finish.scalar(sums[i][o] + weights.bias[o], at + i * OUTPUTS + o);
+                        *value = epilogue.scalar(sums[i][o] + weights.bias[o], at + i * OUTPUTS + o);
                     }
                 }
             }

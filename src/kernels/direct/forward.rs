@@ -1,6 +1,6 @@
 //! Inputs and packed weights to outputs, a few output rows per task.
 
-use crate::kernels::finish::{Finish, Finisher, with_finisher};
+use crate::kernels::epilogue::{CompiledEpilogue, Epilogue, with_epilogue};
 use crate::kernels::gemm::{
     MOST_ROWS, Operand, Tile, multiply_add, panel_vectors, unrolled, with_register_tile,
 };
@@ -117,7 +117,7 @@ pub(crate) struct OutputRows<'a> {
     pub(crate) first: usize,
     /// The output rows.
     pub(crate) output: &'a mut [f32],
-    pub(crate) finish: Finish<'a>,
+    pub(crate) epilogue: Epilogue<'a>,
 }
 
 impl Kernel for OutputRows<'_> {
@@ -125,7 +125,7 @@ impl Kernel for OutputRows<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
-        let Self { weights, input, first, output, finish } = self;
+        let Self { weights, input, first, output, epilogue } = self;
         let Geometry { inputs, side, stride, outputs } = weights.geometry;
         let width = input.row_len() / inputs;
         let row_len = weights.geometry.output_extent(width) * outputs;
@@ -143,7 +143,7 @@ impl Kernel for OutputRows<'_> {
             let mut line = Line { weights, rows, width, edge, edge_row, output, at };
             // SAFETY: `rows` are whole rows of the input, `output` holds one output row from `at`, and the
             // edge buffer `side` runs of the most pixels that a register tile sees.
-            unsafe { with_register_tile!(S, weights.vectors, output_line(simd, finish, &mut line)) };
+            unsafe { with_register_tile!(S, weights.vectors, output_line(simd, epilogue, &mut line)) };
         }
     }
 }
@@ -164,13 +164,13 @@ struct Line<'a, 'b> {
 /// Computes one output row, register tile by register tile.
 ///
 /// # Safety
-/// The line's rows hold whole pixels of the input, `width` of them; `output`, and the finisher's tensor, hold one output row
+/// The line's rows hold whole pixels of the input, `width` of them; `output`, and the epilogue's tensor, hold one output row
 /// from `at`; the edge buffer has `side` runs of `edge_row` floats, enough for the pixels that `ROWS` outputs see. Panels of
 /// the weights are `COLUMNS` vectors wide.
 #[inline(always)]
 unsafe fn output_line<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,
-    finish: Finish<'_>,
+    epilogue: Epilogue<'_>,
     line: &mut Line<'_, '_>,
 ) {
     let weights = line.weights;
@@ -209,7 +209,7 @@ unsafe fn output_line<S: Simd, const ROWS: usize, const COLUMNS: usize>(
                     channels: panel.min(outputs - p * panel),
                 };
                 // Chosen for each tile and not around the loops, which would be compiled three times.
-                with_finisher!(finish, f => finish_tile(simd, &tile, f, line.output, target));
+                with_epilogue!(epilogue, f => finish_tile(simd, &tile, f, line.output, target));
             }
         }
     }
@@ -263,12 +263,12 @@ pub(crate) struct Target {
 /// Finishes and stores the wanted part of a register tile.
 ///
 /// # Safety
-/// The pixels' channels lie within `output` and within the finisher's tensor.
+/// The pixels' channels lie within `output` and within the epilogue's tensor.
 #[inline(always)]
 pub(crate) unsafe fn finish_tile<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     simd: S,
     tile: &Tile<S, ROWS, COLUMNS>,
-    finisher: impl Finisher<S>,
+    epilogue: impl CompiledEpilogue<S>,
     output: &mut [f32],
     target: Target,
 ) {
@@ -279,10 +279,10 @@ pub(crate) unsafe fn finish_tile<S: Simd, const ROWS: usize, const COLUMNS: usiz
             // SAFETY: the caller promises that the wanted channels lie within both.
             unsafe {
                 if left >= S::LANES {
-                    Whole.store(simd, output, at, finisher.vector(simd, Whole, tile[i][j], at));
+                    Whole.store(simd, output, at, epilogue.vector(simd, Whole, tile[i][j], at));
                 } else if left > 0 {
                     let extent = First(left);
-                    extent.store(simd, output, at, finisher.vector(simd, extent, tile[i][j], at));
+                    extent.store(simd, output, at, epilogue.vector(simd, extent, tile[i][j], at));
                 }
             }
         });

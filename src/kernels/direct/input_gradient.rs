@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 
 use super::forward::{Geometry, Target, copy_columns, finish_tile};
-use crate::kernels::finish::Leak;
+use crate::kernels::epilogue::Leak;
 use crate::kernels::gemm::{MOST_ROWS, Operand, multiply_add, panel_vectors, with_register_tile, zero_tile};
 use crate::kernels::rows::Rows;
 use crate::kernels::scratch::{AlignedBuffer, lend, whole_lines};

@@ -3,11 +3,11 @@
 use rayon::prelude::*;
 
 use super::tile_pixels;
-use crate::kernels::ahead::Ahead;
 use crate::kernels::convolution::BLOCK_ROWS;
 use crate::kernels::gemm::{
     MOST_ROWS, Operand, Tile, multiply_add, panel_vectors, unrolled, with_register_tile,
 };
+use crate::kernels::prefetch::Prefetcher;
 use crate::kernels::rows::Rows;
 use crate::kernels::scratch::{AlignedBuffer, Scratch, lend, whole_lines};
 use crate::kernels::shape::Shape;
@@ -180,7 +180,7 @@ impl Kernel for FilterRows<'_> {
         for row in 0..block.output.len() / row_len {
             for first in (0..width).step_by(pixels) {
                 let next = if first + pixels < width { (row, first + pixels) } else { (row + 1, 0) };
-                let mut ahead = Ahead::new(block.fresh_runs(filter, next, pixels), groups);
+                let mut ahead = Prefetcher::new(block.fresh_runs(filter, next, pixels), groups);
                 let tile = PixelTile { row: block.first + row, first, pixels: pixels.min(width - first) };
                 let view = inputs.view(simd, filter, (block.condition, block.features), tile);
                 outputs.fill(0.0);

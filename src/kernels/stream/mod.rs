@@ -35,7 +35,7 @@ pub struct Tensor(usize);
 
 /// The steps of a network, in an order in which each finds its inputs computed.
 #[derive(Default)]
-pub struct Network {
+pub struct Graph {
     tensors: Vec<TensorSpec>,
     steps: Vec<Step>,
     inputs: Vec<Tensor>,
@@ -87,7 +87,7 @@ impl Operation {
     }
 }
 
-impl Network {
+impl Graph {
     /// Declares an input of as many channels.
     ///
     /// # Panics

@@ -1,8 +1,8 @@
 //! Networks drawn at random, run row by row, against the same networks evaluated plainly: tensor by tensor, in f64.
 
-use super::{Arena, Network, Plan, Tensor};
+use super::{Arena, Graph, Plan, Tensor};
 use crate::kernels::testing::{Values, assert_close, naive};
-use crate::kernels::{Convolution, DynamicFilter, Finish, Geometry, Isa, Shape};
+use crate::kernels::{Convolution, DynamicFilter, Epilogue, Geometry, Isa, Shape};
 
 /// Draws small numbers, the same on every machine.
 struct Dice(u64);
@@ -132,8 +132,8 @@ impl Drawn {
         Shape::new(1, height / reduction, width / reduction, channels)
     }
 
-    fn network(&self) -> Network {
-        let mut network = Network::default();
+    fn network(&self) -> Graph {
+        let mut network = Graph::default();
         let mut tensors: Vec<Tensor> = self.specs[..self.inputs].iter().map(|s| network.input(s.0)).collect();
         for (input, layer) in &self.layers {
             let x = tensors[*input];
@@ -172,7 +172,7 @@ impl Drawn {
                     if *is_up {
                         sums = naive::pixel_shuffle(&sums, shape.with_channels(geometry.outputs));
                     }
-                    let mut result = naive::finish(Finish::Leak(*slope), &sums);
+                    let mut result = naive::epilogue(Epilogue::Leak(*slope), &sums);
                     if let Some(add) = add {
                         result.iter_mut().zip(&tensors[*add]).for_each(|(to, other)| *to += other);
                     }
@@ -193,7 +193,7 @@ impl Drawn {
                     let one =
                         |(x, (scale, offset)): (&f64, (&f64, &f64))| x / (1.0 + (-scale).exp()) + offset;
                     let sums: Vec<f64> = x.iter().zip(others).map(one).collect();
-                    naive::finish(Finish::Leak(*slope), &sums)
+                    naive::epilogue(Epilogue::Leak(*slope), &sums)
                 }
             };
             tensors.push(result);

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::{Network, Operation, Step, Tensor};
+use super::{Graph, Operation, Step, Tensor};
 use crate::kernels::Geometry;
 use crate::kernels::convolution::BLOCK_ROWS;
 use crate::kernels::scratch::whole_lines;
@@ -28,7 +28,7 @@ const SKEW: usize = 80;
 
 /// The order of work and the memory of all tensors for one size of image.
 pub struct Plan<'a> {
-    pub(super) network: &'a Network,
+    pub(super) network: &'a Graph,
     pub(super) height: usize,
     pub(super) width: usize,
     /// Input rows taken at a time.
@@ -96,17 +96,17 @@ impl Memory {
 }
 
 impl<'a> Plan<'a> {
-    /// Plans a run on images of `height` × `width`, multiples of [`Network::reduction`], with `threads`.
+    /// Plans a run on images of `height` × `width`, multiples of [`Graph::reduction`], with `threads`.
     ///
     /// # Panics
-    /// When a side is no multiple of [`Network::reduction`].
-    pub fn new(network: &'a Network, height: usize, width: usize, threads: usize) -> Self {
+    /// When a side is no multiple of [`Graph::reduction`].
+    pub fn new(network: &'a Graph, height: usize, width: usize, threads: usize) -> Self {
         let rows = (PORTION * threads.max(2) / 2).max(PORTION_PIXELS / width.max(1));
         Self::with_portion(network, height, width, rows)
     }
 
     /// Plans a run that takes at least `rows` input rows at a time, where the image has so many.
-    pub(super) fn with_portion(network: &'a Network, height: usize, width: usize, rows: usize) -> Self {
+    pub(super) fn with_portion(network: &'a Graph, height: usize, width: usize, rows: usize) -> Self {
         let reduction = network.reduction();
         assert!(
             height > 0 && width > 0 && height.is_multiple_of(reduction) && width.is_multiple_of(reduction),
@@ -192,7 +192,7 @@ impl<'a> Plan<'a> {
 }
 
 /// Rows of each tensor's units.
-fn unit_rows(network: &Network) -> Vec<usize> {
+fn unit_rows(network: &Graph) -> Vec<usize> {
     let mut rows = vec![UNIT; network.tensors.len()];
     for Step { operation, output } in &network.steps {
         if let Operation::Convolution { convolution, add, .. } = operation
@@ -213,7 +213,7 @@ fn unit_rows(network: &Network) -> Vec<usize> {
 /// leaves a tensor, its next block begins. So a 3 × 3 convolution lags one row behind its input, not a block. What is
 /// added to a convolution's result has to be cut into the same blocks, so tensors that are added lag by multiples of
 /// a block.
-fn lags(network: &Network) -> Vec<usize> {
+fn lags(network: &Graph) -> Vec<usize> {
     let mut lags = vec![0; network.tensors.len()];
     let is_added = |tensor: Tensor| {
         network.steps.iter().any(
@@ -382,7 +382,7 @@ mod tests {
 
     #[test]
     fn convolutions_lag_by_rows_and_what_is_added_by_blocks() {
-        let mut network = Network::default();
+        let mut network = Graph::default();
         let image = network.input(4);
         let mut chain = image;
         for lag in 1..=3 {
@@ -399,7 +399,7 @@ mod tests {
     /// Each of these convolutions needs two rows of its input again, and has one unit of it at most.
     #[test]
     fn a_chain_holds_no_more_than_what_is_read_again_and_a_portion() {
-        let mut network = Network::default();
+        let mut network = Graph::default();
         let mut chain = network.input(4);
         for _ in 0..40 {
             chain = network.convolution(chain, three_by_three(4, 4, 1), 0.2, None);

@@ -15,7 +15,7 @@ use super::tasks::run_in_order;
 use super::{Operation, Plan, Tensor};
 use crate::kernels::convolution::{BLOCK_ROWS, RowBlock};
 use crate::kernels::dynamic_filter::FilterBlock;
-use crate::kernels::finish::Finish;
+use crate::kernels::epilogue::Epilogue;
 use crate::kernels::rows::Rows;
 use crate::kernels::scratch::{AlignedBuffer, Target};
 use crate::kernels::slots::{Slots, Turn};
@@ -189,18 +189,18 @@ impl Plan<'_> {
         match &step.operation {
             Operation::Convolution { convolution, input, slope, add } => {
                 let block = |block: &Block| {
-                    let finish = match add {
-                        None => Finish::Leak(*slope),
+                    let epilogue = match add {
+                        None => Epilogue::Leak(*slope),
                         Some(add) => {
                             let (unit, row) = self.place(*add, block.first * convolution.factor());
                             let slot = self.memory.places[add.0][unit];
                             let floats = row * row_len..row * row_len + block.floats.len();
                             // SAFETY: as for the views.
-                            Finish::LeakThenAdd(*slope, unsafe { slots.read(slot, floats) })
+                            Epilogue::LeakThenAdd(*slope, unsafe { slots.read(slot, floats) })
                         }
                     };
                     let output = Target::Written(output(block));
-                    RowBlock { input: view(*input), first: block.first, rows: block.rows, output, finish }
+                    RowBlock { input: view(*input), first: block.first, rows: block.rows, output, epilogue }
                 };
                 convolution.compute_blocks(task.blocks.iter().map(block).collect(), self.width_of(*input));
             }
@@ -256,7 +256,7 @@ struct Block {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Network;
+    use super::super::Graph;
     use super::*;
     use crate::kernels::testing::Values;
     use crate::kernels::{Convolution, DynamicFilter, Geometry, Isa, Shape};
@@ -286,11 +286,11 @@ mod tests {
 
     /// A small U-Net with everything in it: residual block, stride, up-convolution with skip, filter, large
     /// convolution, modulation by two halves of a concatenation.
-    fn network() -> Network {
+    fn network() -> Graph {
         let mut layers = Layers { values: Values::new(1) };
         let stride_two = Geometry { inputs: CHANNELS, outputs: 2 * CHANNELS, side: 3, stride: 2 };
         let same = |c| Geometry::three_by_three(c, c);
-        let mut network = Network::default();
+        let mut network = Graph::default();
         let image = network.input(3);
         let fine = layers.convolution(Geometry::three_by_three(3, CHANNELS));
         let fine = network.convolution(image, fine, 0.2, None);

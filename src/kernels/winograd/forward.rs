@@ -17,7 +17,7 @@
 //! count tiles along all rows of a task, so that narrow images fill them too.
 //!
 //! # Memory
-//! Both ends of a batch wait for rows that no near cache holds. They are asked for during the products ([`Ahead`]), which
+//! Both ends of a batch wait for rows that no near cache holds. They are asked for during the products ([`Prefetcher`]), which
 //! makes the network 3 % faster, and 8 % when others use the memory too.
 //!
 //! # Channels that do not fill vectors
@@ -27,9 +27,9 @@
 
 use super::weights::Weights;
 use super::{POINTS, TILE, transform};
-use crate::kernels::ahead::Ahead;
-use crate::kernels::finish::{Finish, Finisher, with_finisher};
+use crate::kernels::epilogue::{CompiledEpilogue, Epilogue, with_epilogue};
 use crate::kernels::gemm::{MOST_ROWS, Operand, multiply_add, store_tile, with_register_tile, zero_tile};
+use crate::kernels::prefetch::Prefetcher;
 use crate::kernels::scratch::{lend, whole_lines};
 use crate::kernels::simd::{Extent as _, Kernel, Simd, for_each_vector, load_strided, store_strided};
 
@@ -62,7 +62,7 @@ pub(crate) struct TileRow<'a> {
     /// One to four output rows.
     pub(crate) output: &'a mut [f32],
     /// What is done to the sums.
-    pub(crate) finish: Finish<'a>,
+    pub(crate) epilogue: Epilogue<'a>,
 }
 
 /// A few rows of tiles of one image: the work of one task.
@@ -199,9 +199,9 @@ impl Batch<'_> {
                 self.invert_rows(simd, point_row, buffers);
             }
             for run in self.runs() {
-                let TileRow { output, finish, .. } = &mut rows[run.row];
+                let TileRow { output, epilogue, .. } = &mut rows[run.row];
                 let sums = &*buffers.sums;
-                with_finisher!(*finish, f => self.invert_columns(simd, f, run, sums, output));
+                with_epilogue!(*epilogue, f => self.invert_columns(simd, f, run, sums, output));
             }
         }
     }
@@ -224,13 +224,13 @@ impl Batch<'_> {
         }
         if let Some(run) = self.runs().next() {
             let (left, right) = columns(run);
-            let TileRow { output, finish, .. } = &rows[run.row];
+            let TileRow { output, epilogue, .. } = &rows[run.row];
             for (half, group) in (0..weights.outputs / place.channels).step_by(2).enumerate() {
                 let from = point_row * place.row + place.group(group);
                 let range = from + left * place.column..from + right * place.column;
                 if range.end <= output.len() {
                     ahead[1 + half] = &output[range.clone()];
-                    ahead[3 + half] = finish.tensor().map_or(&[], |tensor| &tensor[range]);
+                    ahead[3 + half] = epilogue.tensor().map_or(&[], |tensor| &tensor[range]);
                 }
             }
         }
@@ -337,11 +337,11 @@ impl Batch<'_> {
         }
     }
 
-    /// Aᵀ·(m·A) of the tiles of a run, then bias and [`Finish`], to where the output lies.
+    /// Aᵀ·(m·A) of the tiles of a run, then bias and [`Epilogue`], to where the output lies.
     ///
     /// # Safety
     /// As for [`Batch::compute`]; the run is one of the batch's, `output` holds the rows of its row of tiles, and so does the
-    /// finisher's tensor.
+    /// epilogue's tensor.
     #[inline(always)]
     #[expect(
         clippy::too_many_arguments,
@@ -350,7 +350,7 @@ impl Batch<'_> {
     unsafe fn invert_columns<S: Simd>(
         self,
         simd: S,
-        finisher: impl Finisher<S>,
+        epilogue: impl CompiledEpilogue<S>,
         run: Run,
         sums: &[f32],
         output: &mut [f32],
@@ -367,7 +367,7 @@ impl Batch<'_> {
                 let channel = group * place.channels;
                 for_each_vector!(S, place.channels, (c, extent) => {
                     // SAFETY: `sums` has six parts with room for the batch's tiles; row `k < rows` and column `x` are
-                    // in the output, with the extent's channels from this one on, and the finisher's tensor is laid
+                    // in the output, with the extent's channels from this one on, and the epilogue's tensor is laid
                     // out like the output.
                     unsafe {
                         let b = simd.load(bias, channel + c);
@@ -376,7 +376,7 @@ impl Batch<'_> {
                             if k < rows {
                                 let at = to + c + k * place.row;
                                 let sum = simd.add(value, b);
-                                extent.store(simd, output, at, finisher.vector(simd, extent, sum, at));
+                                extent.store(simd, output, at, epilogue.vector(simd, extent, sum, at));
                             }
                         }
                     }
@@ -401,7 +401,7 @@ unsafe fn multiply<S: Simd, const ROWS: usize, const COLUMNS: usize>(
     let depth = batch.weights.inputs / S::PER_LANE;
     let (row, outputs) = (batch.weights.input_floats(), batch.weights.padded_outputs());
     let panel = COLUMNS * S::LANES;
-    let mut ahead = Ahead::new(ahead, POINTS * (outputs / panel) * batch.count.div_ceil(ROWS));
+    let mut ahead = Prefetcher::new(ahead, POINTS * (outputs / panel) * batch.count.div_ceil(ROWS));
     for point in 0..POINTS {
         let filled = point * batch.sizes.inputs + batch.count * row;
         let missing = batch.count.next_multiple_of(ROWS) - batch.count;

@@ -11,12 +11,12 @@ use rayon::prelude::*;
 
 use super::LEAKY_SLOPE;
 use super::host::{Computed, Host, HostOperation, Passed, View, run, run_tracked};
-use crate::kernels::gradient::{Parameters, input_gradient, weight_gradient};
+use crate::kernels::gradient::{ConvolutionParameters, input_gradient, weight_gradient};
 use crate::kernels::modulation::{Branch, Kept, Modulation, ModulationGradients};
 use crate::kernels::res_block::{ResBlock, ResBlockGradients};
 use crate::kernels::sums::gate;
 use crate::kernels::up_convolution::UpConvolution;
-use crate::kernels::{self, DynamicFilter, Finish, Geometry, Isa, Shape};
+use crate::kernels::{self, DynamicFilter, Epilogue, Geometry, Isa, Shape};
 
 /// The operations that a backend must have; batches are `[item, height, width, channel]`, parameters as in
 /// PyTorch.
@@ -178,7 +178,7 @@ fn geometry(weight: &View<'_>, stride: usize) -> Geometry {
 fn convolve(x: View<'_>, weight: View<'_>, bias: View<'_>, stride: usize, slope: f32) -> (Vec<f32>, Shape) {
     let convolution = kernels::Convolution::new(geometry(&weight, stride), weight.floats, bias.floats);
     let shape = convolution.output_shape(x.batch());
-    (convolution.apply(x.floats, x.batch(), Finish::Leak(slope)), shape)
+    (convolution.apply(x.floats, x.batch(), Epilogue::Leak(slope)), shape)
 }
 
 /// The gradients of a convolution's inputs, or nothing where they are not wanted, and of its weights.
@@ -190,7 +190,7 @@ fn convolution_gradients(
 ) -> (Vec<f32>, Vec<f32>) {
     rayon::join(
         || match wanted {
-            true => input_gradient(geometry, weight.floats, gradient, x.batch(), Finish::Leak(1.0)),
+            true => input_gradient(geometry, weight.floats, gradient, x.batch(), Epilogue::Leak(1.0)),
             false => Vec::new(),
         },
         || weight_gradient(geometry, x.floats, x.batch(), gradient),
@@ -351,7 +351,9 @@ impl HostOperation<10> for Modulate {
         let modulation = self.with_parameters(&inputs);
         let ModulationGradients { x, map, parameters: [scale, offset] } =
             modulation.backward(x.floats, kept, (passed.output, passed.gradient), x.batch());
-        let of = |[first, second]: [Parameters; 2]| [first.weight, first.bias, second.weight, second.bias];
+        let of = |[first, second]: [ConvolutionParameters; 2]| {
+            [first.weight, first.bias, second.weight, second.bias]
+        };
         let ([a, b, c, d], [e, f, g, h]) = (of(scale), of(offset));
         [x, map, a, b, c, d, e, f, g, h]
     }

@@ -24,7 +24,7 @@ const LEAST_SYMMETRY: f64 = 0.5;
 
 /// How a peak comes to the centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Move {
+pub struct PsfMove {
     /// Rows down and columns to the right.
     pub by: (isize, isize),
     /// Whether what leaves the frame comes in on the other side; else it is lost, and zeros come in.
@@ -33,7 +33,7 @@ pub struct Move {
     pub lost: f64,
 }
 
-impl Move {
+impl PsfMove {
     /// How the peak of all channels together comes to the centre; none where it is there.
     ///
     /// It is that of the sum of the channels, each divided by its own light, so that colours that lie apart stay so.
@@ -73,8 +73,8 @@ impl Move {
 ///
 /// # Errors
 /// [`Error::Unsupported`] when more than 2 % of a channel's light would be lost.
-pub fn recenter(planes: Array3<f32>) -> Result<(Array3<f32>, Option<Move>)> {
-    let Some(how) = Move::of(&planes) else { return Ok((planes, None)) };
+pub(super) fn recenter(planes: Array3<f32>) -> Result<(Array3<f32>, Option<PsfMove>)> {
+    let Some(how) = PsfMove::of(&planes) else { return Ok((planes, None)) };
     if how.lost > MOST_LOSS {
         return Err(Error::Unsupported(format!(
             "moving its peak to the centre, {}, would lose {} of its light off the edge: crop the PSF around its peak, or \

@@ -2,7 +2,7 @@
 
 use ndarray::{Array3, Axis};
 
-use super::place::{LOSS_TOLERANCE, MOST_LOSS, Move, locate, show_share, show_shift};
+use super::place::{LOSS_TOLERANCE, MOST_LOSS, PsfMove, locate, show_share, show_shift};
 use crate::core::error::{Error, Result};
 
 /// A sum this close to one is one: each half float is off by at most 2⁻¹¹ of itself, and so is their sum.
@@ -25,7 +25,7 @@ pub struct PsfFaults {
     /// The energy below zero, as a share of that above.
     pub negative_shares: [f64; 3],
     /// How the peak of all channels together would come to the centre; none where it is there.
-    pub recentring: Option<Move>,
+    pub recentring: Option<PsfMove>,
     /// Whether the peak was moved to the centre, as far as all channels can be moved together.
     pub recentered: bool,
 }
@@ -61,7 +61,7 @@ impl PsfFaults {
             shifts: [0, 1, 2].map(shift),
             sums: [0, 1, 2].map(|channel| part(channel, |_| true)),
             negative_shares: [0, 1, 2].map(negative),
-            recentring: Move::of(planes),
+            recentring: PsfMove::of(planes),
             recentered: false,
         })
     }
@@ -113,13 +113,13 @@ impl PsfFaults {
         let share = |channel: usize| format!("has {:.2} %", 100.0 * self.negative_shares[channel]);
         let found = by_channel(|channel| self.negative_shares[channel] > NEGATIVE_TOLERANCE, share)?;
         Some(format!(
-            "{found} of negative energy, which is set to zero: subtract less background, or measure with `udc fuse --psf`"
+            "{found} of negative energy, which is set to zero: subtract less background, or measure with `udc fuse --point-source`"
         ))
     }
 }
 
 /// What mends a peak that is off the centre.
-fn advise(how: Move) -> String {
+fn advise(how: PsfMove) -> String {
     let lost = show_share(how.lost);
     if how.is_rolled {
         "as in the layout of a Fourier transform, which begins with the centre: add --recenter to roll it to the middle, \
@@ -233,7 +233,7 @@ mod tests {
         assert!(said.contains("NaN at row 4, column 5 in green"), "{said}");
     }
 
-    fn by(how: Option<Move>) -> Option<(isize, isize)> {
+    fn by(how: Option<PsfMove>) -> Option<(isize, isize)> {
         how.map(|how| how.by)
     }
 

@@ -1,12 +1,12 @@
-//! What is done to a convolution's sums before they are stored.
+//! What is done to a convolution's sums before they are stored: its epilogue, fused with it.
 
 use super::simd::{Extent, Simd};
 
-/// The last step of an output: bias, then one of the [`Finish`] variants' arithmetic.
+/// The last step of an output: bias, then one of the [`Epilogue`] variants' arithmetic.
 ///
 /// Tensors are laid out like the output.
 #[derive(Clone, Copy, Debug)]
-pub enum Finish<'a> {
+pub enum Epilogue<'a> {
     /// Leaky rectifier; slope 1 leaves the sum as it is.
     Leak(f32),
     /// Leaky rectifier, then a tensor added: a residual or a skip connection.
@@ -15,7 +15,7 @@ pub enum Finish<'a> {
     Gate(f32, &'a [f32]),
 }
 
-impl<'a> Finish<'a> {
+impl<'a> Epilogue<'a> {
     /// The same for a part of the output, given as the range of its floats.
     pub(crate) fn part(self, range: std::ops::Range<usize>) -> Self {
         match self {
@@ -41,7 +41,7 @@ impl<'a> Finish<'a> {
     }
 }
 
-impl Finish<'_> {
+impl Epilogue<'_> {
     /// Finishes the one output at `at`.
     pub(crate) fn scalar(self, sum: f32, at: usize) -> f32 {
         match self {
@@ -52,8 +52,8 @@ impl Finish<'_> {
     }
 }
 
-/// [`Finish`] resolved before the inner loop, so that it is compiled once for each kind.
-pub(crate) trait Finisher<S: Simd>: Copy {
+/// [`Epilogue`] resolved before the inner loop, so that it is compiled once for each kind.
+pub(crate) trait CompiledEpilogue<S: Simd>: Copy {
     /// Finishes the outputs that begin at `at`, as many as `extent` says.
     ///
     /// # Safety
@@ -61,15 +61,15 @@ pub(crate) trait Finisher<S: Simd>: Copy {
     unsafe fn vector(self, simd: S, extent: impl Extent, sum: S::Vector, at: usize) -> S::Vector;
 }
 
-/// See [`Finish::Leak`].
+/// See [`Epilogue::Leak`].
 #[derive(Clone, Copy)]
 pub(crate) struct Leak(pub(crate) f32);
 
-/// See [`Finish::LeakThenAdd`].
+/// See [`Epilogue::LeakThenAdd`].
 #[derive(Clone, Copy)]
 pub(crate) struct LeakThenAdd<'a>(pub(crate) f32, pub(crate) &'a [f32]);
 
-/// See [`Finish::Gate`].
+/// See [`Epilogue::Gate`].
 #[derive(Clone, Copy)]
 pub(crate) struct Gate<'a>(pub(crate) f32, pub(crate) &'a [f32]);
 
@@ -79,14 +79,14 @@ fn leak(sign: f32, value: f32, slope: f32) -> f32 {
     if sign > 0.0 { value } else { slope * value }
 }
 
-impl<S: Simd> Finisher<S> for Leak {
+impl<S: Simd> CompiledEpilogue<S> for Leak {
     #[inline(always)]
     unsafe fn vector(self, simd: S, _extent: impl Extent, sum: S::Vector, _at: usize) -> S::Vector {
         simd.leak(sum, sum, simd.splat(self.0))
     }
 }
 
-impl<S: Simd> Finisher<S> for LeakThenAdd<'_> {
+impl<S: Simd> CompiledEpilogue<S> for LeakThenAdd<'_> {
     #[inline(always)]
     unsafe fn vector(self, simd: S, extent: impl Extent, sum: S::Vector, at: usize) -> S::Vector {
         // SAFETY: passed on to the caller.
@@ -95,7 +95,7 @@ impl<S: Simd> Finisher<S> for LeakThenAdd<'_> {
     }
 }
 
-impl<S: Simd> Finisher<S> for Gate<'_> {
+impl<S: Simd> CompiledEpilogue<S> for Gate<'_> {
     #[inline(always)]
     unsafe fn vector(self, simd: S, extent: impl Extent, sum: S::Vector, at: usize) -> S::Vector {
         // SAFETY: passed on to the caller.
@@ -104,23 +104,23 @@ impl<S: Simd> Finisher<S> for Gate<'_> {
     }
 }
 
-/// Runs a function generic over the finisher with the one that a [`Finish`] stands for.
-macro_rules! with_finisher {
-    ($finish:expr, $finisher:ident => $body:expr) => {
-        match $finish {
-            crate::kernels::finish::Finish::Leak(slope) => {
-                let $finisher = crate::kernels::finish::Leak(slope);
+/// Runs a function generic over compiled epilogues with the one that an [`Epilogue`] stands for.
+macro_rules! with_epilogue {
+    ($epilogue:expr, $compiled:ident => $body:expr) => {
+        match $epilogue {
+            crate::kernels::epilogue::Epilogue::Leak(slope) => {
+                let $compiled = crate::kernels::epilogue::Leak(slope);
                 $body
             }
-            crate::kernels::finish::Finish::LeakThenAdd(slope, other) => {
-                let $finisher = crate::kernels::finish::LeakThenAdd(slope, other);
+            crate::kernels::epilogue::Epilogue::LeakThenAdd(slope, other) => {
+                let $compiled = crate::kernels::epilogue::LeakThenAdd(slope, other);
                 $body
             }
-            crate::kernels::finish::Finish::Gate(slope, sign) => {
-                let $finisher = crate::kernels::finish::Gate(slope, sign);
+            crate::kernels::epilogue::Epilogue::Gate(slope, sign) => {
+                let $compiled = crate::kernels::epilogue::Gate(slope, sign);
                 $body
             }
         }
     };
 }
-pub(crate) use with_finisher;
+pub(crate) use with_epilogue;

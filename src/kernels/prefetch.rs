@@ -8,7 +8,7 @@ use super::scratch::LINE;
 use super::simd::prefetch;
 
 /// Runs of floats that are asked for one after another, in equal shares.
-pub(crate) struct Ahead<'a, const RUNS: usize> {
+pub(crate) struct Prefetcher<'a, const RUNS: usize> {
     /// What has not been asked for.
     runs: [&'a [f32]; RUNS],
     /// The run that is next.
@@ -17,7 +17,7 @@ pub(crate) struct Ahead<'a, const RUNS: usize> {
     share: usize,
 }
 
-impl<'a, const RUNS: usize> Ahead<'a, RUNS> {
+impl<'a, const RUNS: usize> Prefetcher<'a, RUNS> {
     /// Divides the runs into as many shares.
     #[inline(always)]
     pub(crate) fn new(runs: [&'a [f32]; RUNS], shares: usize) -> Self {
@@ -53,8 +53,8 @@ mod tests {
     fn every_run_is_asked_for_by_the_last_share_and_a_share_at_a_time() {
         let memory = vec![0.0; 1000];
         for (lengths, shares) in [([1000, 0], 7), ([5, 640], 18), ([16, 17], 1)] {
-            let mut ahead = Ahead::new(lengths.map(|len| &memory[..len]), shares);
-            let left = |ahead: &Ahead<'_, 2>| ahead.runs.iter().map(|run| run.len()).sum::<usize>();
+            let mut ahead = Prefetcher::new(lengths.map(|len| &memory[..len]), shares);
+            let left = |ahead: &Prefetcher<'_, 2>| ahead.runs.iter().map(|run| run.len()).sum::<usize>();
             for _ in 0..shares {
                 let before = left(&ahead);
                 ahead.fetch();
