@@ -6,7 +6,7 @@
 //!
 //! The modules from the ground up; each imports only what stands before it:
 //! - [`core`]: values and the mathematics that all share;
-//! - [`io`]: the only opener of files; [`dataset`]: a folder of triplets as a value;
+//! - [`io`]: the only opener of files; [`dataset`]: a folder of triplets as a value; [`batch`]: work through many files;
 //! - [`kernels`]: the loops that networks spend their time in; [`network`]: the networks made of them;
 //! - [`capture`], [`psf`], [`codes`], [`crop`], [`scenes`], [`synth`], [`finish`]: the stages before and after a network;
 //! - [`perceptual`]: what trained eyes see;
@@ -74,6 +74,7 @@
     )
 )]
 
+pub mod batch;
 pub mod capture;
 pub mod codes;
 pub mod core;

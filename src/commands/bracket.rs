@@ -143,11 +143,6 @@ impl BracketArgs {
     pub(crate) fn dark_files(&self) -> Option<Vec<String>> {
         Some(self.dark.as_ref()?.iter().map(|file| text_of(file)).collect())
     }
-
-    /// SHA-256 of the dark frames in their order, which are read for it; what is no file, such as a pipe, has none.
-    pub(crate) fn darks_sha256(&self) -> Result<Option<Vec<Option<String>>>> {
-        Ok(self.told(None)?.darks_sha256()?)
-    }
 }
 
 #[cfg(test)]

@@ -6,9 +6,8 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 
 use super::Session;
-use super::capture::note_what_is_lost;
 use super::domain::DomainArg;
-use udc::io::{Conversion, DomainTag, check_output};
+use udc::io::{Conversion, DomainTag, check_output, what_is_lost};
 use udc::network::weights;
 
 /// Convert an image, or a PyTorch checkpoint to a model
@@ -54,9 +53,8 @@ impl ConvertArgs {
         let image = conversion.read(&self.input, &self.output)?;
         image.contradiction.iter().for_each(|contradiction| session.warn(contradiction));
         conversion.write(&self.input, &self.output, &image)?;
-        if let Some(info) = image.capture_beyond(&self.output) {
-            note_what_is_lost(&self.output, &info, session);
-        }
+        let lost = image.capture_beyond(&self.output).and_then(|info| what_is_lost(&self.output, &info));
+        lost.iter().for_each(|lost| session.note(lost));
         if image.pixels.raw.is_some() {
             session.warn(format_args!(
                 "{output} holds the values of the raw file as they are stored, black level and mosaic included; \

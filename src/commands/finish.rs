@@ -1,31 +1,21 @@
 //! `udc finish`.
 
-mod pairs;
 mod style;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::{Args, ValueEnum};
-use serde_json::{Value, json};
 
-use udc::core::capture::{CaptureInfo, is_exposure, is_level};
-use udc::core::error::Error;
-use udc::core::image::CHANNELS;
+use udc::batch::Destination;
+use udc::core::capture::{CaptureInfo, parse_exposure, parse_level};
 use udc::core::orientation::Orientation;
-use udc::core::provenance::Provenance;
 use udc::core::tone::ToneCurve;
-use udc::finish::{
-    Curve, FinishConfig, Look, Photograph, automatic_curve, channel_means, finish, read_color_matrix,
-};
-use udc::io::{AnyImage, Format, WriteOptions, read_pixels};
+use udc::finish::{Companions, FinishInputs, FinishPlan};
+use udc::io::DomainTag;
 
-use super::destination::OutputFolder;
 use super::domain::DomainArg;
-use super::picture::read_any;
-use super::queue::{Stages, remaining, run_all};
-use super::{Session, misuse, text_of};
-use pairs::Job;
+use super::{Session, misuse};
 use style::StyleArgs;
 
 /// Finish restored images for viewing: colour matrix, curve, reference scaling, local contrast
@@ -70,7 +60,7 @@ pub(crate) struct FinishArgs {
     no_reference: bool,
     /// How the picture lies, as EXIF numbers it: 1 upright, 3 upside down, 6 to be turned right, 8 left [default: what the
     /// file says, else 1]
-    #[arg(long, value_name = "1…8", value_parser = parse_orientation)]
+    #[arg(long, value_name = "1…8")]
     orientation: Option<Orientation>,
     /// Light at which red, green and blue of the capture clip; what is clipped is made neutral [default: what the file says]
     #[arg(long, value_name = "R,G,B", value_delimiter = ',', num_args = 1, value_parser = parse_level)]
@@ -117,60 +107,57 @@ fn parse_bits(text: &str) -> Result<u8, String> {
     }
 }
 
-fn parse_orientation(text: &str) -> Result<Orientation, String> {
-    let number = text.parse().ok();
-    number.and_then(Orientation::from_exif).ok_or_else(|| "write a number from 1 to 8".to_owned())
-}
-
-fn parse_exposure(text: &str) -> Result<f64, String> {
-    let stops = text.trim().parse().ok().filter(|stops| is_exposure(*stops));
-    stops.ok_or_else(|| "write a number of stops from -10 to 10".to_owned())
-}
-
-fn parse_level(text: &str) -> Result<f32, String> {
-    let level = text.trim().parse().ok().filter(|level| is_level(*level));
-    level.ok_or_else(|| "write three numbers from 1e-6 to 1e9, for red, green and blue: 1.9,1,1.6".to_owned())
-}
-
 impl FinishArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        if let Some(count) = self.saturation.as_ref().map(Vec::len).filter(|count| *count != CHANNELS) {
-            return Err(misuse(
-                "finish",
-                &format!("--saturation takes three levels, red, green and blue; found {count}"),
-            ));
-        }
+        let plan = self.plan(session)?;
+        let inputs = FinishInputs {
+            images: self.inputs,
+            ccm: companions(self.no_ccm, self.ccm),
+            reference: companions(self.no_reference, self.reference),
+        };
+        let destination = Destination {
+            path: &self.output,
+            extension: self.format.extension(),
+            accepts_existing: session.overwrite || self.resume,
+        };
+        Ok(plan.run(&inputs, &destination, self.resume, session)?)
+    }
+
+    fn plan(&self, session: &Session) -> Result<FinishPlan> {
+        let saturation = match self.saturation.as_deref() {
+            None => None,
+            Some(&[red, green, blue]) => Some([red, green, blue]),
+            Some(levels) => {
+                let count = levels.len();
+                let reason = format!("--saturation takes three levels, red, green and blue; found {count}");
+                return Err(misuse("finish", &reason));
+            }
+        };
         if self.baseline_exposure.is_some() && (self.reference.is_some() || self.style.says_curve()) {
             return Err(misuse(
                 "finish",
                 "--baseline-exposure belongs to the automatic exposure: leave out --reference and the flags of the curve",
             ));
         }
-        let curve = ToneCurve::new(self.alpha, self.x_max)?;
-        self.style.check_curve()?;
-        let config = self.style.config();
-        config.check()?;
-        let mut jobs = self.jobs(session)?;
-        let ignores = |job: &&Job, bits: u8| match Format::of_extension(&job.output) {
-            Ok(Format::Png | Format::Tiff) | Err(_) => false,
-            Ok(Format::Jpeg) => bits != 8,
-            Ok(_) => true,
-        };
-        if let Some(bits) = self.bits
-            && let Some(job) = jobs.iter().find(|job| ignores(job, bits))
-        {
-            bail!(
-                "--bits {bits} is for PNG and TIFF, and {} would ignore it; leave it out",
-                job.output.display()
-            );
-        }
-        let finishing = Finishing { args: &self, curve, config, session };
-        if self.resume {
-            jobs = remaining(&finishing, jobs, session)?;
-        }
-        let _folder = OutputFolder::of(&mut jobs.iter().map(|job| job.output.as_path()))?;
-        run_all(&finishing, &jobs, session)
+        Ok(FinishPlan {
+            domain: self.domain.map(DomainTag::from),
+            tone: ToneCurve::new(self.alpha, self.x_max)?,
+            style: self.style.style()?,
+            told: CaptureInfo {
+                saturation,
+                orientation: self.orientation,
+                baseline_exposure_ev: self.baseline_exposure,
+                ..CaptureInfo::default()
+            },
+            bits: self.bits,
+            overwrite: session.overwrite,
+        })
     }
+}
+
+/// Where what belongs to images is looked for, by the flag that leaves it out and the one that names it.
+fn companions(are_left_out: bool, named: Option<PathBuf>) -> Companions {
+    if are_left_out { Companions::Nowhere } else { named.map_or(Companions::OfImages, Companions::At) }
 }
 
 impl FormatArg {
@@ -181,143 +168,5 @@ impl FormatArg {
             Self::Tif => "tif",
             Self::Exr => "exr",
         }
-    }
-}
-
-struct Finishing<'a> {
-    args: &'a FinishArgs,
-    curve: ToneCurve,
-    config: FinishConfig,
-    session: &'a Session,
-}
-
-impl Finishing<'_> {
-    /// Whether the exposure of a picture is chosen from it.
-    fn is_automatic(&self, job: &Job) -> bool {
-        job.reference.is_none() && !self.args.style.says_curve()
-    }
-
-    /// The look that is said of the capture, and the flags that override it.
-    fn look(&self, job: &Job, said: &CaptureInfo) -> Result<Look> {
-        let said = CaptureInfo {
-            baseline_exposure_ev: self.args.baseline_exposure.or(said.baseline_exposure_ev),
-            orientation: self.args.orientation.or(said.orientation),
-            ..said.clone()
-        };
-        let mut look = Look::of_capture(&said);
-        look.ccm = look.ccm.filter(|_| !self.args.no_ccm);
-        if let Some(&[red, green, blue]) = self.args.saturation.as_deref() {
-            look.saturation = Some([red, green, blue]);
-        }
-        if let Some(path) = &job.ccm {
-            look.ccm = Some(read_color_matrix(path)?);
-        }
-        Ok(look)
-    }
-
-    /// The settings for a job's format.
-    fn config_of(&self, job: &Job) -> FinishConfig {
-        let eight_bit = match (Format::of_extension(&job.output).ok(), self.args.bits) {
-            (Some(Format::Jpeg), _) => true,
-            (Some(Format::Png), bits) => bits != Some(16),
-            (Some(Format::Tiff), bits) => bits == Some(8),
-            _ => false,
-        };
-        // An exposure that is chosen needs no limit beside.
-        let clip = if self.is_automatic(job) { self.args.style.clip_given() } else { self.config.clip };
-        FinishConfig { eight_bit, clip, ..self.config }
-    }
-}
-
-impl Stages for Finishing<'_> {
-    type Job = Job;
-    type Input = (AnyImage, Look);
-    type Output = Photograph;
-
-    fn doing(&self, job: &Job) -> String {
-        format!("finishing {}", job.input.display())
-    }
-
-    fn output<'a>(&self, job: &'a Job) -> &'a Path {
-        &job.output
-    }
-
-    fn describe(&self, job: &Job) -> Value {
-        let mut finish = json!(self.config_of(job));
-        if self.is_automatic(job) {
-            finish["curve"] = json!("automatic");
-        }
-        json!({
-            "domain": self.args.domain.map(DomainArg::name), "tone": self.curve, "finish": finish,
-            "orientation": self.args.orientation, "saturation": self.args.saturation,
-            "baseline-exposure-ev": self.args.baseline_exposure,
-        })
-    }
-
-    fn identify(&self, job: &Job) -> Result<Value> {
-        let [input, ccm, reference] = job.sha256()?;
-        Ok(json!({ "input-sha256": input, "ccm-sha256": ccm, "reference-sha256": reference }))
-    }
-
-    fn read(&self, job: &Job) -> Result<Self::Input> {
-        // Before the pixels, so that they are not older than it.
-        job.sha256()?;
-        let read = || read_any(&job.input, self.args.domain, self.session);
-        let (image, said) = self.session.timed(format_args!("reading {}", job.input.display()), read)?;
-        let mut look = self.look(job, &said.unwrap_or_default())?;
-        if let (Some(ccm), Some(path)) = (&look.ccm, &job.ccm)
-            && ccm.looks_transposed()
-        {
-            self.session.warn(format_args!(
-                "the columns of {} sum to one, not its rows, so that grey becomes coloured; it may be transposed",
-                path.display()
-            ));
-        }
-        if let Some(path) = &job.reference {
-            // Not light but a look: its values are compared with those that are shown.
-            let planes = read_pixels(path)?.planes;
-            if planes.dim().0 != 3 {
-                return Err(Error::format(path, "is grey; a reference picture has three channels").into());
-            }
-            look.reference_means = Some(channel_means(&planes));
-        }
-        Ok((image, look))
-    }
-
-    fn compute(&self, job: &Job, (image, look): Self::Input) -> Result<Photograph> {
-        let image = image.into_linear(self.curve);
-        let mut config = self.config_of(job);
-        if self.is_automatic(job) {
-            config.curve = automatic_curve(&image, &look, self.args.x_max);
-            if let Curve::Photographic { grey, white } = config.curve {
-                let input = job.input.display();
-                self.session
-                    .detail(format_args!("{input}: middle grey at light {grey:.4}, white at {white:.4}"));
-            }
-        }
-        let planes = self.session.timed(self.doing(job), || finish(image, &look, &config))?;
-        Ok(Photograph { planes, look, curve: config.curve, eight_bit: config.eight_bit })
-    }
-
-    fn write(&self, job: &Job, photograph: Photograph) -> Result<()> {
-        let mut described = self.describe(job);
-        // Where the files lay; what they are is told by their contents.
-        let text = |path: &Option<PathBuf>| path.as_deref().map(text_of);
-        described["input"] = json!(text_of(&job.input));
-        described["ccm"] = json!(text(&job.ccm));
-        described["reference"] = json!(text(&job.reference));
-        let [input, ccm, reference] = job.sha256()?;
-        described["input-sha256"] = json!(input);
-        described["ccm-sha256"] = json!(ccm);
-        described["reference-sha256"] = json!(reference);
-        described["look"] = json!(photograph.look);
-        described["curve"] = json!(photograph.curve);
-        let provenance = Some(Provenance::new("finish", &described));
-        let options =
-            WriteOptions { overwrite: self.session.overwrite, provenance, ..WriteOptions::default() };
-        let write = || photograph.write(&job.output, &options);
-        self.session.timed(format_args!("writing {}", job.output.display()), write)?;
-        self.session.tell(job.output.display());
-        Ok(())
     }
 }

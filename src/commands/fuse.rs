@@ -10,13 +10,12 @@ use serde_json::json;
 
 use super::Session;
 use super::bracket::BracketArgs;
-use super::capture::note_what_is_lost;
 use super::choices::Choices;
 use super::domain::SceneDomainArgs;
 use super::psf::check_float_output;
 use udc::capture::{Developed, PSF_BRACKET, Pictures, SCENE_BRACKET, Told, names_of, read_mask, uncorrected};
 use udc::core::provenance::Provenance;
-use udc::io::{WriteOptions, check_output, expand_inputs, write_image, write_psf};
+use udc::io::{WriteOptions, check_output, expand_inputs, what_is_lost, write_image, write_psf};
 use udc::psf::{MeasureConfig, Normalization, measure_psf};
 
 use summary::Summary;
@@ -88,9 +87,8 @@ impl FuseArgs {
         let resolved = json!({"inputs": files, "exposures": exposures, "fuse": config, "psf": measure});
         let provenance = Some(Provenance::new("fuse", &resolved));
         let info = measured.is_none().then_some(info);
-        if let Some(info) = &info {
-            note_what_is_lost(&self.output, info, session);
-        }
+        let lost = info.as_ref().and_then(|info| what_is_lost(&self.output, info));
+        lost.iter().for_each(|lost| session.note(lost));
         if let Some(warning) = raw.as_ref().and_then(uncorrected) {
             session.warn(warning);
         }

@@ -3,14 +3,12 @@
 mod bars;
 mod bench;
 mod bracket;
-mod capture;
 mod choices;
 mod codes;
 mod completions;
 mod convert;
 mod crop;
 mod demo;
-mod destination;
 mod domain;
 mod eval;
 mod finish;
@@ -18,10 +16,8 @@ mod fuse;
 mod info;
 mod man;
 mod metrics;
-mod picture;
 mod psf;
 mod psf_file;
-mod queue;
 mod report;
 mod restore;
 mod sweep;
@@ -29,6 +25,7 @@ mod synth;
 mod tonemap;
 mod train;
 
+use std::fmt::Display;
 use std::io::{IsTerminal, Write as _};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -41,7 +38,7 @@ use clap::{ArgAction, Args, CommandFactory as _, FromArgMatches as _, Parser, Su
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
-use udc::core::error::Error;
+use udc::batch::{Watcher, timed};
 use udc::core::progress::Progress;
 use udc::kernels::Isa;
 
@@ -137,7 +134,7 @@ impl Session {
     ///
     /// # Errors
     /// When stdout is closed, which ends the program quietly, or takes no more.
-    pub(crate) fn say(&self, text: impl std::fmt::Display) -> Result<()> {
+    pub(crate) fn say(&self, text: impl Display) -> Result<()> {
         if self.verbosity > 0 {
             writeln!(std::io::stdout().lock(), "{text}").context(WRITING_TO_STDOUT)?;
         }
@@ -147,7 +144,7 @@ impl Session {
     /// Tells the user on stdout, unless `--quiet`, of work whose results are files.
     ///
     /// A stdout that takes no more stops the telling and not the work; the run reports it at its end.
-    pub(crate) fn tell(&self, text: impl std::fmt::Display) {
+    pub(crate) fn tell(&self, text: impl Display) {
         if self.verbosity > 0
             && self.unheard.get().is_none()
             && let Err(error) = writeln!(std::io::stdout().lock(), "{text}")
@@ -158,19 +155,19 @@ impl Session {
     }
 
     /// Warns on stderr, unless `--quiet`.
-    pub(crate) fn warn(&self, text: impl std::fmt::Display) {
+    pub(crate) fn warn(&self, text: impl Display) {
         self.note(format_args!("warning: {text}"));
     }
 
     /// Tells on stderr what the user should know beforehand, unless `--quiet`.
-    pub(crate) fn note(&self, text: impl std::fmt::Display) {
+    pub(crate) fn note(&self, text: impl Display) {
         if self.verbosity > 0 {
             print_error(text);
         }
     }
 
     /// Tells details on stderr with `--verbose`.
-    pub(crate) fn detail(&self, text: impl std::fmt::Display) {
+    pub(crate) fn detail(&self, text: impl Display) {
         if self.verbosity > 1 {
             print_error(text);
         }
@@ -188,13 +185,32 @@ impl Session {
     /// Does a step of the work, and tells with `--verbose` how long it took.
     pub(crate) fn timed<T, E>(
         &self,
-        doing: impl std::fmt::Display,
+        doing: impl Display,
         step: impl FnOnce() -> Result<T, E>,
     ) -> Result<T, E> {
-        let started = Instant::now();
-        let result = step()?;
-        self.detail(format_args!("{doing}: {:.2} s", started.elapsed().as_secs_f64()));
-        Ok(result)
+        timed(self, doing, step)
+    }
+}
+
+impl Watcher for Session {
+    fn progress(&self) -> &Progress {
+        &self.progress
+    }
+
+    fn tell(&self, text: &dyn Display) {
+        self.tell(text);
+    }
+
+    fn warn(&self, text: &dyn Display) {
+        self.warn(text);
+    }
+
+    fn note(&self, text: &dyn Display) {
+        self.note(text);
+    }
+
+    fn detail(&self, text: &dyn Display) {
+        self.detail(text);
     }
 }
 
@@ -318,7 +334,7 @@ impl GlobalArgs {
 const WRITING_TO_STDOUT: &str = "writing to stdout";
 
 /// Prints a line on stderr, if anybody reads it.
-pub(crate) fn print_error(text: impl std::fmt::Display) {
+pub(crate) fn print_error(text: impl Display) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
 
@@ -333,11 +349,6 @@ fn misuse(subcommand: &str, reason: &str) -> anyhow::Error {
     cli.build();
     let command = cli.find_subcommand_mut(subcommand).expect("named by the subcommand itself");
     command.error(ErrorKind::ArgumentConflict, reason).into()
-}
-
-/// Whether the user asked to stop.
-fn was_interrupted(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| matches!(cause.downcast_ref(), Some(Error::Interrupted)))
 }
 
 /// Whether the reader of our output went away, which is no failure.

@@ -11,23 +11,21 @@ use anyhow::Result;
 use clap::{ArgGroup, Args};
 use serde_json::{Map, Value, json};
 
-use udc::capture::relative_times;
+use udc::batch::{self, Stages};
+use udc::capture::{Told, relative_times};
+use udc::core::error;
 use udc::core::progress::Progress;
 use udc::core::provenance::Provenance;
 use udc::finish::Photograph;
-use udc::io::{DomainTag, WriteOptions};
+use udc::io::{DomainTag, WriteOptions, check_output_domain, what_is_lost};
 use udc::restore::{
     Capture, Highlights, MemoryBudget, MethodConfig, Precision, Restoration, RestorationConfig, Restored,
 };
 
 use super::bracket::BracketArgs;
-use super::capture::note_what_is_lost;
 use super::choices::{Choices, HIGHLIGHTS, PRECISIONS};
-use super::destination::OutputFolder;
 use super::domain::{DomainArg, OutputDomainArg};
-use super::picture::{check_domain_of_output, domain_of_output};
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
-use super::queue::{Stages, remaining, run_all};
 use super::{Session, misuse, text_of};
 use files::Job;
 use kernel::KernelArgs;
@@ -128,7 +126,7 @@ impl RestoreArgs {
         self.method.check()?;
         self.config(&[]).curve(None)?;
         self.raw.config()?;
-        let mut jobs = self.jobs(session)?;
+        let jobs = self.jobs(session)?;
         if self.output_domain.is_some() && jobs.iter().any(Job::is_photograph) {
             let reason = "--output-domain is for images of light, and a JPEG is finished for viewing: leave it out, or write \
                           .exr";
@@ -136,12 +134,13 @@ impl RestoreArgs {
         }
         let (restoration, notices) = self.config(&jobs).open()?;
         notices.iter().for_each(|notice| session.notice(notice));
-        let run = Run::new(&self, restoration, jobs.len() > 1, session);
-        if self.resume {
-            jobs = remaining(&run, jobs, session)?;
-        }
-        let _folder = OutputFolder::of(&mut jobs.iter().map(|job| job.output.as_path()))?;
-        run_all(&run, &jobs, session)
+        let run = Run::new(&self, restoration, jobs.len() > 1, session)?;
+        Ok(batch::run(&run, jobs, self.resume, session)?)
+    }
+
+    /// The domain that is written: the one that is asked for, or that of the capture.
+    fn domain_of_output(&self, capture: &Capture) -> DomainTag {
+        self.output_domain.map_or(capture.image.domain(), DomainTag::from)
     }
 
     /// How captures are restored, as the flags say.
@@ -184,6 +183,8 @@ enum Ready {
 /// A run over several captures.
 struct Run<'a> {
     args: &'a RestoreArgs,
+    /// What the flags say of the captures.
+    told: Told,
     restoration: Restoration,
     session: &'a Session,
     /// Where a capture's own progress is shown.
@@ -195,13 +196,20 @@ struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    fn new(args: &'a RestoreArgs, restoration: Restoration, several: bool, session: &'a Session) -> Self {
+    fn new(
+        args: &'a RestoreArgs,
+        restoration: Restoration,
+        several: bool,
+        session: &'a Session,
+    ) -> Result<Self> {
         let progress = if several { session.progress.without_bars() } else { session.progress.clone() };
-        Self { args, restoration, session, progress, said: Mutex::default(), darks_sha256: OnceLock::new() }
+        let told = args.raw.told(args.domain.map(DomainTag::from))?;
+        let (said, darks_sha256) = (Mutex::default(), OnceLock::new());
+        Ok(Self { args, told, restoration, session, progress, said, darks_sha256 })
     }
 
     /// Restores one capture; says beforehand what memory that takes, unless the image before took the same.
-    fn restore(&self, job: &Job, capture: Capture) -> Result<Restored> {
+    fn restore(&self, job: &Job, capture: Capture) -> error::Result<Restored> {
         let line = self.restoration.plan(capture.image.size())?.to_string();
         let mut said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
         if *said != line {
@@ -217,16 +225,16 @@ impl<'a> Run<'a> {
         Ok(restored)
     }
 
-    fn darks_sha256(&self) -> Result<Option<&[Option<String>]>> {
+    fn darks_sha256(&self) -> error::Result<Option<&[Option<String>]>> {
         if self.darks_sha256.get().is_none() {
             // Set by whoever comes first: the reader, or the check of what is there.
-            let _ = self.darks_sha256.set(self.args.raw.darks_sha256()?);
+            let _ = self.darks_sha256.set(self.told.darks_sha256()?);
         }
         Ok(self.darks_sha256.get().and_then(Option::as_deref))
     }
 
     /// The contents that an image is made of.
-    fn contents(&self, job: &Job) -> Result<Map<String, Value>> {
+    fn contents(&self, job: &Job) -> error::Result<Map<String, Value>> {
         let mut contents = Map::new();
         contents.insert("inputs-sha256".to_owned(), json!(job.inputs_sha256()?));
         if let Some(darks) = self.darks_sha256()? {
@@ -236,7 +244,7 @@ impl<'a> Run<'a> {
     }
 
     /// How a job's image was made, and where its files lay.
-    fn provenance(&self, job: &Job) -> Result<Provenance> {
+    fn provenance(&self, job: &Job) -> error::Result<Provenance> {
         let mut described = self.describe(job);
         // It decides the tiles, which change nothing but roundings.
         described["max-memory"] = json!(self.args.max_memory);
@@ -260,12 +268,11 @@ impl<'a> Run<'a> {
         WriteOptions { half: self.args.half, overwrite: self.session.overwrite, ..WriteOptions::default() }
     }
 
-    fn write_light(&self, job: &Job, restored: Restored, domain: DomainTag) -> Result<()> {
+    fn write_light(&self, job: &Job, restored: Restored, domain: DomainTag) -> error::Result<()> {
         let options = WriteOptions { provenance: Some(self.provenance(job)?), ..self.options() };
-        if let Some(info) = &restored.info {
-            note_what_is_lost(&job.output, info, self.session);
-        }
-        Ok(restored.write(&job.output, domain, &options)?)
+        let lost = restored.info.as_ref().and_then(|info| what_is_lost(&job.output, info));
+        lost.iter().for_each(|lost| self.session.note(lost));
+        restored.write(&job.output, domain, &options)
     }
 }
 
@@ -304,7 +311,7 @@ impl Stages for Run<'_> {
         }
     }
 
-    fn identify(&self, job: &Job) -> Result<Value> {
+    fn identify(&self, job: &Job) -> error::Result<Value> {
         self.contents(job).map(Value::Object)
     }
 
@@ -312,19 +319,19 @@ impl Stages for Run<'_> {
         self.restoration.prepare();
     }
 
-    fn read(&self, job: &Job) -> Result<Capture> {
+    fn read(&self, job: &Job) -> error::Result<Capture> {
         // Before the pixels, so that they are not older than it.
         self.contents(job)?;
-        let capture = self.args.read_capture(job, self.session)?;
+        let capture = self.args.read_capture(job, &self.told, self.session)?;
         if !job.is_photograph() {
-            check_domain_of_output(&job.output, domain_of_output(self.args.output_domain, &capture.image))?;
+            check_output_domain(&job.output, self.args.domain_of_output(&capture))?;
         }
         Ok(capture)
     }
 
-    fn compute(&self, job: &Job, capture: Capture) -> Result<Ready> {
+    fn compute(&self, job: &Job, capture: Capture) -> error::Result<Ready> {
         self.session.progress.check()?;
-        let domain = domain_of_output(self.args.output_domain, &capture.image);
+        let domain = self.args.domain_of_output(&capture);
         let restored = self.session.timed(self.doing(job), || self.restore(job, capture))?;
         if !job.is_photograph() {
             return Ok(Ready::Light(restored, domain));
@@ -333,13 +340,11 @@ impl Stages for Run<'_> {
         Ok(Ready::Photograph(self.session.timed(finishing, || restored.into_photograph())?))
     }
 
-    fn write(&self, job: &Job, ready: Ready) -> Result<()> {
+    fn write(&self, job: &Job, ready: Ready) -> error::Result<()> {
         let write = || match ready {
             Ready::Light(restored, domain) => self.write_light(job, restored, domain),
-            Ready::Photograph(photograph) => Ok(photograph.write(&job.output, &self.options())?),
+            Ready::Photograph(photograph) => photograph.write(&job.output, &self.options()),
         };
-        self.session.timed(format_args!("writing {}", job.output.display()), write)?;
-        self.session.tell(job.output.display());
-        Ok(())
+        self.session.timed(format_args!("writing {}", job.output.display()), write)
     }
 }

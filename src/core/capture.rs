@@ -69,9 +69,35 @@ pub fn is_exposure(stops: f64) -> bool {
     stops.abs() <= 10.0
 }
 
+/// Reads a level of one channel.
+///
+/// # Errors
+/// What to write, when the text is no level.
+pub fn parse_level(text: &str) -> Result<f32, String> {
+    let level = text.trim().parse().ok().filter(|level| is_level(*level));
+    level.ok_or_else(|| "write three numbers from 1e-6 to 1e9, for red, green and blue: 1.9,1,1.6".to_owned())
+}
+
+/// Reads a number of stops.
+///
+/// # Errors
+/// What to write, when the text is no number that cameras ask for.
+pub fn parse_exposure(text: &str) -> Result<f64, String> {
+    let stops = text.trim().parse().ok().filter(|stops| is_exposure(*stops));
+    stops.ok_or_else(|| "write a number of stops from -10 to 10".to_owned())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn levels_and_stops_are_read_in_their_range() {
+        assert_eq!(parse_level(" 1.9"), Ok(1.9));
+        assert_eq!(parse_exposure("-0.5 "), Ok(-0.5));
+        assert!(["0", "1e10", "nan", "white"].iter().all(|text| parse_level(text).is_err()));
+        assert!(["11", "-11", "inf", ""].iter().all(|text| parse_exposure(text).is_err()));
+    }
 
     #[test]
     fn what_is_known_returns_from_its_text() {

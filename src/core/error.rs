@@ -1,5 +1,6 @@
 //! The library's one error type: few variants, one for each kind of person who can fix it.
 
+use std::iter::successors;
 use std::path::{Path, PathBuf};
 
 /// The result of every fallible function of the library.
@@ -93,6 +94,21 @@ impl Error {
     pub fn while_doing(self, doing: impl Into<String>) -> Self {
         Self::While { doing: doing.into(), source: Box::new(self) }
     }
+
+    /// What was being done, what went wrong with it and why, in one line.
+    pub fn in_full(&self) -> String {
+        self.chain().map(ToString::to_string).collect::<Vec<_>>().join(": ")
+    }
+
+    /// Whether the work ended because the user asked for it, whatever was being done.
+    pub fn is_interrupt(&self) -> bool {
+        self.chain().any(|cause| matches!(cause.downcast_ref(), Some(Self::Interrupted)))
+    }
+
+    /// The error, what caused it, and so on.
+    fn chain(&self) -> impl Iterator<Item = &(dyn std::error::Error + 'static)> {
+        successors(Some(self as &(dyn std::error::Error + 'static)), |error| error.source())
+    }
 }
 
 #[cfg(test)]
@@ -107,5 +123,13 @@ mod tests {
         assert_eq!(error.to_string(), "opening the dataset");
         let source = error.source().and_then(|source| source.downcast_ref());
         assert!(matches!(source, Some(Error::Interrupted)), "{source:?}");
+    }
+    #[test]
+    fn an_error_in_full_says_its_causes_and_an_interrupt_stays_one() {
+        let missing = std::io::Error::new(std::io::ErrorKind::NotFound, "no such file");
+        let error = Error::io("read", "a.exr", missing).while_doing("restoring a.exr");
+        assert_eq!(error.in_full(), "restoring a.exr: cannot read a.exr: no such file");
+        assert!(!error.is_interrupt());
+        assert!(Error::Interrupted.while_doing("restoring a.exr").is_interrupt());
     }
 }

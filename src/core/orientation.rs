@@ -1,6 +1,7 @@
 //! Says how a picture lies on the sensor, and puts it upright.
 
 use std::fmt;
+use std::str::FromStr;
 
 use ndarray::{Array3, Axis};
 use serde::{Deserialize, Serialize};
@@ -73,6 +74,16 @@ impl Orientation {
     }
 }
 
+impl FromStr for Orientation {
+    type Err = String;
+
+    /// Reads the number of EXIF.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = text.parse().ok();
+        number.and_then(Self::from_exif).ok_or_else(|| "write a number from 1 to 8".to_owned())
+    }
+}
+
 impl fmt::Display for Orientation {
     /// What is to be done to put it upright.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -123,6 +134,12 @@ mod tests {
         let rows: Vec<Vec<f32>> =
             text.split('|').map(|row| row.chars().map(|c| f32::from(u8::from(c == '#'))).collect()).collect();
         Array3::from_shape_fn((3, rows.len(), rows[0].len()), |(_, y, x)| rows[y][x])
+    }
+
+    #[test]
+    fn is_read_as_the_number_of_exif() {
+        assert_eq!("6".parse(), Ok(Orientation(RightTop)));
+        assert!(["0", "9", "", "left"].iter().all(|text| text.parse::<Orientation>().is_err()));
     }
 
     #[test]

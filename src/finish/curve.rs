@@ -5,6 +5,12 @@ use serde::Serialize;
 use super::exposure::MIDDLE_GREY;
 use crate::core::color::srgb_encode;
 
+/// The exponent's inverse of the published pictures.
+const GAMMA: f32 = 2.8;
+
+/// The light that the published pictures show as white.
+const GAMMA_WHITE: f32 = 6.0;
+
 /// A transfer curve, from light in `[0, ∞)` to display values in `[0, 1]`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
@@ -46,14 +52,46 @@ pub enum Curve {
     None,
 }
 
+/// A curve of which the light that is shown as white is chosen beforehand.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CurveKind {
+    /// [`Curve::Gamma`].
+    #[default]
+    Gamma,
+    /// [`Curve::Srgb`].
+    Srgb,
+    /// [`Curve::Aces`].
+    Aces,
+    /// [`Curve::None`].
+    None,
+}
+
 impl Default for Curve {
     /// As the published pictures are shown.
     fn default() -> Self {
-        Self::Gamma { gamma: 2.8, max: 6.0 }
+        Self::Gamma { gamma: GAMMA, max: GAMMA_WHITE }
     }
 }
 
 impl Curve {
+    /// A curve of a kind, its settings given or the usual ones: those of the default, and white at 1 for the other kinds.
+    ///
+    /// # Errors
+    /// What is wrong, when a setting is given that the kind does not have.
+    pub fn of_kind(kind: CurveKind, gamma: Option<f32>, max: Option<f32>) -> Result<Self, &'static str> {
+        let white = max.unwrap_or(1.0);
+        match (kind, gamma, max) {
+            (CurveKind::Gamma, ..) => {
+                Ok(Self::Gamma { gamma: gamma.unwrap_or(GAMMA), max: max.unwrap_or(GAMMA_WHITE) })
+            }
+            (CurveKind::None, _, Some(_)) => Err("--curve none has no --max: light stays as it is"),
+            (_, Some(_), _) => Err("--gamma belongs to --curve gamma"),
+            (CurveKind::Srgb, ..) => Ok(Self::Srgb { max: white }),
+            (CurveKind::Aces, ..) => Ok(Self::Aces { max: white }),
+            (CurveKind::None, ..) => Ok(Self::None),
+        }
+    }
+
     /// Maps one value.
     pub fn apply(self, light: f32) -> f32 {
         let light = light.max(0.0);
@@ -100,6 +138,17 @@ mod tests {
         Curve::Photographic { grey: 0.1, white: 9.0 },
         Curve::None,
     ];
+
+    #[test]
+    fn a_kind_has_its_own_settings_only() {
+        assert_eq!(Curve::of_kind(CurveKind::default(), None, None), Ok(Curve::default()));
+        let gamma = Curve::of_kind(CurveKind::Gamma, Some(2.2), Some(4.0));
+        assert_eq!(gamma, Ok(Curve::Gamma { gamma: 2.2, max: 4.0 }));
+        assert_eq!(Curve::of_kind(CurveKind::Srgb, None, None), Ok(Curve::Srgb { max: 1.0 }));
+        assert_eq!(Curve::of_kind(CurveKind::Aces, None, Some(2.0)), Ok(Curve::Aces { max: 2.0 }));
+        assert!(Curve::of_kind(CurveKind::Aces, Some(2.2), None).unwrap_err().contains("--gamma"));
+        assert!(Curve::of_kind(CurveKind::None, Some(2.2), Some(2.0)).unwrap_err().contains("--max"));
+    }
 
     #[test]
     fn curves_rise_from_black_to_white() {

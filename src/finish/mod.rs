@@ -9,7 +9,10 @@ mod curve;
 mod exposure;
 mod highlights;
 mod lab;
+mod pairs;
 mod photograph;
+mod plan;
+mod style;
 
 use ndarray::{Array3, Axis, Zip};
 use serde::Serialize;
@@ -21,9 +24,12 @@ use crate::core::orientation::Orientation;
 
 pub use clahe::ClaheConfig;
 pub use color_matrix::{ColorMatrix, read_color_matrix};
-pub use curve::Curve;
+pub use curve::{Curve, CurveKind};
 pub use exposure::automatic_curve;
+pub use pairs::{Companions, FinishInputs};
 pub use photograph::{Photograph, photograph};
+pub use plan::FinishPlan;
+pub use style::{Clip, Style};
 
 /// What is done to every picture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use ndarray::Array3;
 
-use super::{Curve, FinishConfig, Look, automatic_curve, finish};
+use super::{Curve, FinishConfig, Look, Style, finish};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::Result;
 use crate::core::image::LinearImage;
@@ -30,12 +30,17 @@ pub struct Photograph {
 /// Those of [`finish`].
 pub fn photograph(image: LinearImage, info: &CaptureInfo, ceiling: f32) -> Result<Photograph> {
     let look = Look::of_capture(info);
-    let curve = automatic_curve(&image, &look, ceiling);
-    let config = FinishConfig { clip: None, curve, ..FinishConfig::default() };
-    Ok(Photograph { planes: finish(image, &look, &config)?, look, curve, eight_bit: config.eight_bit })
+    let config = Style::default().config_of(&image, &look, true, ceiling);
+    Photograph::of(image, look, &config)
 }
 
 impl Photograph {
+    /// Finishes light with settings that are chosen.
+    pub(super) fn of(image: LinearImage, look: Look, config: &FinishConfig) -> Result<Self> {
+        let planes = finish(image, &look, config)?;
+        Ok(Self { planes, look, curve: config.curve, eight_bit: config.eight_bit })
+    }
+
     /// Writes the picture in the format of the path's extension, with the bits that it was finished for.
     ///
     /// # Errors
@@ -53,6 +58,7 @@ impl Photograph {
 mod tests {
     use super::*;
     use crate::core::orientation::Orientation;
+    use crate::finish::automatic_curve;
 
     fn light() -> LinearImage {
         let planes = Array3::from_shape_fn((3, 20, 30), |(c, y, x)| ((c + 2) * (y * 30 + x)) as f32 / 900.0);

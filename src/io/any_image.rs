@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use super::{DomainTag, Pixels, WriteOptions, image_of, read_pixels, write_image};
+use super::{DomainTag, Format, Pixels, WriteOptions, image_of, read_pixels, write_image};
 use crate::core::capture::CaptureInfo;
-use crate::core::error::Result;
+use crate::core::error::{Error, Result};
 use crate::core::image::{Linear, LinearImage, ToneMapped, ToneMappedImage};
 use crate::core::tone::ToneCurve;
 
@@ -103,4 +103,19 @@ impl AnyImage {
             }
         }
     }
+}
+
+/// Refuses linear light in a file of integers, before the work.
+///
+/// # Errors
+/// [`Error::Unsupported`] for such a file; [`Error::Format`] for one of no format that is written.
+pub fn check_output_domain(path: &Path, domain: DomainTag) -> Result<()> {
+    let holds_floats = matches!(Format::of_extension(path)?, Format::Exr | Format::Npy | Format::Hdr);
+    if domain == DomainTag::Linear && !holds_floats {
+        return Err(Error::Unsupported(format!(
+            "{} cannot hold linear light above one: add --output-domain tone-mapped, or write .exr or .npy",
+            path.display()
+        )));
+    }
+    Ok(())
 }

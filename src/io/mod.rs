@@ -20,6 +20,7 @@ mod guard;
 mod icc;
 mod inputs;
 mod jpeg;
+mod lost;
 mod npy;
 mod owned_folder;
 mod pixels;
@@ -34,7 +35,7 @@ mod tell;
 mod tiff;
 mod write;
 
-pub use any_image::{AnyImage, ImageReading, any_image_of, inspect_any_image};
+pub use any_image::{AnyImage, ImageReading, any_image_of, check_output_domain, inspect_any_image};
 pub use array::{read_array, write_array};
 pub use atomic::{WriteSeek, check_output, remove_unfinished, write_atomically};
 pub use bank::{
@@ -48,6 +49,7 @@ pub use field::{inspect_psf_field, read_field, read_psf_field, write_psf_field};
 pub use folder::{AppendFile, LineLog, create_folder, lock_folder, publish_folder, remove, try_lock_folder};
 pub use format::{Encoding, Format, check_extension};
 pub use inputs::{expand_inputs, identity, is_hidden, without_repeats};
+pub use lost::what_is_lost;
 pub use owned_folder::OwnedFolder;
 pub use pixels::{DomainTag, IgnoredOpcode, Pixels, RawMetadata};
 pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_file};

@@ -13,6 +13,7 @@ const FLOW: &[&str] = &[
     "core",
     "io",
     "dataset",
+    "batch",
     "kernels",
     "network",
     "capture",

@@ -5,13 +5,14 @@ use std::sync::OnceLock;
 
 use anyhow::{Result, bail};
 
-use udc::capture::{CaptureFiles, CaptureGroups, names_of};
-use udc::io::{DomainTag, Format, sha256_of_file};
+use udc::batch::{Destination, Unplaced};
+use udc::capture::{CaptureFiles, CaptureGroups, Told, names_of};
+use udc::core::error;
+use udc::io::{Format, sha256_of_file};
 use udc::restore::{Capture, CaptureReading};
 
 use super::RestoreArgs;
 use crate::commands::Session;
-use crate::commands::destination::{Destination, Unplaced};
 
 /// One image to make.
 pub(super) struct Job {
@@ -35,7 +36,7 @@ impl Job {
 
     /// SHA-256 of the inputs, which are read for it once; what is no file, such as a pipe, can be read once only and has
     /// none.
-    pub(super) fn inputs_sha256(&self) -> Result<&[Option<String>]> {
+    pub(super) fn inputs_sha256(&self) -> error::Result<&[Option<String>]> {
         if let Some(found) = self.sha256.get() {
             return Ok(found);
         }
@@ -75,11 +76,10 @@ impl RestoreArgs {
         self.bracket || self.raw.exposures.is_some()
     }
 
-    pub(super) fn read_capture(&self, job: &Job, session: &Session) -> Result<Capture> {
-        let told = self.raw.told(self.domain.map(DomainTag::from))?;
+    pub(super) fn read_capture(&self, job: &Job, told: &Told, session: &Session) -> error::Result<Capture> {
         let read = || match self.is_bracket() {
-            true => CaptureReading::of_bracket(&job.inputs, &told, &session.progress),
-            false => CaptureReading::of_file(&job.inputs[0], &told, &session.progress),
+            true => CaptureReading::of_bracket(&job.inputs, told, &session.progress),
+            false => CaptureReading::of_file(&job.inputs[0], told, &session.progress),
         };
         let reading = session.timed(format_args!("reading {}", job.name()), read)?;
         reading.warnings.iter().for_each(|warning| session.warn(warning));

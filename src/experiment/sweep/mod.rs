@@ -3,7 +3,6 @@
 mod row;
 mod table;
 
-use std::error::Error as StdError;
 use std::path::Path;
 
 use serde_json::json;
@@ -116,11 +115,11 @@ impl<'a> Sweep<'a> {
             let row = self.row(entry, on_event);
             match row.map_err(|error| error.while_doing(format!("row {}", entry.name))) {
                 Ok(row) => rows.push(row.results()),
-                Err(error) if was_interrupted(&error) => {
+                Err(error) if error.is_interrupt() => {
                     return Err(error.while_doing("the sweep was interrupted; go on with --resume"));
                 }
                 Err(error) => {
-                    let reason = chain(&error).iter().map(ToString::to_string).collect::<Vec<_>>().join(": ");
+                    let reason = error.in_full();
                     (self.listener.warn)(&reason);
                     failed.push(FailedRow { name: entry.name.clone(), reason });
                 }
@@ -283,18 +282,4 @@ fn single_kernel(dataset: &Dataset, asked: Option<&str>) -> Result<Option<String
         (Err(error), Some(_)) => Err(error),
         _ => Ok(None),
     }
-}
-
-/// An error and what stands behind it.
-fn chain(error: &Error) -> Vec<&(dyn StdError + 'static)> {
-    let (mut chain, mut next): (Vec<_>, Option<&(dyn StdError + 'static)>) = (Vec::new(), Some(error));
-    while let Some(cause) = next {
-        chain.push(cause);
-        next = cause.source();
-    }
-    chain
-}
-
-fn was_interrupted(error: &Error) -> bool {
-    chain(error).iter().any(|cause| matches!(cause.downcast_ref(), Some(Error::Interrupted)))
 }

@@ -1,0 +1,112 @@
+//! Where the results of one or several inputs go: to the file that the user names, or to files of a folder.
+
+use std::path::{Path, PathBuf, is_separator};
+
+use crate::core::error::{Error, Result};
+use crate::io::{Format, check_output};
+
+/// What the user names for the results, and how files are named in it if it is a folder.
+#[derive(Clone, Copy, Debug)]
+pub struct Destination<'a> {
+    /// A file or a folder.
+    pub path: &'a Path,
+    /// The extension of files in a folder.
+    pub extension: &'a str,
+    /// Whether files that are there do not matter.
+    pub accepts_existing: bool,
+}
+
+/// A result before it has a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Unplaced {
+    /// Its file's name in a folder, without extension.
+    pub name: String,
+    /// What it is made of, for messages.
+    pub source: String,
+}
+
+impl Unplaced {
+    /// The result of one file, named as it.
+    pub fn of_file(file: &Path) -> Self {
+        let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Self { name, source: file.display().to_string() }
+    }
+}
+
+impl Destination<'_> {
+    /// Names a file for what becomes of each file, before any work; `named` is what the user named for them.
+    ///
+    /// # Errors
+    /// As [`place`](Self::place).
+    pub fn place_files(&self, files: &[PathBuf], named: &[PathBuf]) -> Result<Vec<PathBuf>> {
+        let results: Vec<Unplaced> = files.iter().map(|file| Unplaced::of_file(file)).collect();
+        self.place(&results, named.iter().any(|input| input.is_dir()))
+    }
+
+    /// Names a file for each result, before any work; `in_folder` says that they belong to one whatever their number.
+    ///
+    /// A folder that is there, or a name that ends in a separator, is a folder for a single result too.
+    ///
+    /// # Errors
+    /// When several results have one file, or a file is there that may not be replaced.
+    pub fn place(&self, results: &[Unplaced], in_folder: bool) -> Result<Vec<PathBuf>> {
+        let names_folder = self.path.is_dir() || ends_in_separator(self.path);
+        let in_folder = in_folder || results.len() > 1;
+        if in_folder && !names_folder && (self.path.exists() || Format::of_extension(self.path).is_ok()) {
+            return Err(Error::Unsupported(format!(
+                "several inputs, or those of a folder, need a folder to be written to, and {} names a file; write -o {}/",
+                self.path.display(),
+                self.path.with_extension("").display()
+            )));
+        }
+        if !in_folder && !names_folder {
+            Format::of_extension(self.path)?;
+            check_output(self.path, self.accepts_existing)?;
+            return Ok(vec![self.path.to_owned()]);
+        }
+        let file = |result: &Unplaced| self.path.join(format!("{}.{}", result.name, self.extension));
+        let files: Vec<PathBuf> = results.iter().map(file).collect();
+        for (index, file) in files.iter().enumerate() {
+            if let Some(other) = files[..index].iter().position(|earlier| earlier == file) {
+                let (a, b) = (&results[other].source, &results[index].source);
+                let reason = format!("{a} and {b} would both be written to {}", file.display());
+                return Err(Error::Unsupported(reason));
+            }
+        }
+        if self.path.is_dir() {
+            files.iter().try_for_each(|file| check_output(file, self.accepts_existing))?;
+        }
+        Ok(files)
+    }
+}
+
+fn ends_in_separator(path: &Path) -> bool {
+    path.to_string_lossy().ends_with(is_separator)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn several_results_go_to_a_folder_and_one_to_a_file() {
+        let scratch = tempfile::tempdir().unwrap();
+        let files = ["x/a.exr", "x/b.exr", "y/a.npy"].map(PathBuf::from);
+        let place = |name: &str, files: &[PathBuf], accepts_existing| {
+            let path = scratch.path().join(name);
+            Destination { path: &path, extension: "png", accepts_existing }.place_files(files, &[])
+        };
+        assert_eq!(place("a.tif", &files[..1], false).unwrap(), [scratch.path().join("a.tif")]);
+        let placed = place("out", &files[..2], false).unwrap();
+        assert_eq!(placed, ["out/a.png", "out/b.png"].map(|name| scratch.path().join(name)));
+        assert_eq!(place("out/", &files[..1], false).unwrap(), placed[..1]);
+        let said = place("a.tif", &files[..2], false).unwrap_err().to_string();
+        assert!(said.contains("need a folder"), "{said}");
+        let said = place("out/", &files, false).unwrap_err().to_string();
+        assert!(said.contains("x/a.exr and y/a.npy would both be written to"), "{said}");
+        std::fs::create_dir(scratch.path().join("out")).unwrap();
+        std::fs::write(&placed[1], "there").unwrap();
+        assert!(place("out", &files[..2], false).is_err());
+        assert_eq!(place("out", &files[..2], true).unwrap(), placed);
+    }
+}

@@ -1,0 +1,16 @@
+//! Works through many files: where what becomes of them is written, what is there already, and reading, computing and
+//! writing at the same time.
+
+mod destination;
+mod output_folder;
+mod queue;
+mod resume;
+mod tone_mapping;
+mod watcher;
+
+pub use destination::{Destination, Unplaced};
+pub use queue::{Stages, run};
+pub use tone_mapping::ToneMapping;
+#[cfg(test)]
+pub(crate) use watcher::testing;
+pub use watcher::{Watcher, timed};

@@ -1,0 +1,196 @@
+//! Finishes image files as a plan says: each read with what belongs to it, finished and written.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use super::pairs::Job;
+use super::{Companions, Curve, FinishInputs, Look, Photograph, Style, channel_means, read_color_matrix};
+use crate::batch::{self, Destination, Stages, Watcher, timed};
+use crate::core::capture::CaptureInfo;
+use crate::core::error::{Error, Result};
+use crate::core::provenance::Provenance;
+use crate::core::tone::ToneCurve;
+use crate::io::{AnyImage, DomainTag, Format, WriteOptions, inspect_any_image, read_pixels};
+
+/// How image files are finished.
+#[derive(Clone, Debug, Default)]
+pub struct FinishPlan {
+    /// What the values of the images are, where the user says it.
+    pub domain: Option<DomainTag>,
+    /// The tone mapping of tone-mapped images; captures of unknown levels clip at its `x_max`.
+    pub tone: ToneCurve,
+    /// How the pictures shall look.
+    pub style: Style,
+    /// What the user says of the captures, against what their files say: levels, orientation and baseline exposure.
+    pub told: CaptureInfo,
+    /// Bits of PNG and TIFF, if not the usual ones: 8 for PNG, 16 for TIFF.
+    pub bits: Option<u8>,
+    /// Whether pictures that exist are replaced.
+    pub overwrite: bool,
+}
+
+impl FinishPlan {
+    /// Finishes all images; with `resume`, the pictures that are there are kept.
+    ///
+    /// # Errors
+    /// When a setting is out of range, an image does not exist or has no companion where all have one, or an output may not
+    /// be written; and those of [`batch::run`].
+    pub fn run(
+        &self,
+        inputs: &FinishInputs,
+        destination: &Destination<'_>,
+        resume: bool,
+        watcher: &dyn Watcher,
+    ) -> Result<()> {
+        self.style.check()?;
+        let jobs = inputs.jobs(destination, watcher)?;
+        self.check_bits(&jobs)?;
+        let finishing = Finishing { plan: self, leaves_out_ccm: inputs.ccm == Companions::Nowhere, watcher };
+        batch::run(&finishing, jobs, resume, watcher)
+    }
+
+    /// Refuses a number of bits that the format of an output does not have.
+    fn check_bits(&self, jobs: &[Job]) -> Result<()> {
+        let Some(bits) = self.bits else { return Ok(()) };
+        let ignores = |job: &&Job| match Format::of_extension(&job.output) {
+            Ok(Format::Png | Format::Tiff) | Err(_) => false,
+            Ok(Format::Jpeg) => bits != 8,
+            Ok(_) => true,
+        };
+        let Some(job) = jobs.iter().find(ignores) else { return Ok(()) };
+        Err(Error::Unsupported(format!(
+            "--bits {bits} is for PNG and TIFF, and {} would ignore it; leave it out",
+            job.output.display()
+        )))
+    }
+
+    /// Whether a file is written with 8 bits.
+    fn is_eight_bit(&self, output: &Path) -> bool {
+        match (Format::of_extension(output).ok(), self.bits) {
+            (Some(Format::Jpeg), _) => true,
+            (Some(Format::Png), bits) => bits != Some(16),
+            (Some(Format::Tiff), bits) => bits == Some(8),
+            _ => false,
+        }
+    }
+}
+
+/// A plan at work.
+struct Finishing<'a> {
+    plan: &'a FinishPlan,
+    /// Whether the colour matrices of cameras are left out.
+    leaves_out_ccm: bool,
+    watcher: &'a dyn Watcher,
+}
+
+impl Finishing<'_> {
+    /// The look that is said of a capture, what the user says of it, and what belongs to the image.
+    fn look(&self, job: &Job, said: CaptureInfo) -> Result<Look> {
+        let told = &self.plan.told;
+        let mut look = Look::of_capture(&CaptureInfo {
+            saturation: told.saturation.or(said.saturation),
+            orientation: told.orientation.or(said.orientation),
+            baseline_exposure_ev: told.baseline_exposure_ev.or(said.baseline_exposure_ev),
+            ..said
+        });
+        look.ccm = look.ccm.filter(|_| !self.leaves_out_ccm);
+        if let Some(path) = &job.ccm {
+            let ccm = read_color_matrix(path)?;
+            if ccm.looks_transposed() {
+                self.watcher.warn(&format_args!(
+                    "the columns of {} sum to one, not its rows, so that grey becomes coloured; it may be transposed",
+                    path.display()
+                ));
+            }
+            look.ccm = Some(ccm);
+        }
+        if let Some(path) = &job.reference {
+            // Not light but a look: its values are compared with those that are shown.
+            let planes = read_pixels(path)?.planes;
+            if planes.dim().0 != 3 {
+                return Err(Error::format(path, "is grey; a reference picture has three channels"));
+            }
+            look.reference_means = Some(channel_means(&planes));
+        }
+        Ok(look)
+    }
+
+    /// How a job's picture was made, and where its files lay.
+    fn provenance(&self, job: &Job, photograph: &Photograph) -> Result<Provenance> {
+        let mut described = self.describe(job);
+        // Where the files lay; what they are is told by their contents.
+        let text = |path: &PathBuf| path.to_string_lossy().into_owned();
+        described["input"] = json!(text(&job.input));
+        described["ccm"] = json!(job.ccm.as_ref().map(text));
+        described["reference"] = json!(job.reference.as_ref().map(text));
+        let [input, ccm, reference] = job.sha256()?;
+        described["input-sha256"] = json!(input);
+        described["ccm-sha256"] = json!(ccm);
+        described["reference-sha256"] = json!(reference);
+        described["look"] = json!(photograph.look);
+        described["curve"] = json!(photograph.curve);
+        Ok(Provenance::new("finish", &described))
+    }
+}
+
+impl Stages for Finishing<'_> {
+    type Job = Job;
+    type Input = (AnyImage, Look);
+    type Output = Photograph;
+
+    fn doing(&self, job: &Job) -> String {
+        format!("finishing {}", job.input.display())
+    }
+
+    fn output<'a>(&self, job: &'a Job) -> &'a Path {
+        &job.output
+    }
+
+    fn describe(&self, job: &Job) -> Value {
+        let FinishPlan { domain, tone, style, told, .. } = self.plan;
+        let finish = style.describe(job.reference.is_some(), self.plan.is_eight_bit(&job.output));
+        json!({
+            "domain": domain.map(DomainTag::name), "tone": tone, "finish": finish,
+            "orientation": told.orientation, "saturation": told.saturation,
+            "baseline-exposure-ev": told.baseline_exposure_ev,
+        })
+    }
+
+    fn identify(&self, job: &Job) -> Result<Value> {
+        let [input, ccm, reference] = job.sha256()?;
+        Ok(json!({ "input-sha256": input, "ccm-sha256": ccm, "reference-sha256": reference }))
+    }
+
+    fn read(&self, job: &Job) -> Result<Self::Input> {
+        // Before the pixels, so that they are not older than it.
+        job.sha256()?;
+        let read = || {
+            let reading = inspect_any_image(&job.input, self.plan.domain)?;
+            reading.contradiction.iter().for_each(|contradiction| self.watcher.warn(contradiction));
+            Ok((reading.image, reading.info))
+        };
+        let (image, said) = timed(self.watcher, format_args!("reading {}", job.input.display()), read)?;
+        let look = self.look(job, said.unwrap_or_default())?;
+        Ok((image, look))
+    }
+
+    fn compute(&self, job: &Job, (image, look): Self::Input) -> Result<Photograph> {
+        let FinishPlan { style, tone, .. } = self.plan;
+        let image = image.into_linear(*tone);
+        let config = style.config_of(&image, &look, self.plan.is_eight_bit(&job.output), tone.x_max);
+        if let Curve::Photographic { grey, white } = config.curve {
+            let input = job.input.display();
+            self.watcher
+                .detail(&format_args!("{input}: middle grey at light {grey:.4}, white at {white:.4}"));
+        }
+        timed(self.watcher, self.doing(job), || Photograph::of(image, look, &config))
+    }
+
+    fn write(&self, job: &Job, photograph: Photograph) -> Result<()> {
+        let provenance = Some(self.provenance(job, &photograph)?);
+        let options = WriteOptions { overwrite: self.plan.overwrite, provenance, ..WriteOptions::default() };
+        let write = || photograph.write(&job.output, &options);
+        timed(self.watcher, format_args!("writing {}", job.output.display()), write)
+    }
+}
