@@ -6,6 +6,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Command};
 
 use udc::dataset::Split;
+use udc::io::DomainTag;
 use udc::restore::deconvolution::Method;
 use udc::restore::{Highlights, Precision};
 
@@ -19,6 +20,27 @@ pub(crate) const FORMATS: Choices<&str> =
 
 /// The formats of files that keep every bit of a float, as their extensions.
 pub(crate) const FLOAT_FORMATS: Choices<&str> = Choices(&[("exr", "exr", ""), ("npy", "npy", "")]);
+
+const LINEAR: (&str, DomainTag, &str) = ("linear", DomainTag::Linear, "Proportional to light");
+const TONE_MAPPED: (&str, DomainTag, &str) = (
+    "tone-mapped",
+    DomainTag::ToneMapped,
+    "After the tone mapping φ, as `udc restore` and `udc tonemap` write it",
+);
+const SRGB: (&str, DomainTag, &str) = (
+    "srgb",
+    DomainTag::Srgb,
+    "Encoded by the curve of sRGB, as the pictures of most cameras and programs; decoded to linear light",
+);
+
+/// What the values of an image are.
+pub(crate) const DOMAINS: Choices<DomainTag> = Choices(&[LINEAR, TONE_MAPPED, SRGB]);
+
+/// What they are in commands that need linear light.
+pub(crate) const LIGHT_DOMAINS: Choices<DomainTag> = Choices(&[LINEAR, SRGB]);
+
+/// What is written.
+pub(crate) const OUTPUT_DOMAINS: Choices<DomainTag> = Choices(&[LINEAR, TONE_MAPPED]);
 
 /// The parts of a dataset.
 pub(crate) const SPLITS: Choices<Split> =

@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 
 use super::Session;
-use super::domain::DomainArg;
+use super::choices::DOMAINS;
 use udc::io::{Conversion, DomainTag, check_output, what_is_lost};
 use udc::network::weights;
 
@@ -28,8 +28,8 @@ pub(crate) struct ConvertArgs {
     half: bool,
     /// Say what the values are, of a file that does not: srgb is decoded to linear light. Floats (.exr, .npy, .hdr) that are
     /// made of integers need it; other values are taken for linear
-    #[arg(long, value_enum, value_name = "DOMAIN")]
-    domain: Option<DomainArg>,
+    #[arg(long, value_name = "DOMAIN", value_parser = DOMAINS)]
+    domain: Option<DomainTag>,
     /// Clip values that the output cannot hold: negative ones, above 1 in integers, above 65504 in half floats
     #[arg(long)]
     clip: bool,
@@ -45,7 +45,7 @@ impl ConvertArgs {
             return session.say(format_args!("{output}: {}", weights::describe(&self.output)?));
         }
         let conversion = Conversion {
-            domain: self.domain.map(DomainTag::from),
+            domain: self.domain,
             half: self.half,
             clip: self.clip,
             overwrite: session.overwrite,

@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use udc::crop::{Cut, CutReport, View, aimed_views, spread_views};
 use udc::io;
 
 use super::Session;
+use super::choices::FLOAT_FORMATS;
 use super::domain::SceneDomainArgs;
 
 /// Cut perspective views out of equirectangular HDR panoramas
@@ -49,17 +50,11 @@ pub(crate) struct CropArgs {
     #[arg(long, value_name = "DEG,…", value_delimiter = ',', allow_hyphen_values = true)]
     pitch: Vec<f64>,
     /// Format of the views; .exr carries their origin
-    #[arg(long, value_enum, default_value_t = ViewFormat::Exr)]
-    format: ViewFormat,
+    #[arg(long, value_name = "FORMAT", value_parser = FLOAT_FORMATS, default_value = "exr")]
+    format: &'static str,
     /// Write half floats
     #[arg(long)]
     half: bool,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum ViewFormat {
-    Exr,
-    Npy,
 }
 
 impl CropArgs {
@@ -67,13 +62,13 @@ impl CropArgs {
         let cut = Cut {
             views: self.list_views(),
             margin: self.margin,
-            told: self.scene.told(),
-            image_format: self.format.extension(),
+            told: self.scene.domain,
+            image_format: self.format,
             half: self.half,
             overwrite: session.overwrite,
         };
         cut.check()?;
-        if self.margin > 0 && matches!(self.format, ViewFormat::Npy) {
+        if self.margin > 0 && self.format == "npy" {
             session.warn(format_args!(
                 ".npy does not say that these views have a margin of {0}: give `udc synth --margin {0}`, or write .exr",
                 self.margin
@@ -107,14 +102,5 @@ impl CropArgs {
             return spread_views(self.views, self.fov, self.size);
         }
         aimed_views(&self.yaw, &self.pitch, self.fov, self.size)
-    }
-}
-
-impl ViewFormat {
-    fn extension(self) -> &'static str {
-        match self {
-            Self::Exr => "exr",
-            Self::Npy => "npy",
-        }
     }
 }

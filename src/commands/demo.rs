@@ -7,10 +7,10 @@ use clap::{Args, Parser as _};
 use serde_json::json;
 
 use udc::core::provenance::Provenance;
-use udc::io::{self, OwnedFolder, WriteOptions};
+use udc::io::{self, DomainTag, OwnedFolder, WriteOptions};
 use udc::scenes::{self, point_source};
 
-use super::domain::LightDomainArg;
+use super::choices::LIGHT_DOMAINS;
 use super::{Cli, Session, is_broken_pipe};
 
 /// Run the whole pipeline on built-in scenes and write a page of results
@@ -26,8 +26,8 @@ pub(crate) struct DemoArgs {
     #[arg(long, value_name = "DIR")]
     hdri: Option<PathBuf>,
     /// What the panoramas hold, as in `udc crop`
-    #[arg(long, value_enum, value_name = "DOMAIN", requires = "hdri")]
-    domain: Option<LightDomainArg>,
+    #[arg(long, value_name = "DOMAIN", value_parser = LIGHT_DOMAINS, requires = "hdri")]
+    domain: Option<DomainTag>,
     /// Seed of the scenes, the noise and the training
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     seed: u64,
@@ -145,7 +145,7 @@ impl Demo<'_> {
         Ok(())
     }
 
-    fn crop(&self, panoramas: &Path, domain: Option<LightDomainArg>) -> Result<()> {
+    fn crop(&self, panoramas: &Path, domain: Option<DomainTag>) -> Result<()> {
         let panoramas = std::path::absolute(panoramas)?;
         let (size, margin) = (self.extent.frame_px.to_string(), MARGIN.to_string());
         let panoramas = panoramas.to_string_lossy();

@@ -18,8 +18,8 @@ use udc::restore::deconvolution::Method;
 use udc::restore::{Highlights, Precision};
 
 use super::Session;
+use super::choices::DOMAINS;
 use super::choices::{HIGHLIGHTS, METHODS, PRECISIONS, SPLITS};
-use super::domain::DomainArg;
 use super::metrics::MetricArgs;
 
 /// Measure models and deconvolutions on datasets, or restored images against ground truth
@@ -66,7 +66,7 @@ pub(crate) struct EvalArgs {
         conflicts_with = "restored"
     )]
     highlights: Vec<Highlights>,
-    /// What the models multiply; a row for each of several [default: f32]
+    /// Arithmetic precision of the models; a row for each of several [default: f32]
     #[arg(long, value_name = "PRECISION", value_parser = PRECISIONS, value_delimiter = ',', requires = "model")]
     #[arg(conflicts_with = "restored")]
     precision: Vec<Precision>,
@@ -92,8 +92,8 @@ pub(crate) struct EvalArgs {
     #[arg(num_args = 0..=1, default_missing_value = "1")]
     ldr: Option<f32>,
     /// What the images of folders hold, where they do not say so themselves: srgb is decoded to linear light
-    #[arg(long, value_enum, requires = "restored", conflicts_with = "datasets")]
-    domain: Option<DomainArg>,
+    #[arg(long, value_name = "DOMAIN", value_parser = DOMAINS, requires = "restored", conflicts_with = "datasets")]
+    domain: Option<DomainTag>,
     /// Irradiance that the tone mapping of folders' linear images maps to one half [default: as the files say, else 0.25]
     #[arg(long, value_name = "A", requires = "restored", conflicts_with = "datasets")]
     alpha: Option<f32>,
@@ -147,7 +147,7 @@ impl EvalArgs {
         listener: Listener<'_>,
         session: &Session,
     ) -> Result<()> {
-        let domain = self.domain.map(DomainTag::from);
+        let domain = self.domain;
         let flags = ToneFlags { alpha: self.alpha, x_max: self.x_max };
         let folders = Folders::open(restored, gt, (domain, flags), self.allow_missing)?;
         let names = files_of_evaluation(measuring.metrics.iter().map(Measure::metric));
@@ -228,7 +228,7 @@ impl EvalArgs {
         drawings.iter().try_for_each(|(name, svg)| outputs.write(name, svg.as_bytes()))?;
         if !evaluation.excluded.is_empty() {
             let count = evaluation.excluded.len();
-            session.warn(format_args!("{count} images are in no mean; the table names them"));
+            session.warn(format_args!("{count} images are excluded from all means; the table names them"));
         }
         session.tell(evaluation.to_markdown());
         session.tell(self.output.join(RESULTS[0]).display());

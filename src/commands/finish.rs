@@ -5,7 +5,7 @@ mod style;
 use std::path::PathBuf;
 
 use anyhow::Result;
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use udc::batch::Destination;
 use udc::core::capture::{CaptureInfo, parse_exposure, parse_level};
@@ -14,7 +14,7 @@ use udc::core::tone::ToneCurve;
 use udc::finish::{Companions, FinishInputs, FinishPlan};
 use udc::io::DomainTag;
 
-use super::domain::DomainArg;
+use super::choices::{Choices, DOMAINS};
 use super::{Session, misuse};
 use style::StyleArgs;
 
@@ -42,10 +42,10 @@ pub(crate) struct FinishArgs {
     /// Image to write; a folder for several inputs, or if the name ends in a slash
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// What the inputs hold: srgb is decoded to linear light [default: what the file says, else linear; integer formats must
-    /// be told]
-    #[arg(long, value_enum, value_name = "DOMAIN")]
-    domain: Option<DomainArg>,
+    /// What the inputs hold: srgb is decoded to linear light [default: what the file says, else linear; required
+    /// for 8- and 16-bit files that do not say it]
+    #[arg(long, value_name = "DOMAIN", value_parser = DOMAINS)]
+    domain: Option<DomainTag>,
     /// Colour matrix: .txt `key: nine numbers`, .npy, .toml; or a folder of them
     #[arg(long, value_name = "FILE")]
     ccm: Option<PathBuf>,
@@ -72,8 +72,8 @@ pub(crate) struct FinishArgs {
     #[command(flatten)]
     style: StyleArgs,
     /// Format of the files in an output folder
-    #[arg(long, value_enum, value_name = "FORMAT", default_value_t = FormatArg::Png)]
-    format: FormatArg,
+    #[arg(long, value_name = "FORMAT", value_parser = PICTURE_FORMATS, default_value = "png")]
+    format: &'static str,
     /// Keep the images that are there and go on with the others
     ///
     /// An EXR says how it was made, and is refused if that was otherwise or of files with other contents (SHA-256), wherever
@@ -81,31 +81,21 @@ pub(crate) struct FinishArgs {
     #[arg(long)]
     resume: bool,
     /// Bits of PNG and TIFF [default: 8 for PNG, 16 for TIFF]
-    #[arg(long, value_name = "8|16", value_parser = parse_bits)]
+    #[arg(long, value_name = "8|16", value_parser = BITS)]
     bits: Option<u8>,
     /// Irradiance that the tone mapping maps to one half
     #[arg(long, value_name = "A", default_value_t = ToneCurve::default().alpha)]
     alpha: f32,
-    /// Irradiance at which the capture saturates
+    /// Irradiance at which the capture, fused of all its exposures, saturates
     #[arg(long, value_name = "X", default_value_t = ToneCurve::default().x_max)]
     x_max: f32,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum FormatArg {
-    Png,
-    Jpg,
-    Tif,
-    Exr,
-}
+/// The formats of pictures in an output folder, as their extensions.
+const PICTURE_FORMATS: Choices<&str> =
+    Choices(&[("png", "png", ""), ("jpg", "jpg", ""), ("tif", "tif", ""), ("exr", "exr", "")]);
 
-fn parse_bits(text: &str) -> Result<u8, String> {
-    match text {
-        "8" => Ok(8),
-        "16" => Ok(16),
-        _ => Err("write 8 or 16".to_owned()),
-    }
-}
+const BITS: Choices<u8> = Choices(&[("8", 8, ""), ("16", 16, "")]);
 
 impl FinishArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
@@ -117,7 +107,7 @@ impl FinishArgs {
         };
         let destination = Destination {
             path: &self.output,
-            extension: self.format.extension(),
+            extension: self.format,
             accepts_existing: session.overwrite || self.resume,
         };
         Ok(plan.run(&inputs, &destination, self.resume, session)?)
@@ -140,7 +130,7 @@ impl FinishArgs {
             ));
         }
         Ok(FinishPlan {
-            domain: self.domain.map(DomainTag::from),
+            domain: self.domain,
             tone: ToneCurve::new(self.alpha, self.x_max)?,
             style: self.style.style()?,
             told: CaptureInfo {
@@ -158,15 +148,4 @@ impl FinishArgs {
 /// Where what belongs to images is looked for, by the flag that leaves it out and the one that names it.
 fn companions(are_left_out: bool, named: Option<PathBuf>) -> Companions {
     if are_left_out { Companions::Nowhere } else { named.map_or(Companions::OfImages, Companions::At) }
-}
-
-impl FormatArg {
-    fn extension(self) -> &'static str {
-        match self {
-            Self::Png => "png",
-            Self::Jpg => "jpg",
-            Self::Tif => "tif",
-            Self::Exr => "exr",
-        }
-    }
 }

@@ -116,7 +116,7 @@ impl FuseArgs {
             default_times: Some(if self.point_source { PSF_BRACKET } else { SCENE_BRACKET }),
             demosaic_linear: self.point_source,
             mask: self.mask.as_deref().map(read_mask).transpose()?,
-            ..self.bracket.told(self.scene.told())?
+            ..self.bracket.told(self.scene.domain)?
         })
     }
 

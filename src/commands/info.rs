@@ -13,7 +13,7 @@ use super::psf_file::PsfFileArgs;
 /// Describe a file or folder: image, PSF, kernel bank, model, dataset, training run, configuration
 #[derive(Args, Debug)]
 #[command(
-    after_help = "Example: udc info scene.exr bank.safetensors model.pth dataset/ configs/sftmd.toml\n         udc info --psf \
+    after_help = "Example: udc info scene.exr bank.safetensors model.pth dataset/ configs/sftmd.toml\n         udc info --as-psf \
                         psf.exr\n         udc info --json captures/*.png | jq .channels[0].max"
 )]
 pub(crate) struct InfoArgs {
@@ -21,8 +21,8 @@ pub(crate) struct InfoArgs {
     #[arg(required = true, value_name = "FILE")]
     inputs: Vec<PathBuf>,
     /// Describe images as PSFs: peak, energy radii, identity
-    #[arg(long)]
-    psf: bool,
+    #[arg(long, alias = "psf")]
+    as_psf: bool,
     #[command(flatten)]
     psf_file: PsfFileArgs,
     /// Print one JSON object a file
@@ -61,7 +61,7 @@ impl InfoArgs {
     }
 
     fn show(&self, file: &Path, session: &Session) -> Result<()> {
-        let found = inspect(file, self.psf.then(|| self.psf_file.options()))?;
+        let found = inspect(file, self.as_psf.then(|| self.psf_file.options()))?;
         if self.json {
             let mut object = serde_json::to_value(&found)?;
             object["file"] = file.to_string_lossy().into();

@@ -68,7 +68,7 @@ struct GlobalArgs {
     /// Say less: errors only
     #[arg(short, long, global = true, help_heading = GLOBAL, conflicts_with = "verbose")]
     quiet: bool,
-    /// Say more: the time of each step, and the memory at most
+    /// Say more: the time of each step, and the peak memory
     #[arg(short, long, global = true, help_heading = GLOBAL, action = ArgAction::Count)]
     verbose: u8,
     /// Number of threads (default: all cores)

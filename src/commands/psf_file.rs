@@ -3,29 +3,21 @@
 use std::path::Path;
 
 use anyhow::Result;
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use udc::core::field::PsfField;
 use udc::core::psf::Psf;
 use udc::io::{DomainTag, PsfOptions, PsfReading, inspect_psf, inspect_psf_field};
 
 use super::Session;
-
-/// What the values of a PSF's file may be.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum PsfDomainArg {
-    /// Proportional to light
-    Linear,
-    /// Encoded by the curve of sRGB
-    Srgb,
-}
+use super::choices::LIGHT_DOMAINS;
 
 /// The flags of commands whose only images are PSFs.
 #[derive(Args, Debug)]
 pub(super) struct PsfFileArgs {
-    /// What a PSF's file holds; pictures of integers must be told [default: what the file says, else linear]
-    #[arg(long, value_enum, value_name = "DOMAIN", alias = "psf-domain")]
-    domain: Option<PsfDomainArg>,
+    /// What a PSF's file holds; required for 8- and 16-bit files that do not say it [default: what the file says, else linear]
+    #[arg(long, value_name = "DOMAIN", value_parser = LIGHT_DOMAINS, alias = "psf-domain")]
+    domain: Option<DomainTag>,
     /// Move a PSF whose peak is not at the centre, index N // 2, there: by whole pixels, all colours together, or rolled
     /// where it begins with its centre, as ifftshift writes it
     #[arg(long)]
@@ -38,9 +30,9 @@ pub(super) const PSF_FILES: &str = "psf-files";
 /// The flags of commands that read other images too; they belong to those of the group [`PSF_FILES`].
 #[derive(Args, Debug)]
 pub(super) struct PsfAmongImagesArgs {
-    /// What a PSF's file holds; pictures of integers must be told [default: what the file says, else linear]
-    #[arg(long, value_enum, value_name = "DOMAIN", requires = PSF_FILES)]
-    psf_domain: Option<PsfDomainArg>,
+    /// What a PSF's file holds; required for 8- and 16-bit files that do not say it [default: what the file says, else linear]
+    #[arg(long, value_name = "DOMAIN", value_parser = LIGHT_DOMAINS, requires = PSF_FILES)]
+    psf_domain: Option<DomainTag>,
     /// Move a PSF whose peak is not at the centre, index N // 2, there: by whole pixels, all colours together, or rolled
     /// where it begins with its centre, as ifftshift writes it
     #[arg(long, requires = PSF_FILES)]
@@ -54,11 +46,7 @@ impl PsfFileArgs {
     }
 
     pub(super) fn options(&self) -> PsfOptions {
-        PsfOptions {
-            domain: self.domain.map(DomainTag::from),
-            recenter: self.recenter,
-            ..PsfOptions::default()
-        }
+        PsfOptions { domain: self.domain, recenter: self.recenter, ..PsfOptions::default() }
     }
 
     /// Reads a PSF; warns of what is wrong with it.
@@ -69,8 +57,7 @@ impl PsfFileArgs {
 
 impl PsfAmongImagesArgs {
     pub(super) fn options(&self) -> PsfOptions {
-        let domain = self.psf_domain.map(DomainTag::from);
-        PsfOptions { domain, domain_flag: "--psf-domain", recenter: self.recenter }
+        PsfOptions { domain: self.psf_domain, domain_flag: "--psf-domain", recenter: self.recenter }
     }
 
     /// Reads a PSF; warns of what is wrong with it.
@@ -98,13 +85,4 @@ fn tell(reading: &PsfReading, session: &Session) {
         lost.into_iter().for_each(|lost| session.warn(lost));
     }
     reading.warnings().into_iter().for_each(|warning| session.warn(warning));
-}
-
-impl From<PsfDomainArg> for DomainTag {
-    fn from(domain: PsfDomainArg) -> Self {
-        match domain {
-            PsfDomainArg::Linear => Self::Linear,
-            PsfDomainArg::Srgb => Self::Srgb,
-        }
-    }
 }

@@ -23,8 +23,7 @@ use udc::restore::{
 };
 
 use super::bracket::BracketArgs;
-use super::choices::{Choices, HIGHLIGHTS, PRECISIONS};
-use super::domain::{DomainArg, OutputDomainArg};
+use super::choices::{Choices, DOMAINS, HIGHLIGHTS, OUTPUT_DOMAINS, PRECISIONS};
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
 use super::{Session, misuse, text_of};
 use files::Job;
@@ -73,13 +72,13 @@ pub(crate) struct RestoreArgs {
     bracket: bool,
     #[command(flatten)]
     raw: BracketArgs,
-    /// What the inputs hold: srgb is decoded to linear light [default: what the file says, else linear; integer formats must
-    /// be told]
-    #[arg(long, value_enum, value_name = "DOMAIN")]
-    domain: Option<DomainArg>,
+    /// What the inputs hold: srgb is decoded to linear light [default: what the file says, else linear; required
+    /// for 8- and 16-bit files that do not say it]
+    #[arg(long, value_name = "DOMAIN", value_parser = DOMAINS)]
+    domain: Option<DomainTag>,
     /// What to write [default: the same as the input]
-    #[arg(long, value_enum, value_name = "DOMAIN")]
-    output_domain: Option<OutputDomainArg>,
+    #[arg(long, value_name = "DOMAIN", value_parser = OUTPUT_DOMAINS)]
+    output_domain: Option<DomainTag>,
     /// What to do where the capture is saturated
     #[arg(long, value_name = "WHAT", value_parser = HIGHLIGHTS, default_value = "restored")]
     highlights: Highlights,
@@ -92,7 +91,7 @@ pub(crate) struct RestoreArgs {
     /// (SHA-256), wherever those lie; other formats are kept as they are.
     #[arg(long)]
     resume: bool,
-    /// What the network multiplies
+    /// Arithmetic precision of the network
     #[arg(long, value_name = "PRECISION", value_parser = PRECISIONS, default_value = "f32", conflicts_with = "method")]
     precision: Precision,
     /// Side of the tiles, a multiple of 4 (of 16 for de-unet) [default: chosen by --max-memory]
@@ -107,7 +106,7 @@ pub(crate) struct RestoreArgs {
     /// Irradiance that the tone mapping maps to one half [default: that of the model's training, else 0.25]
     #[arg(long, value_name = "A")]
     alpha: Option<f32>,
-    /// Irradiance at which the capture saturates [default: that of the model's training, else 500]
+    /// Irradiance at which the capture, fused of all its exposures, saturates [default: that of the model's training, else 500]
     #[arg(long, value_name = "X")]
     x_max: Option<f32>,
 }
@@ -203,7 +202,7 @@ impl<'a> Run<'a> {
         session: &'a Session,
     ) -> Result<Self> {
         let progress = if several { session.progress.without_bars() } else { session.progress.clone() };
-        let told = args.raw.told(args.domain.map(DomainTag::from))?;
+        let told = args.raw.told(args.domain)?;
         let (said, darks_sha256) = (Mutex::default(), OnceLock::new());
         Ok(Self { args, told, restoration, session, progress, said, darks_sha256 })
     }
@@ -297,7 +296,7 @@ impl Stages for Run<'_> {
         let mut described = json!({
             "exposures": exposures, "raw": is_raw.then(|| raw.config().ok()),
             "tone": self.restoration.curve(), "how": self.restoration.describe(), "half": half,
-            "domain": domain.map(DomainArg::name), "output-domain": output_domain.map(OutputDomainArg::name),
+            "domain": domain.map(DomainTag::name), "output-domain": output_domain.map(DomainTag::name),
         });
         if let Some(darks) = raw.describe_darks() {
             described["dark"] = darks;

@@ -133,7 +133,7 @@ impl SynthArgs {
             },
             seed: self.seed,
             shard: self.shard,
-            told: self.scene.told(),
+            told: self.scene.domain,
             image_format: self.storage.format,
             half: self.storage.half,
             max_bytes: self.max_memory,

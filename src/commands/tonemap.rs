@@ -11,7 +11,7 @@ use udc::io::DomainTag;
 
 use super::Session;
 use super::choices::FORMATS;
-use super::domain::LightDomainArg;
+use super::choices::LIGHT_DOMAINS;
 
 /// Apply the tone mapping or its inverse
 ///
@@ -31,12 +31,12 @@ pub(crate) struct TonemapArgs {
     /// Map tone-mapped values back to linear light
     #[arg(long, conflicts_with = "domain")]
     inverse: bool,
-    /// What the inputs hold: srgb is decoded to linear light first; pictures of integers must be told [default: what the file
+    /// What the inputs hold: srgb is decoded to linear light first; required for 8- and 16-bit files that do not say it [default: what the file
     /// says, else linear; with --inverse tone-mapped]
     ///
     /// Tone-mapped images are for --inverse, which takes them for that whatever their format.
-    #[arg(long, value_enum, value_name = "DOMAIN")]
-    domain: Option<LightDomainArg>,
+    #[arg(long, value_name = "DOMAIN", value_parser = LIGHT_DOMAINS)]
+    domain: Option<DomainTag>,
     /// Irradiance that is mapped to one half
     #[arg(long, value_name = "A", default_value_t = ToneCurve::default().alpha)]
     alpha: f32,
@@ -56,7 +56,7 @@ impl TonemapArgs {
         let mapping = ToneMapping {
             curve: ToneCurve::new(self.alpha, self.x_max)?,
             inverse: self.inverse,
-            domain: self.domain.map(DomainTag::from),
+            domain: self.domain,
             half: self.half,
             overwrite: session.overwrite,
         };

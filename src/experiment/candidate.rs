@@ -1,6 +1,6 @@
 //! What an experiment compares: the degraded image itself, networks, deconvolutions.
 
-use super::{Cost, Method};
+use super::{ComparedMethod, Cost};
 use crate::core::error::{Error, Result};
 use crate::core::image::{LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
@@ -53,12 +53,14 @@ impl Candidate {
     }
 
     /// How tables name it.
-    pub(super) fn method(&self) -> Method {
+    pub(super) fn method(&self) -> ComparedMethod {
         match self {
-            Self::Nothing => Method::baseline("degraded"),
-            Self::Network(name, _, highlights) => Method::restored(with_highlights(name, *highlights)),
+            Self::Nothing => ComparedMethod::baseline("degraded"),
+            Self::Network(name, _, highlights) => {
+                ComparedMethod::restored(with_highlights(name, *highlights))
+            }
             Self::Deconvolution(method, highlights) => {
-                Method::restored(with_highlights(method.name(), *highlights))
+                ComparedMethod::restored(with_highlights(method.name(), *highlights))
             }
         }
     }

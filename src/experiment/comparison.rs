@@ -2,8 +2,8 @@
 
 use super::candidate::{Candidate, Degraded};
 use super::matrix::{Matrix, Mismatch};
-use super::pictures::Pictures;
-use super::{EvalConfig, Evaluation, Label, Listener, Measured, Method, Regions, Sample, measure};
+use super::pictures::KeptPictures;
+use super::{ComparedMethod, EvalConfig, Evaluation, Label, Listener, Measured, Regions, Sample, measure};
 use crate::core::error::{Error, Result};
 use crate::core::image::{LinearImage, ToneMappedImage};
 use crate::dataset::{Dataset, KernelChoice, Split, Triplet};
@@ -76,8 +76,13 @@ impl<'a> Comparison<'a> {
     ///
     /// # Errors
     /// Those of [`measure`], and of writing pictures.
-    pub fn evaluate(&self, config: &EvalConfig, regions: bool, pictures: &Pictures) -> Result<Evaluation> {
-        let methods: Vec<Method> = self.candidates.iter().map(Candidate::method).collect();
+    pub fn evaluate(
+        &self,
+        config: &EvalConfig,
+        regions: bool,
+        pictures: &KeptPictures,
+    ) -> Result<Evaluation> {
+        let methods: Vec<ComparedMethod> = self.candidates.iter().map(Candidate::method).collect();
         let sample = |index: usize, triplet: &Triplet| {
             let (clean, degraded) = self.read(triplet)?;
             let kernel = self.dataset.kernel_index(triplet)?;
@@ -99,8 +104,8 @@ impl<'a> Comparison<'a> {
     }
 
     /// The files that [`evaluate`](Self::evaluate) keeps as pictures.
-    pub(super) fn picture_files(&self, pictures: &Pictures) -> impl Iterator<Item = String> {
-        let methods: Vec<Method> = self.candidates.iter().map(Candidate::method).collect();
+    pub(super) fn picture_files(&self, pictures: &KeptPictures) -> impl Iterator<Item = String> {
+        let methods: Vec<ComparedMethod> = self.candidates.iter().map(Candidate::method).collect();
         let total = self.triplets.len();
         let files = move |(index, triplet): (usize, &Triplet)| {
             pictures.files((index, total), &scene_of(triplet), &methods)
@@ -120,7 +125,8 @@ impl<'a> Comparison<'a> {
     pub fn mismatch(&self, config: &EvalConfig) -> Result<Mismatch> {
         let mut mismatch = Mismatch::default();
         for candidate in self.told() {
-            let told: Vec<Method> = self.dataset.kernel_names().iter().map(Method::restored).collect();
+            let told: Vec<ComparedMethod> =
+                self.dataset.kernel_names().iter().map(ComparedMethod::restored).collect();
             let sample = |_, triplet: &Triplet| {
                 let (clean, degraded) = self.read(triplet)?;
                 let images = (0..told.len()).map(|kernel| self.restore(candidate, &degraded, kernel));
@@ -137,7 +143,7 @@ impl<'a> Comparison<'a> {
     fn run(
         &self,
         config: &EvalConfig,
-        methods: Vec<Method>,
+        methods: Vec<ComparedMethod>,
         mut sample: impl FnMut(usize, &Triplet) -> Result<Sample>,
     ) -> Result<Evaluation> {
         let bar = self.listener.progress.bar(self.triplets.len() as u64, "triplets");

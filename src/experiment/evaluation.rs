@@ -5,7 +5,7 @@ use std::cmp::Ordering;
 use super::EvalConfig;
 use super::measured::Measured;
 use super::regions::Region;
-use super::score::{Exclusion, Label, Method, Score, pixelwise};
+use super::score::{ComparedMethod, Exclusion, Label, Score, pixelwise};
 use super::tone::ToneSource;
 use crate::core::metrics::{Measure, Metric, MetricDefinition, Pool};
 
@@ -23,12 +23,12 @@ pub struct Evaluation {
     /// What images of datasets were measured, dataset after dataset.
     pub measured: Vec<Measured>,
     /// What was compared.
-    pub methods: Vec<Method>,
+    pub methods: Vec<ComparedMethod>,
     /// The scores, image after image.
     pub scores: Vec<Score>,
     /// Heights and widths of the images that were measured, with the number of images of each.
     pub sizes: Vec<([usize; 2], usize)>,
-    /// The images that are in no mean.
+    /// The images that are excluded from all means.
     pub excluded: Vec<Exclusion>,
 }
 
@@ -45,7 +45,7 @@ pub(super) struct RegionMean {
 }
 
 impl Evaluation {
-    pub(super) fn new(config: &EvalConfig, methods: Vec<Method>) -> Self {
+    pub(super) fn new(config: &EvalConfig, methods: Vec<ComparedMethod>) -> Self {
         Self {
             metrics: config.metrics.iter().map(Measure::metric).collect(),
             regional: pixelwise(&config.metrics),
@@ -100,7 +100,7 @@ impl Evaluation {
         }
     }
 
-    /// Records an image that is in no mean.
+    /// Records an image that is excluded from all means.
     pub fn exclude(&mut self, label: &Label, reason: impl Into<String>) {
         let (id, kernel) = (label.id.clone(), label.kernel.clone());
         self.excluded.push(Exclusion { dataset: None, id, kernel, reason: reason.into() });
@@ -179,7 +179,7 @@ mod tests {
     use super::*;
 
     fn evaluation() -> Evaluation {
-        let methods = vec![Method::baseline("degraded"), Method::restored("model")];
+        let methods = vec![ComparedMethod::baseline("degraded"), ComparedMethod::restored("model")];
         let mut evaluation = Evaluation::new(&EvalConfig::default(), methods);
         for (kernel, psnr) in [("r-03", 30.0), ("r+00", 32.0), ("r-03", 34.0)] {
             let label = Label { kernel: Some(kernel.to_owned()), ..Label::scene("street") };
@@ -201,7 +201,7 @@ mod tests {
     /// The first image may be missing under the first kernels.
     #[test]
     fn kernels_are_in_the_order_of_their_angles() {
-        let methods = vec![Method::baseline("degraded")];
+        let methods = vec![ComparedMethod::baseline("degraded")];
         let mut evaluation = Evaluation::new(&EvalConfig::default(), methods);
         for (kernel, angle) in [("r+00", 0.0), ("r+03", 3.0), ("r-03", -3.0)] {
             let label =

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use super::names::name_of;
 use super::{
-    EvalConfig, Evaluation, FolderPairs, Label, Listener, Method, Sample, ToneFlags, ToneSource, measure,
-    pair_folders, read_tone_mapped,
+    ComparedMethod, EvalConfig, Evaluation, FolderPairs, Label, Listener, Sample, ToneFlags, ToneSource,
+    measure, pair_folders, read_tone_mapped,
 };
 use crate::core::error::{Error, Result};
 use crate::io::DomainTag;
@@ -63,7 +63,7 @@ impl Folders {
             };
             (Label::scene(&pair.id), sample())
         });
-        let methods = vec![Method::restored(&self.name)];
+        let methods = vec![ComparedMethod::restored(&self.name)];
         let mut evaluation = measure(config, methods, samples).map_err(|error| match error {
             Error::Interrupted => error,
             other => Error::Unsupported(format!("measuring the images of {}: {other}", self.name)),

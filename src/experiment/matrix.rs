@@ -35,7 +35,7 @@ pub struct Matrix {
     pub rows: Vec<Vec<f64>>,
     /// Images of each row, which every column is a mean over.
     pub images: Vec<usize>,
-    /// The images that are in no mean.
+    /// The images that are excluded from all means.
     pub excluded: Vec<Exclusion>,
 }
 
@@ -106,12 +106,12 @@ impl Mismatch {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{EvalConfig, Label, Method, Score};
+    use super::super::{ComparedMethod, EvalConfig, Label, Score};
     use super::*;
 
     #[test]
     fn rows_are_simulated_and_columns_assumed() {
-        let methods = ["r-03", "r+00"].map(Method::restored).to_vec();
+        let methods = ["r-03", "r+00"].map(ComparedMethod::restored).to_vec();
         let mut evaluation = Evaluation::new(&EvalConfig::default(), methods);
         for (kernel, right, wrong) in [("r-03", 30.0, 20.0), ("r+00", 21.0, 31.0), ("r-03", 32.0, 22.0)] {
             let label = Label { kernel: Some(kernel.to_owned()), ..Label::scene("street") };

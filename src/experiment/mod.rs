@@ -37,21 +37,21 @@ pub use measured::Measured;
 pub use measures::{measures, validation_measures};
 pub use names::{name_among, name_of};
 pub use pairs::{FilePair, FolderPairs, pair_folders, read_tone_mapped};
-pub use pictures::{FOLDER as PICTURES, PictureName, Pictures};
+pub use pictures::{FOLDER as PICTURES, KeptPictures, PictureName};
 pub use regions::{Region, Regions};
 pub use results::{
     Definition, ImageResults, KernelResults, MethodResults, RegionResults, Results, SizeResults,
     ToneDefinition,
 };
 pub use run::{Experiment, ExperimentConfig, Findings, files_of_evaluation};
-pub use score::{Cost, Exclusion, Label, Method, RegionScore, Score};
+pub use score::{ComparedMethod, Cost, Exclusion, Label, RegionScore, Score};
 pub use sweep::{
     EarlierRows, FailedRow, RowResults, SingleResults, Sweep, SweepConfig, SweepEntry, SweepEvent,
     SweepResults,
 };
 pub use tables::{cell, markdown, quoted};
 pub use tone::{ToneFlags, ToneSource, ToneSpeaker};
-pub use values::Values;
+pub use values::MetricValues;
 
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
@@ -107,7 +107,7 @@ pub struct Sample {
 /// When a sample does not hold one image for each method.
 pub fn measure(
     config: &EvalConfig,
-    methods: Vec<Method>,
+    methods: Vec<ComparedMethod>,
     samples: impl IntoIterator<Item = (Label, Result<Sample>)>,
 ) -> Result<Evaluation> {
     let mut evaluation = Evaluation::new(config, methods);
@@ -180,8 +180,8 @@ mod tests {
         (Label::scene(id), Ok(sample))
     }
 
-    fn methods() -> Vec<Method> {
-        vec![Method::restored("restored")]
+    fn methods() -> Vec<ComparedMethod> {
+        vec![ComparedMethod::restored("restored")]
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::{Method, Sample};
+use super::{ComparedMethod, Sample};
 use crate::core::error::Result;
 use crate::core::image::ToneMappedImage;
 use crate::core::spread::spread;
@@ -13,7 +13,7 @@ pub const FOLDER: &str = "pictures";
 
 /// Which samples are kept as pictures, and where.
 #[derive(Clone, Debug, Default)]
-pub struct Pictures {
+pub struct KeptPictures {
     /// The folder that they are written to; it is made with the first.
     pub folder: PathBuf,
     /// How many of the samples.
@@ -43,19 +43,20 @@ impl<'a> PictureName<'a> {
     }
 }
 
-impl Pictures {
+impl KeptPictures {
     /// The files of sample `index` of `total`: none unless it is one of those to keep, which are spread evenly.
     pub(super) fn files(
         &self,
         (index, total): (usize, usize),
         scene: &str,
-        methods: &[Method],
+        methods: &[ComparedMethod],
     ) -> Vec<String> {
         if !spread(self.count, total).any(|kept| kept == index) {
             return Vec::new();
         }
-        let name =
-            |method: &Method| method.name.trim_end_matches(".safetensors").replace(['/', '\\', '.'], "-");
+        let name = |method: &ComparedMethod| {
+            method.name.trim_end_matches(".safetensors").replace(['/', '\\', '.'], "-")
+        };
         let shown = methods.iter().map(name).chain(["ground truth".to_owned()]);
         let prefix = &self.prefix;
         shown.enumerate().map(|(index, what)| format!("{prefix}{scene}.{}-{what}.png", index + 1)).collect()
@@ -83,8 +84,9 @@ mod tests {
 
     #[test]
     fn names_say_scene_place_and_method_whatever_the_method_is_called() {
-        let pictures = Pictures { folder: PathBuf::new(), count: 2, prefix: "a.b_".to_owned() };
-        let methods: Vec<Method> = (0..11).map(|number| Method::restored(format!("{number}.pth"))).collect();
+        let pictures = KeptPictures { folder: PathBuf::new(), count: 2, prefix: "a.b_".to_owned() };
+        let methods: Vec<ComparedMethod> =
+            (0..11).map(|number| ComparedMethod::restored(format!("{number}.pth"))).collect();
         let files = pictures.files((3, 4), "street_r+00", &methods);
         let mut read: Vec<_> = files.iter().map(|file| PictureName::of_file(file).unwrap()).collect();
         assert_eq!(read[0], PictureName { scene: "a.b_street_r+00", number: 1, what: "0-pth" });

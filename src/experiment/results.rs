@@ -8,9 +8,9 @@ use super::document::Document;
 use super::evaluation::Evaluation;
 use super::measured::Measured;
 use super::regions::Region;
-use super::score::{Cost, Exclusion, Method, Score};
+use super::score::{ComparedMethod, Cost, Exclusion, Score};
 use super::tone::{ToneSource, ToneSpeaker};
-use super::values::Values;
+use super::values::MetricValues;
 use crate::core::metrics::{Metric, MetricDefinition};
 
 /// Everything that an evaluation found, and the definition of every number.
@@ -22,14 +22,14 @@ pub struct Results {
     /// That method's images.
     pub images: Vec<ImageResults>,
     /// Its means over them.
-    pub mean: Values,
+    pub mean: MetricValues,
     /// Every method, in the order of tables.
     pub methods: Vec<MethodResults>,
     /// The kernels of the images, in the order of their rotations.
     pub kernels: Vec<KernelResults>,
     /// The sizes of the images.
     pub sizes: Vec<SizeResults>,
-    /// The images that are in no mean.
+    /// The images that are excluded from all means.
     pub excluded: Vec<Exclusion>,
     /// What the numbers are.
     pub definition: Definition,
@@ -54,9 +54,9 @@ pub struct MethodResults {
     /// The number of its images.
     pub count: usize,
     /// The means over all of them.
-    pub mean: Values,
+    pub mean: MetricValues,
     /// The means over the images of each kernel.
-    pub kernels: BTreeMap<String, Values>,
+    pub kernels: BTreeMap<String, MetricValues>,
     /// Each of them.
     pub images: Vec<ImageResults>,
     /// The metrics over parts of the images, where they were asked for.
@@ -74,7 +74,7 @@ pub struct ImageResults {
     pub kernel: Option<String>,
     /// The metrics.
     #[serde(flatten)]
-    pub values: Values,
+    pub values: MetricValues,
 }
 
 /// The metrics of one region over all images.
@@ -86,7 +86,7 @@ pub struct RegionResults {
     /// Their number.
     pub pixels: usize,
     /// The metrics that there are pixels for.
-    pub mean: Values,
+    pub mean: MetricValues,
 }
 
 /// A kernel that degraded images.
@@ -183,7 +183,7 @@ impl Results {
 
 impl MethodResults {
     fn of(evaluation: &Evaluation, method: usize) -> Self {
-        let Method { name, baseline, dataset, cost } = evaluation.methods[method].clone();
+        let ComparedMethod { name, baseline, dataset, cost } = evaluation.methods[method].clone();
         let mean = |kernel| evaluation.mean(method, kernel).map(|values| named(&evaluation.metrics, values));
         let kernels = evaluation.kernels().into_iter();
         let kernels = kernels.filter_map(|kernel| Some((kernel.to_owned(), mean(Some(kernel))?)));
@@ -251,7 +251,7 @@ impl From<ToneSource> for ToneDefinition {
     }
 }
 
-fn named(metrics: &[Metric], values: impl IntoIterator<Item = f64>) -> Values {
+fn named(metrics: &[Metric], values: impl IntoIterator<Item = f64>) -> MetricValues {
     metrics.iter().copied().zip(values).collect()
 }
 
@@ -267,7 +267,7 @@ mod tests {
 
     /// Two kernels, the second image equal to its ground truth, and regions of which one has no pixels.
     fn evaluation() -> Evaluation {
-        let methods = vec![Method::baseline("degraded"), Method::restored("model")];
+        let methods = vec![ComparedMethod::baseline("degraded"), ComparedMethod::restored("model")];
         let mut evaluation = Evaluation::new(&EvalConfig::default(), methods);
         for (kernel, angle, psnr) in
             [("r-03", -3.0, 30.0), ("r+00", 0.0, f64::INFINITY), ("r-03", -3.0, 34.0)]

@@ -7,7 +7,7 @@ use super::comparison::{Comparison, ImagesConfig};
 use super::files::{LDR, MISMATCH, REGIONS, RESULTS, plot_of_matrix, plots_of};
 use super::ldr::{Ldr, LdrResults, LdrRow};
 use super::matrix::Mismatch;
-use super::pictures::{FOLDER, Pictures};
+use super::pictures::{FOLDER, KeptPictures};
 use super::{EvalConfig, Evaluation, Listener};
 use crate::core::error::{Error, Result};
 use crate::core::metrics::{Measure, Metric};
@@ -135,12 +135,12 @@ impl<'a> Experiment<'a> {
     }
 
     /// Where a dataset's pictures go; where there are several datasets, its name tells them apart.
-    fn pictures(&self, folder: &Path, dataset: &str) -> Pictures {
+    fn pictures(&self, folder: &Path, dataset: &str) -> KeptPictures {
         let prefix = match self.comparisons.len() {
             1 => String::new(),
             _ => format!("{}_", dataset.replace(['/', '\\'], "-")),
         };
-        Pictures { folder: folder.join(FOLDER), count: self.config.pictures, prefix }
+        KeptPictures { folder: folder.join(FOLDER), count: self.config.pictures, prefix }
     }
 }
 

@@ -10,7 +10,7 @@ const PUBLISHED_SIDE: usize = 800;
 
 /// One of the things that are compared: a model, a method, or the degraded image itself.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Method {
+pub struct ComparedMethod {
     /// Its name in tables.
     pub name: String,
     /// Whether it stands for "nothing was done", to compare with.
@@ -85,7 +85,7 @@ pub struct Exclusion {
     pub reason: String,
 }
 
-impl Method {
+impl ComparedMethod {
     /// A method that restores.
     pub fn restored(name: impl Into<String>) -> Self {
         Self { name: name.into(), baseline: false, dataset: None, cost: None }

@@ -207,10 +207,10 @@ pub fn quoted(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Cost, EvalConfig, Evaluation, Label, Method, Score};
+    use super::super::{ComparedMethod, Cost, EvalConfig, Evaluation, Label, Score};
 
     fn evaluation() -> Evaluation {
-        let methods = vec![Method::baseline("degraded"), Method::restored("a,b|c")];
+        let methods = vec![ComparedMethod::baseline("degraded"), ComparedMethod::restored("a,b|c")];
         let mut evaluation = Evaluation::new(&EvalConfig::default(), methods);
         for (kernel, psnr) in [("r-03", 30.0), ("r+00", f64::INFINITY)] {
             let label = Label { kernel: Some(kernel.to_owned()), ..Label::scene("street") };

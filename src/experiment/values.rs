@@ -11,9 +11,9 @@ use crate::core::metrics::Metric;
 /// In JSON an infinite number, such as the PSNR of equal images, is null; TOML holds it as it is.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
-pub struct Values(#[serde(deserialize_with = "numbers")] BTreeMap<Metric, f64>);
+pub struct MetricValues(#[serde(deserialize_with = "numbers")] BTreeMap<Metric, f64>);
 
-impl Values {
+impl MetricValues {
     /// The number of a metric; none where there is none.
     pub fn get(&self, metric: Metric) -> Option<f64> {
         self.0.get(&metric).copied()
@@ -25,7 +25,7 @@ impl Values {
     }
 }
 
-impl FromIterator<(Metric, f64)> for Values {
+impl FromIterator<(Metric, f64)> for MetricValues {
     fn from_iter<I: IntoIterator<Item = (Metric, f64)>>(numbers: I) -> Self {
         Self(numbers.into_iter().collect())
     }
@@ -55,13 +55,14 @@ mod tests {
 
     #[test]
     fn infinite_and_missing_numbers_come_back_as_they_were() {
-        let values: Values = [(Metric::Psnr, f64::INFINITY), (Metric::Lpips, 0.125)].into_iter().collect();
+        let values: MetricValues =
+            [(Metric::Psnr, f64::INFINITY), (Metric::Lpips, 0.125)].into_iter().collect();
         let json = serde_json::to_string(&values).unwrap();
         assert_eq!(json, "{\"psnr\":null,\"lpips\":0.125}");
-        assert_eq!(serde_json::from_str::<Values>(&json).unwrap(), values);
+        assert_eq!(serde_json::from_str::<MetricValues>(&json).unwrap(), values);
         let toml = toml::to_string(&values).unwrap();
-        assert_eq!(toml::from_str::<Values>(&toml).unwrap(), values);
+        assert_eq!(toml::from_str::<MetricValues>(&toml).unwrap(), values);
         assert_eq!((values.get(Metric::Psnr), values.get(Metric::Ssim)), (Some(f64::INFINITY), None));
-        assert!(serde_json::from_str::<Values>("{\"mse\":1.0}").is_err(), "there is no such metric");
+        assert!(serde_json::from_str::<MetricValues>("{\"mse\":1.0}").is_err(), "there is no such metric");
     }
 }

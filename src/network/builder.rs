@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use burn::module::{ModuleVisitor, Param, ParamId};
 use burn::tensor::{Device, Tensor, TensorData};
 
-use super::operations::{Convolution, ResBlock};
+use super::operations::{ConvolutionWeights, ResBlockWeights};
 use super::parameters::{Parameter, Parameters};
 
 /// Makes layers of named weights. A weight's id is its place in the architecture's order, so that ids mean
@@ -31,16 +31,16 @@ impl<'a> Builder<'a> {
     }
 
     /// Weight and bias of a convolution.
-    pub(super) fn convolution(&self, name: &str) -> Convolution {
-        Convolution {
+    pub(super) fn convolution(&self, name: &str) -> ConvolutionWeights {
+        ConvolutionWeights {
             weight: self.tensor(&format!("{name}.weight")),
             bias: self.tensor(&format!("{name}.bias")),
         }
     }
 
     /// The convolutions of a residual block.
-    pub(super) fn res_block(&self, name: &str) -> ResBlock {
-        ResBlock {
+    pub(super) fn res_block(&self, name: &str) -> ResBlockWeights {
+        ResBlockWeights {
             conv1: self.convolution(&format!("{name}.conv1")),
             conv2: self.convolution(&format!("{name}.conv2")),
         }

@@ -25,8 +25,8 @@ use super::family::{Family, Forward, Stream, check_condition};
 use super::inputs::InputTensors;
 use super::layers::{Layer, LayerList};
 use super::operations::{
-    Activation, Convolution, LEAKY_SLOPE, convolution, enlarged_convolution, enlarging_weights, from_layout,
-    to_layout,
+    Activation, ConvolutionWeights, LEAKY_SLOPE, convolution, enlarged_convolution, enlarging_weights,
+    from_layout, to_layout,
 };
 use super::streamed::{Part, StreamBuilder};
 use crate::core::error::Result;
@@ -112,14 +112,14 @@ fn stride(level: usize) -> usize {
 /// The two convolutions of one resolution.
 #[derive(Module, Debug)]
 struct Pair {
-    first: Convolution,
-    second: Convolution,
+    first: ConvolutionWeights,
+    second: ConvolutionWeights,
 }
 
 /// One resolution of the decoder.
 #[derive(Module, Debug)]
 struct DecoderScale {
-    up: Convolution,
+    up: ConvolutionWeights,
     pair: Pair,
 }
 
@@ -129,7 +129,7 @@ pub(super) struct Layers {
     content: Vec<Pair>,
     detail: Vec<Pair>,
     decoder: Vec<DecoderScale>,
-    last: Convolution,
+    last: ConvolutionWeights,
 }
 
 impl Pair {

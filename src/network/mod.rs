@@ -32,4 +32,4 @@ pub use family::Kind;
 pub use inputs::{InputTensors, Inputs, Plane, Planes};
 pub use model::{Model, Origin};
 pub use networks::Network;
-pub use parameters::{Initialisation, Parameter, Parameters, Values};
+pub use parameters::{Initialisation, Parameter, Parameters, TensorValues};

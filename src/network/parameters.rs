@@ -44,7 +44,7 @@ impl Initialisation {
 
 /// A tensor of 32-bit floats with its shape, in C order.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Values {
+pub struct TensorValues {
     /// The shape.
     pub shape: Vec<usize>,
     /// The numbers.
@@ -89,7 +89,10 @@ impl Parameters {
     /// # Errors
     /// [`Error::Unsupported`] naming tensors that are missing, that no layer uses, or that have another
     /// shape.
-    pub fn from_tensors(architecture: &Architecture, mut tensors: BTreeMap<String, Values>) -> Result<Self> {
+    pub fn from_tensors(
+        architecture: &Architecture,
+        mut tensors: BTreeMap<String, TensorValues>,
+    ) -> Result<Self> {
         let (mut found, mut missing) = (Vec::new(), Vec::new());
         for spec in architecture.tensors() {
             let Some(tensor) = tensors.remove(&spec.name) else {

@@ -21,7 +21,7 @@ use super::family::{Family, Forward, Stream, check_condition};
 use super::inputs::InputTensors;
 use super::layers::{Layer, LayerList};
 use super::operations::{
-    Activation, Convolution, LEAKY_SLOPE, convolution, from_layout, modulation, to_layout,
+    Activation, ConvolutionWeights, LEAKY_SLOPE, convolution, from_layout, modulation, to_layout,
 };
 use super::parameters::Initialisation;
 use super::streamed::{Part, StreamBuilder};
@@ -114,8 +114,8 @@ fn layers(architecture: &Architecture) -> Vec<Layer> {
 /// Two convolutions with a LeakyReLU between them.
 #[derive(Module, Debug)]
 struct Branch {
-    conv1: Convolution,
-    conv2: Convolution,
+    conv1: ConvolutionWeights,
+    conv2: ConvolutionWeights,
 }
 
 /// A spatial feature transform.
@@ -129,17 +129,17 @@ struct Modulation {
 #[derive(Module, Debug)]
 struct Block {
     modulations: [Modulation; 2],
-    convolutions: [Convolution; 2],
+    convolutions: [ConvolutionWeights; 2],
 }
 
 /// The network's weights.
 #[derive(Module, Debug)]
 pub(super) struct Layers {
-    head: [Convolution; 3],
+    head: [ConvolutionWeights; 3],
     blocks: Vec<Block>,
     modulation: Modulation,
-    middle: Convolution,
-    last: Convolution,
+    middle: ConvolutionWeights,
+    last: ConvolutionWeights,
 }
 
 impl Branch {

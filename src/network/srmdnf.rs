@@ -15,7 +15,7 @@ use super::builder::Builder;
 use super::family::{Family, Forward, Stream, check_condition};
 use super::inputs::InputTensors;
 use super::layers::{Layer, LayerList};
-use super::operations::{Activation, Convolution, convolution, from_layout, to_layout};
+use super::operations::{Activation, ConvolutionWeights, convolution, from_layout, to_layout};
 use super::streamed::{Part, StreamBuilder};
 use crate::core::error::Result;
 use crate::core::image::CHANNELS;
@@ -66,7 +66,7 @@ impl Family for Srmdnf {
 /// The network's weights.
 #[derive(Module, Debug)]
 pub(super) struct Layers {
-    convolutions: Vec<Convolution>,
+    convolutions: Vec<ConvolutionWeights>,
 }
 
 impl Forward for Layers {

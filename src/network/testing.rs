@@ -8,7 +8,7 @@ use super::builder::Builder;
 use super::family::{Family, Forward, Stream, check_condition};
 use super::inputs::{InputTensors, Plane};
 use super::layers::{Layer, LayerList};
-use super::operations::{Activation, Convolution, LEAKY_SLOPE, convolution, from_layout, to_layout};
+use super::operations::{Activation, ConvolutionWeights, LEAKY_SLOPE, convolution, from_layout, to_layout};
 use super::streamed::{Part, StreamBuilder};
 use crate::core::error::Result;
 use crate::core::image::CHANNELS;
@@ -84,8 +84,8 @@ impl Family for GuidedTensors {
 /// Two convolutions, whose result is added to the image.
 #[derive(Module, Debug)]
 pub(super) struct Layers {
-    first: Convolution,
-    last: Convolution,
+    first: ConvolutionWeights,
+    last: ConvolutionWeights,
 }
 
 impl Forward for Layers {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::core::error::{Error, Result};
-use crate::network::Values;
+use crate::network::TensorValues;
 use crate::network::weights::read_tensors;
 
 /// A file of weights that the user has to bring along.
@@ -34,7 +34,7 @@ impl Source {
     fn take(
         &self,
         path: &Path,
-        tensors: &mut BTreeMap<String, Values>,
+        tensors: &mut BTreeMap<String, TensorValues>,
         name: &str,
         shape: &[usize],
     ) -> Result<Vec<f32>> {

@@ -11,7 +11,7 @@ use crate::core::kernel_code::KernelBank;
 use crate::core::metrics::Metric;
 use crate::core::psf::Psf;
 use crate::dataset::{Dataset, Split};
-use crate::experiment::{MethodResults, Region, Results, Values};
+use crate::experiment::{MethodResults, MetricValues, Region, Results};
 
 /// Decades of the logarithmic stretch of PSFs: a panel's sidelobes lie three to five below the peak.
 const PSF_DECADES: f32 = 5.0;
@@ -193,7 +193,7 @@ fn in_order_of_names<T: Copy>(things: impl Iterator<Item = T>, name: fn(T) -> &'
     things
 }
 
-fn means(of: &Values, metrics: &[Metric]) -> Vec<String> {
+fn means(of: &MetricValues, metrics: &[Metric]) -> Vec<String> {
     let cell = |&metric: &Metric| match of.get(metric) {
         Some(value) if value.is_finite() => format!("{value:.4}"),
         Some(_) => "∞".to_owned(),

@@ -49,7 +49,7 @@ impl<'a> KernelSet<'a> {
 
 /// How the work on scenes of one size fits into memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct MemoryPlan {
+pub struct MemoryNeeds {
     /// OTFs that are computed once and kept; the others are computed for every scene.
     pub cached_otfs: usize,
     /// Degraded images that are made at the same time.
@@ -58,7 +58,7 @@ pub struct MemoryPlan {
     pub bytes: u64,
 }
 
-impl MemoryPlan {
+impl MemoryNeeds {
     /// Plans the work on scenes of the convolver's size with K kernels, under `max_bytes`.
     ///
     /// Keeping OTFs saves more time than making more images at once than there are threads, so memory goes
@@ -112,7 +112,7 @@ fn bytes_needed(convolver: &Convolver, set: KernelSet<'_>, cached: usize, at_onc
 /// The kernels of a set, ready for scenes of one size.
 pub(super) struct Kernels<'a> {
     pub(super) convolver: Convolver,
-    pub(super) plan: MemoryPlan,
+    pub(super) plan: MemoryNeeds,
     psfs: &'a [Psf],
     cached: Vec<Otf>,
 }
@@ -125,7 +125,7 @@ impl<'a> Kernels<'a> {
         max_bytes: u64,
     ) -> Result<Self> {
         let convolver = formation.convolver(size, [set.psfs[0].height(), set.psfs[0].width()])?;
-        let plan = MemoryPlan::new(&convolver, set, rayon::current_num_threads(), max_bytes)?;
+        let plan = MemoryNeeds::new(&convolver, set, rayon::current_num_threads(), max_bytes)?;
         let psfs = set.psfs;
         let cached = psfs[..plan.cached_otfs].iter().map(|psf| convolver.otf(psf)).collect::<Result<_>>()?;
         Ok(Self { convolver, plan, psfs, cached })
@@ -162,7 +162,7 @@ mod tests {
         let bank = bank(9, 64);
         let convolver: Convolver = Convolver::new([100, 100], [64, 64], Boundary::Zero).unwrap();
         let set = KernelSet::of_bank(&bank);
-        let plan = |max_bytes| MemoryPlan::new(&convolver, set, 2, max_bytes);
+        let plan = |max_bytes| MemoryNeeds::new(&convolver, set, 2, max_bytes);
         let all = plan(u64::MAX).unwrap();
         assert_eq!((all.cached_otfs, all.at_once), (9, 3));
         let less = plan(all.bytes * 2 / 3).unwrap();

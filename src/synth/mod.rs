@@ -21,7 +21,7 @@ pub use degradations::{BankFile, Degradations};
 pub use existing::Existing;
 pub use field::convolve_field;
 pub use formation::Formation;
-pub use kernels::MemoryPlan;
+pub use kernels::MemoryNeeds;
 pub use noise::add_noise;
 pub use scene_run::SceneReport;
 pub use scenes::{Division, Scene, Shard, common_margin, list_scenes};

@@ -13,7 +13,7 @@ use crate::io::{self, DomainTag};
 
 use super::Formation;
 use super::degradations::{BankFile, Degradations};
-use super::kernels::{KernelSet, MemoryPlan};
+use super::kernels::{KernelSet, MemoryNeeds};
 use super::scenes::{Division, Scene, Shard, common_margin, list_scenes};
 
 /// The size that EXR and NumPy headers stay below.
@@ -72,7 +72,7 @@ pub struct Needs {
     /// Whether other scenes have other sizes.
     pub sizes_differ: bool,
     /// Memory and how it is used, for the scenes that take the most.
-    pub memory: MemoryPlan,
+    pub memory: MemoryNeeds,
     /// Bytes on disk at most.
     pub disk_bytes: u64,
 }
@@ -136,10 +136,10 @@ impl Synthesis {
     }
 
     /// Plans the work on scenes of one size.
-    fn memory(&self, size: [usize; 2]) -> Result<MemoryPlan> {
+    fn memory(&self, size: [usize; 2]) -> Result<MemoryNeeds> {
         let psf = &self.bank.psfs[0];
         let convolver = self.formation()?.convolver(size, [psf.height(), psf.width()])?;
-        MemoryPlan::new(&convolver, self.kernels(), rayon::current_num_threads(), self.max_bytes)
+        MemoryNeeds::new(&convolver, self.kernels(), rayon::current_num_threads(), self.max_bytes)
     }
 
     /// What scenes are convolved with.

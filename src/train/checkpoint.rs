@@ -14,7 +14,7 @@ use super::trainer::State;
 use crate::core::error::{Error, Result};
 use crate::io::{self, TensorData};
 use crate::network::weights::{self, Weights, tensors};
-use crate::network::{Architecture, Parameters, Values};
+use crate::network::{Architecture, Parameters, TensorValues};
 
 const FORMAT: &str = "udc-training-state";
 const VERSION: &str = "2";
@@ -231,7 +231,7 @@ fn named<'a>(
 }
 
 /// Takes the tensors of a prefix out, under the rest of their names.
-fn split_off(tensors: &mut BTreeMap<String, Values>, prefix: &str) -> BTreeMap<String, Values> {
+fn split_off(tensors: &mut BTreeMap<String, TensorValues>, prefix: &str) -> BTreeMap<String, TensorValues> {
     let names: Vec<String> = tensors.keys().filter(|name| name.starts_with(prefix)).cloned().collect();
     let take = |name: String| tensors.remove(&name).map(|values| (name[prefix.len()..].to_owned(), values));
     names.into_iter().filter_map(take).collect()

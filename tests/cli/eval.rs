@@ -71,7 +71,7 @@ fn never_averages_over_fewer_images_without_saying_so() {
 
     let output = udc(scratch.path(), &[&arguments[..], &["--allow-missing"]].concat());
     assert!(output.status.success());
-    assert!(String::from_utf8_lossy(&output.stderr).contains("2 images are in no mean"));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("2 images are excluded from all means"));
     let json = results(scratch.path());
     assert_eq!(json["images"].as_array().unwrap().len(), 1);
     let excluded: Vec<_> =

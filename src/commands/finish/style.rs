@@ -20,10 +20,10 @@ pub(super) struct StyleArgs {
     /// an exposure chosen from the picture, with a shoulder where its range asks for one]
     #[arg(long, value_parser = CURVES, value_name = "CURVE")]
     curve: Option<CurveKind>,
-    /// Exponent's inverse of --curve gamma [default: 2.8]
+    /// Gamma of --curve gamma: light is raised to the power of 1/G [default: 2.8]
     #[arg(long, value_name = "G")]
     gamma: Option<f32>,
-    /// Light that is shown as white [default: 6 for gamma, else 1]
+    /// Light that is shown as white, and not what the capture saturates at, which is --x-max [default: 6 for gamma, else 1]
     #[arg(long, value_name = "X")]
     max: Option<f32>,
     /// Height to which CLAHE cuts the histograms [default: 1]

@@ -8,7 +8,7 @@ use std::path::Path;
 use serde_json::json;
 
 use super::{
-    Candidate, Comparison, EvalConfig, ImagesConfig, Listener, Pictures, RESULTS, Results, ResultsFolder,
+    Candidate, Comparison, EvalConfig, ImagesConfig, KeptPictures, Listener, RESULTS, Results, ResultsFolder,
     validation_measures,
 };
 use crate::core::error::{Error, Result};
@@ -232,7 +232,7 @@ impl<'a> Sweep<'a> {
         let (split, kernels) = (Split::Test, KernelChoice::All);
         let images = ImagesConfig { split, kernels, limit: *limit, max_memory: *max_memory };
         let comparison = Comparison::new(self.dataset, &candidates, &images, self.listener)?;
-        let evaluation = comparison.evaluate(measuring, false, &Pictures::default())?;
+        let evaluation = comparison.evaluate(measuring, false, &KeptPictures::default())?;
         let results = folder.join("results");
         ResultsFolder::prepare(&results, &RESULTS.map(str::to_owned), true)?
             .write_results(&evaluation, &Results::of(&evaluation))?;

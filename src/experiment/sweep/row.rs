@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::super::{Cost, Evaluation, Values};
+use super::super::{Cost, Evaluation, MetricValues};
 use super::table::{RowResults, SingleResults};
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
@@ -32,9 +32,9 @@ pub(super) struct Row {
     /// The bank behind the codes of the data; rows of older versions do not say it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) kernel_bank_sha256: Option<String>,
-    pub(super) mean: Values,
+    pub(super) mean: MetricValues,
     /// The means of the images before restoration.
-    pub(super) degraded: Values,
+    pub(super) degraded: MetricValues,
     /// The means over the images of the single kernel, where the sweep has one and there are images of it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) single: Option<SingleResults>,
@@ -45,7 +45,7 @@ impl Row {
     /// themselves too.
     pub(super) fn of(name: &str, iterations: u64, evaluation: &Evaluation, single: Option<&str>) -> Self {
         let cost = evaluation.methods[1].cost.expect("the cost of networks is counted");
-        let means = |method, kernel| -> Values {
+        let means = |method, kernel| -> MetricValues {
             let values = evaluation.mean(method, kernel).unwrap_or_default();
             let named = |(metric, value): (&Metric, f64)| (*metric, value);
             evaluation.metrics.iter().zip(values).map(named).collect()
@@ -127,7 +127,7 @@ mod tests {
     #[test]
     fn a_row_is_read_as_it_was_written_and_as_earlier_versions_wrote_it() {
         let values =
-            |psnr: f64| -> Values { [(Metric::Psnr, psnr), (Metric::Ssim, 0.1)].into_iter().collect() };
+            |psnr: f64| -> MetricValues { [(Metric::Psnr, psnr), (Metric::Ssim, 0.1)].into_iter().collect() };
         let row = Row {
             name: "plain".to_owned(),
             parameters: 9,

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::super::{Cost, Document, Values, cell, markdown, quoted};
+use super::super::{Cost, Document, MetricValues, cell, markdown, quoted};
 use crate::core::metrics::{Metric, MetricDefinition};
 
 /// The rows of a sweep, and what they are.
@@ -36,9 +36,9 @@ pub struct RowResults {
     /// Images that the means are over.
     pub images: usize,
     /// The means over all of them.
-    pub mean: Values,
+    pub mean: MetricValues,
     /// The means before restoration.
-    pub degraded: Values,
+    pub degraded: MetricValues,
     /// The means over the images of the single kernel, where the sweep has one and there are images of it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub single: Option<SingleResults>,
@@ -51,9 +51,9 @@ pub struct SingleResults {
     /// Its images.
     pub images: usize,
     /// The means over them.
-    pub mean: Values,
+    pub mean: MetricValues,
     /// The means before restoration.
-    pub degraded: Values,
+    pub degraded: MetricValues,
 }
 
 /// A configuration that could not be trained, or measured.
@@ -111,8 +111,8 @@ impl SweepResults {
         }
     }
 
-    fn cells(&self, single: Option<&Values>, all: &Values) -> Vec<String> {
-        let cells = |means: Option<&Values>| -> Vec<String> {
+    fn cells(&self, single: Option<&MetricValues>, all: &MetricValues) -> Vec<String> {
+        let cells = |means: Option<&MetricValues>| -> Vec<String> {
             let value = |metric: Metric| means.and_then(|means| means.get(metric));
             self.metrics.iter().map(|&metric| cell(metric, value(metric))).collect()
         };
@@ -146,7 +146,7 @@ impl SweepResults {
                 means
                     .extend([of_single.map(|single| &single.mean), of_single.map(|single| &single.degraded)]);
             }
-            let value = |means: Option<&Values>, metric: Metric| {
+            let value = |means: Option<&MetricValues>, metric: Metric| {
                 means.and_then(|means| means.get(metric)).map(|value| value.to_string()).unwrap_or_default()
             };
             let values =
@@ -166,7 +166,7 @@ mod tests {
     use super::*;
 
     fn results() -> SweepResults {
-        let values = |psnr: f64| -> Values { [(Metric::Psnr, psnr)].into_iter().collect() };
+        let values = |psnr: f64| -> MetricValues { [(Metric::Psnr, psnr)].into_iter().collect() };
         let row = |name: &str, single| RowResults {
             name: name.to_owned(),
             cost: Cost { parameters: 9, gmac_published: 0.5, gmac_evaluated: 0.25 },

@@ -17,8 +17,8 @@ use super::family::{Family, Forward, Stream, check_condition};
 use super::inputs::InputTensors;
 use super::layers::Layer;
 use super::operations::{
-    Activation, Convolution, FilterHead, ResBlock, convolution, dynamic_filter, from_layout, res_block,
-    to_layout, up_convolution,
+    Activation, ConvolutionWeights, FilterHead, ResBlockWeights, convolution, dynamic_filter, from_layout,
+    res_block, to_layout, up_convolution,
 };
 use crate::core::error::Result;
 use layers::{LEVELS, filter_generator_name, has_filters};
@@ -95,24 +95,24 @@ impl Family for Unet {
 /// A strided convolution and two residual blocks: one resolution of an encoder.
 #[derive(Module, Debug)]
 struct EncoderScale {
-    conv: Convolution,
-    blocks: [ResBlock; 2],
+    conv: ConvolutionWeights,
+    blocks: [ResBlockWeights; 2],
 }
 
 /// Predicts the filters of one resolution.
 #[derive(Module, Debug)]
 struct FilterGenerator {
-    conv: Convolution,
+    conv: ConvolutionWeights,
     slope: Param<Tensor<1>>,
-    blocks: [ResBlock; 2],
+    blocks: [ResBlockWeights; 2],
     head: FilterHead,
 }
 
 /// An up-convolution and two residual blocks: one resolution of the decoder.
 #[derive(Module, Debug)]
 struct DecoderScale {
-    conv: Convolution,
-    blocks: [ResBlock; 2],
+    conv: ConvolutionWeights,
+    blocks: [ResBlockWeights; 2],
 }
 
 /// The network's weights, and what tells how to connect them.
@@ -122,7 +122,7 @@ pub(super) struct DiscNet {
     condition_encoder: Vec<EncoderScale>,
     filters: Vec<Option<FilterGenerator>>,
     decoder: Vec<DecoderScale>,
-    last: Convolution,
+    last: ConvolutionWeights,
     #[module(skip)]
     condition: Condition,
     #[module(skip)]
@@ -236,6 +236,6 @@ fn encode(encoder: &[EncoderScale], input: Tensor<4>) -> Vec<Tensor<4>> {
     features
 }
 
-fn refine(x: Tensor<4>, blocks: &[ResBlock]) -> Tensor<4> {
+fn refine(x: Tensor<4>, blocks: &[ResBlockWeights]) -> Tensor<4> {
     blocks.iter().fold(x, res_block)
 }

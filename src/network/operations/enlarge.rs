@@ -8,7 +8,7 @@
 
 use burn::tensor::{Tensor, TensorData};
 
-use super::Convolution;
+use super::ConvolutionWeights;
 
 /// Taps of the convolution on either side of the identity.
 const TAPS: usize = 9;
@@ -43,7 +43,7 @@ pub(in crate::network) fn enlarging_weights(weight: &[f32], bias: &[f32]) -> (Ve
 }
 
 /// The same for tensors, so that gradients flow back to the convolution's parameters.
-pub(super) fn enlarging_tensors(layer: &Convolution) -> (Tensor<4>, Tensor<1>) {
+pub(super) fn enlarging_tensors(layer: &ConvolutionWeights) -> (Tensor<4>, Tensor<1>) {
     let (weight, bias) = (layer.weight.val(), layer.bias.val());
     let [outputs, inputs, ..] = weight.dims();
     let mut sums = vec![0.0_f32; TAPS * PHASES * TAPS];

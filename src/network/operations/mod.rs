@@ -39,22 +39,22 @@ pub(super) const LEAKY_SLOPE: f32 = 0.2;
 /// # Shapes
 /// `weight` `[outputs, inputs, size, size]`, `bias` `[outputs]`.
 #[derive(Module, Debug)]
-pub struct Convolution {
+pub struct ConvolutionWeights {
     pub(super) weight: Param<Tensor<4>>,
     pub(super) bias: Param<Tensor<1>>,
 }
 
 /// The two convolutions of a residual block.
 #[derive(Module, Debug)]
-pub struct ResBlock {
-    pub(super) conv1: Convolution,
-    pub(super) conv2: Convolution,
+pub struct ResBlockWeights {
+    pub(super) conv1: ConvolutionWeights,
+    pub(super) conv2: ConvolutionWeights,
 }
 
 /// The last two layers of a filter generator: 1 × 1 convolution and the slope of its PReLU.
 #[derive(Module, Debug)]
 pub struct FilterHead {
-    pub(super) conv: Convolution,
+    pub(super) conv: ConvolutionWeights,
     pub(super) slope: Param<Tensor<1>>,
 }
 
@@ -88,7 +88,7 @@ pub fn from_layout(tensor: Tensor<4>) -> Tensor<4> {
 /// `inputs` × height × width to `outputs` × ⌈height/stride⌉ × ⌈width/stride⌉.
 pub fn convolution(
     x: Tensor<4>,
-    layer: &Convolution,
+    layer: &ConvolutionWeights,
     stride: usize,
     activation: Activation<'_>,
 ) -> Tensor<4> {
@@ -110,7 +110,7 @@ pub fn convolution(
 ///
 /// # Equation
 /// `Res(x) = x + conv2(LeakyReLU(conv1(x)))`.
-pub fn res_block(x: Tensor<4>, block: &ResBlock) -> Tensor<4> {
+pub fn res_block(x: Tensor<4>, block: &ResBlockWeights) -> Tensor<4> {
     if !uses_kernels(&x.device()) {
         return plain::res_block(x, block);
     }
@@ -143,7 +143,7 @@ pub fn dynamic_filter(
 
 /// Convolves to four times the channels, spreads them over twice the sides, and adds the skip connection
 /// after the LeakyReLU.
-pub fn up_convolution(x: Tensor<4>, layer: &Convolution, skip: Tensor<4>) -> Tensor<4> {
+pub fn up_convolution(x: Tensor<4>, layer: &ConvolutionWeights, skip: Tensor<4>) -> Tensor<4> {
     if !uses_kernels(&x.device()) {
         return plain::up_convolution(x, layer, skip);
     }
@@ -155,7 +155,7 @@ pub fn up_convolution(x: Tensor<4>, layer: &Convolution, skip: Tensor<4>) -> Ten
 ///
 /// # Shapes
 /// `inputs` × height × width to `outputs` × 2·height × 2·width, as `skip` has.
-pub fn enlarged_convolution(x: Tensor<4>, layer: &Convolution, skip: Tensor<4>) -> Tensor<4> {
+pub fn enlarged_convolution(x: Tensor<4>, layer: &ConvolutionWeights, skip: Tensor<4>) -> Tensor<4> {
     if !uses_kernels(&x.device()) {
         return plain::enlarged_convolution(x, layer, skip);
     }
@@ -172,13 +172,13 @@ pub fn enlarged_convolution(x: Tensor<4>, layer: &Convolution, skip: Tensor<4>) 
 pub fn modulation(
     x: Tensor<4>,
     map: &Tensor<4>,
-    [scale, offset]: [[&Convolution; 2]; 2],
+    [scale, offset]: [[&ConvolutionWeights; 2]; 2],
     slope: f32,
 ) -> Tensor<4> {
     if !uses_kernels(&x.device()) {
         return plain::modulation(x, map, [scale, offset], slope);
     }
-    let parameters = |[first, second]: [&Convolution; 2]| {
+    let parameters = |[first, second]: [&ConvolutionWeights; 2]| {
         [primitive(&first.weight), primitive(&first.bias), primitive(&second.weight), primitive(&second.bias)]
     };
     let ([a, b, c, d], [e, f, g, h]) = (parameters(scale), parameters(offset));

@@ -5,12 +5,14 @@ use burn::tensor::module::conv2d;
 use burn::tensor::ops::{ConvOptions, PadMode};
 use burn::tensor::{Tensor, s};
 
-use super::{Activation, Convolution, FilterHead, LEAKY_SLOPE, ResBlock, from_layout, to_layout};
+use super::{
+    Activation, ConvolutionWeights, FilterHead, LEAKY_SLOPE, ResBlockWeights, from_layout, to_layout,
+};
 
 /// That of [`convolution`](super::convolution).
 pub(super) fn convolution(
     x: Tensor<4>,
-    layer: &Convolution,
+    layer: &ConvolutionWeights,
     stride: usize,
     activation: Activation<'_>,
 ) -> Tensor<4> {
@@ -24,7 +26,7 @@ pub(super) fn convolution(
 }
 
 /// That of [`res_block`](super::res_block).
-pub(super) fn res_block(x: Tensor<4>, block: &ResBlock) -> Tensor<4> {
+pub(super) fn res_block(x: Tensor<4>, block: &ResBlockWeights) -> Tensor<4> {
     let inner = leak(convolve(x.clone(), &block.conv1, 1), LEAKY_SLOPE);
     x + convolve(inner, &block.conv2, 1)
 }
@@ -52,7 +54,7 @@ pub(super) fn dynamic_filter(
 }
 
 /// That of [`up_convolution`](super::up_convolution): channel `4·c + 2·dy + dx` is pixel (dy, dx) of channel c.
-pub(super) fn up_convolution(x: Tensor<4>, layer: &Convolution, skip: Tensor<4>) -> Tensor<4> {
+pub(super) fn up_convolution(x: Tensor<4>, layer: &ConvolutionWeights, skip: Tensor<4>) -> Tensor<4> {
     let sums = convolve(x, layer, 1);
     let [items, height, width, channels] = sums.dims();
     let spread = sums
@@ -63,7 +65,7 @@ pub(super) fn up_convolution(x: Tensor<4>, layer: &Convolution, skip: Tensor<4>)
 }
 
 /// That of [`enlarged_convolution`](super::enlarged_convolution).
-pub(super) fn enlarged_convolution(x: Tensor<4>, layer: &Convolution, skip: Tensor<4>) -> Tensor<4> {
+pub(super) fn enlarged_convolution(x: Tensor<4>, layer: &ConvolutionWeights, skip: Tensor<4>) -> Tensor<4> {
     let [items, height, width, channels] = x.dims();
     let large = x
         .reshape([items, height, 1, width, 1, channels])
@@ -76,7 +78,7 @@ pub(super) fn enlarged_convolution(x: Tensor<4>, layer: &Convolution, skip: Tens
 pub(super) fn modulation(
     x: Tensor<4>,
     map: &Tensor<4>,
-    branches: [[&Convolution; 2]; 2],
+    branches: [[&ConvolutionWeights; 2]; 2],
     slope: f32,
 ) -> Tensor<4> {
     let joined = Tensor::cat(vec![x.clone(), map.clone()], 3);
@@ -86,7 +88,7 @@ pub(super) fn modulation(
 }
 
 /// Convolution with zero padding of half the filter's size.
-fn convolve(x: Tensor<4>, layer: &Convolution, stride: usize) -> Tensor<4> {
+fn convolve(x: Tensor<4>, layer: &ConvolutionWeights, stride: usize) -> Tensor<4> {
     let weight = layer.weight.val();
     let border = weight.dims()[2] / 2;
     let options = ConvOptions::new([stride, stride], [border, border], [1, 1], 1);
@@ -148,9 +150,9 @@ mod tests {
         }
 
         /// A convolution that keeps the size of what it is given.
-        fn layer(&self, inputs: usize, outputs: usize, side: usize) -> Convolution {
+        fn layer(&self, inputs: usize, outputs: usize, side: usize) -> ConvolutionWeights {
             let scale = (3.0 / (inputs * side * side) as f32).sqrt();
-            Convolution {
+            ConvolutionWeights {
                 weight: self.parameter([outputs, inputs, side, side], scale),
                 bias: self.parameter([outputs], 0.3),
             }
@@ -207,7 +209,11 @@ mod tests {
             1,
             Activation::PRelu(&g.parameter([1], -0.4))
         );
-        compare!(res_block, |g| g.batch(6), &ResBlock { conv1: g.layer(6, 6, 3), conv2: g.layer(6, 6, 3) });
+        compare!(
+            res_block,
+            |g| g.batch(6),
+            &ResBlockWeights { conv1: g.layer(6, 6, 3), conv2: g.layer(6, 6, 3) }
+        );
     }
 
     #[test]
@@ -229,7 +235,7 @@ mod tests {
     #[test]
     fn modulations_are_those_of_the_kernels() {
         let layers = |g: &Given| [g.layer(6, 2, 3), g.layer(2, 4, 3), g.layer(6, 2, 3), g.layer(2, 4, 3)];
-        fn branches([a, b, c, d]: &[Convolution; 4]) -> [[&Convolution; 2]; 2] {
+        fn branches([a, b, c, d]: &[ConvolutionWeights; 4]) -> [[&ConvolutionWeights; 2]; 2] {
             [[a, b], [c, d]]
         }
         for slope in [0.0, 0.2, 1.0] {

@@ -10,7 +10,7 @@ use std::path::Path;
 use self::tensors::TensorFile;
 use super::architecture::Architecture;
 use super::model::{Model, Origin};
-use super::parameters::{Parameters, Values};
+use super::parameters::{Parameters, TensorValues};
 use crate::core::error::{Error, Result};
 use crate::io;
 
@@ -49,7 +49,7 @@ pub fn read(path: &Path) -> Result<Weights> {
 ///
 /// # Errors
 /// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is damaged or holds other than floats.
-pub fn read_tensors(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<BTreeMap<String, Values>> {
+pub fn read_tensors(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<BTreeMap<String, TensorValues>> {
     let mut tensors = read_file(path, wanted)?.tensors;
     tensors.retain(|name, _| wanted(name));
     Ok(tensors)

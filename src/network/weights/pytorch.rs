@@ -10,7 +10,7 @@ use super::tensors::{TensorFile, converter};
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
 use crate::network::architecture::{Architecture, Condition, Scales};
-use crate::network::parameters::Values;
+use crate::network::parameters::TensorValues;
 
 /// Where checkpoints keep their weights, the preferred place first: averaged weights before the last ones.
 const TOP_LEVEL_KEYS: [&str; 4] = ["params_ema", "params", "state_dict", "model"];
@@ -43,7 +43,7 @@ pub(super) fn read(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<TensorF
         let bytes = tensor.read().map_err(|error| Error::format(path, error.to_string()))?;
         let mut values = Vec::with_capacity(tensor.shape().iter().product());
         converter(dtype).expect("every float type converts")(&mut values, &bytes);
-        file.tensors.insert(name.to_owned(), Values { shape: tensor.shape().to_vec(), values });
+        file.tensors.insert(name.to_owned(), TensorValues { shape: tensor.shape().to_vec(), values });
     }
     if let Some(key) = key {
         file.metadata.insert("state-dict".to_owned(), key.to_owned());
@@ -77,7 +77,7 @@ fn float_type(dtype: DType) -> Option<Dtype> {
 ///
 /// # Errors
 /// [`Error::Unsupported`] when the tensors are not those of a DISCNet.
-pub(super) fn infer_architecture(tensors: &BTreeMap<String, Values>) -> Result<Architecture> {
+pub(super) fn infer_architecture(tensors: &BTreeMap<String, TensorValues>) -> Result<Architecture> {
     let shape = |name: &str| tensors.get(name).map(|tensor| tensor.shape.as_slice());
     let Some(&[features, CHANNELS, 3, 3]) = shape("conv_11.0.weight") else {
         let names: Vec<&str> = tensors.keys().take(3).map(String::as_str).collect();
@@ -121,8 +121,10 @@ mod tests {
 
     #[test]
     fn weights_without_axes_are_no_network() {
-        let tensor =
-            |shape: &[usize]| Values { shape: shape.to_vec(), values: vec![0.0; shape.iter().product()] };
+        let tensor = |shape: &[usize]| TensorValues {
+            shape: shape.to_vec(),
+            values: vec![0.0; shape.iter().product()],
+        };
         let mut tensors = BTreeMap::from([
             ("conv_11.0.weight".to_owned(), tensor(&[4, CHANNELS, 3, 3])),
             ("dynamic_kernel.3.0.weight".to_owned(), tensor(&[])),

@@ -12,7 +12,7 @@ use safetensors::tensor::{Metadata, TensorInfo};
 
 use crate::core::error::{Error, Result};
 use crate::io::SharedInput;
-use crate::network::parameters::Values;
+use crate::network::parameters::TensorValues;
 
 /// The bytes in front of the header: its length.
 const LENGTH_BYTES: usize = size_of::<u64>();
@@ -27,7 +27,7 @@ const CHUNK: usize = 1 << 16;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TensorFile {
     /// The tensors by name, converted to 32-bit floats.
-    pub(crate) tensors: BTreeMap<String, Values>,
+    pub(crate) tensors: BTreeMap<String, TensorValues>,
     /// The metadata.
     pub(crate) metadata: BTreeMap<String, String>,
 }
@@ -65,7 +65,7 @@ pub(crate) fn read(path: &Path) -> Result<TensorFile> {
             return Err(Error::format(path, reason));
         };
         let values = read_values(&file, data, info, append, chunk)?;
-        Ok((name, Values { shape: info.shape.clone(), values }))
+        Ok((name, TensorValues { shape: info.shape.clone(), values }))
     };
     let tensors: Vec<_> = header.tensors().into_iter().collect();
     let tensors = tensors.into_par_iter().map_init(|| vec![0; CHUNK], convert).collect::<Result<_>>()?;

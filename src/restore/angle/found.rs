@@ -25,10 +25,10 @@ pub struct FoundAngle {
 }
 
 impl FoundAngle {
-    /// What to be warned of where the capture hardly tells the angle.
+    /// What to be warned of where the angle is poorly determined.
     pub fn warning(&self) -> Option<&'static str> {
         (self.lead < WEAK_LEAD).then_some(
-            "the capture hardly tells the angle of the panel; lamps or texture in view would, or give --angle a number \
+            "the angle of the panel is poorly determined by this capture; lamps or texture in view would help, or give --angle a number \
              found in another capture of the same device",
         )
     }
