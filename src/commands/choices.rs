@@ -124,6 +124,6 @@ mod tests {
     #[test]
     fn other_names_are_refused_with_the_list_and_the_nearest() {
         let message = Flags::try_parse_from(["udc", "--sizes", "smal"]).unwrap_err().to_string();
-        assert!(message.contains("small, large") && message.contains("'small' exists"), "{message}");
+        assert!(message.contains("small, large") && message.contains("exists: 'small'"), "{message}");
     }
 }

@@ -3,9 +3,10 @@
 use std::fmt;
 use std::path::Path;
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use serde_json::{Map, Value};
 
+use super::Inspection;
 use super::model::ModelDescription;
 use super::tensors::TensorsDescription;
 use super::text::plain;
@@ -38,6 +39,7 @@ pub struct RunDescription {
     /// The last number of each kind in the log.
     pub last: Map<String, Value>,
     /// The model, where one was written.
+    #[serde(serialize_with = "as_inspected")]
     pub model: Option<ModelDescription>,
     #[serde(skip)]
     architecture: Architecture,
@@ -49,10 +51,19 @@ pub struct CheckpointDescription {
     /// The iteration that it was written at.
     pub iteration: Value,
     /// Its model.
+    #[serde(serialize_with = "as_inspected")]
     pub model: ModelDescription,
     /// What the state says beside it, by its keys.
     #[serde(flatten)]
     pub facts: Map<String, Value>,
+}
+
+/// Writes a model as its own inspection is written, with its kind.
+fn as_inspected<S: Serializer, M: Clone + Into<Option<ModelDescription>>>(
+    model: &M,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    model.clone().into().map(Inspection::Model).serialize(serializer)
 }
 
 /// Whether a folder is that of a training run.

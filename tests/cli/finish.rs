@@ -63,7 +63,7 @@ fn writes_every_format_in_its_depth() {
         ["bare.exr", "a.exr"].map(|name| read_pixels(&scratch.path().join(name)).unwrap().planes);
     assert!(bare.iter().zip(&scene).all(|(a, b)| *a == b.min(1.0)), "no step is left");
     assert!(fail(scratch.path(), &["finish", "a.exr", "-o", "a.jpg"], 1).contains("--overwrite"));
-    assert!(fail(scratch.path(), &["finish", "a.exr", "-o", "b.png", "--bits", "12"], 2).contains("8 or 16"));
+    assert!(fail(scratch.path(), &["finish", "a.exr", "-o", "b.png", "--bits", "12"], 2).contains("8, 16"));
     assert!(fail(scratch.path(), &["finish", "a.exr", "-o", "b.png", "--gamma", "0"], 1).contains("gamma"));
     assert!(!scratch.path().join("b.png").exists());
 }

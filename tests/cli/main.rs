@@ -32,6 +32,8 @@ mod psf_files;
 mod raw;
 mod raw_brackets;
 mod restore;
+mod restore_brackets;
+mod restore_files;
 mod resume;
 mod run_folder;
 mod scale;

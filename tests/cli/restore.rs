@@ -15,24 +15,23 @@ use udc::io::{self, WriteOptions};
 use udc::network::{Architecture, Model, Origin};
 use udc::network::{Initialisation, Parameters, weights};
 
-#[cfg(unix)]
-use super::common::interrupt_after;
 use super::common::{fail, succeed, udc};
+use super::restore_files::{WIENER, write_captures};
 
 fn fixture(name: &str) -> String {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name).to_str().unwrap().to_owned()
 }
 
 /// The network of the fixture, which reads image and code; 4 features, single scale.
-fn model() -> String {
+pub(super) fn model() -> String {
     fixture("discnet/1.pth")
 }
 
-fn code() -> String {
+pub(super) fn code() -> String {
     fixture("discnet/1_code.npy")
 }
 
-fn write_scene(path: &Path, height: usize, width: usize) {
+pub(super) fn write_scene(path: &Path, height: usize, width: usize) {
     let value =
         |(c, y, x): (usize, usize, usize)| wave(c, y, x) + if (y / 20 + x / 30) % 5 == 0 { 6.0 } else { 0.0 };
     write_planes(path, Array3::from_shape_fn((3, height, width), value));
@@ -46,7 +45,7 @@ fn write_planes(path: &Path, planes: Array3<f32>) {
     io::write_image(path, &LinearImage::from_planes(planes).unwrap(), &WriteOptions::default()).unwrap();
 }
 
-fn psf() -> Psf {
+pub(super) fn psf() -> Psf {
     let energy = |(c, y, x): (usize, usize, usize)| {
         let (dy, dx) = (y as f32 - 10.0, x as f32 - 10.0);
         (-(dy * dy + dx * dx) / (1.0 + c as f32)).exp() + 0.002 * (1.0 + dx / 20.0)
@@ -55,7 +54,7 @@ fn psf() -> Psf {
 }
 
 /// A scratch folder with a scene of 48 × 56, a PSF and a bank with codes of 5 numbers.
-fn scratch() -> tempfile::TempDir {
+pub(super) fn scratch() -> tempfile::TempDir {
     let scratch = tempfile::tempdir().unwrap();
     write_scene(&scratch.path().join("scene.exr"), 48, 56);
     io::write_psf(&scratch.path().join("psf.exr"), &psf(), &WriteOptions::default()).unwrap();
@@ -253,55 +252,6 @@ fn gives_the_same_bytes_with_one_and_two_threads() {
 }
 
 #[test]
-fn does_the_others_when_one_file_of_a_folder_is_corrupt() {
-    let scratch = scratch();
-    let folder = scratch.path().join("captures");
-    std::fs::create_dir(&folder).unwrap();
-    for name in ["a.exr", "c.exr"] {
-        write_scene(&folder.join(name), 20, 24);
-    }
-    let bytes = std::fs::read(folder.join("a.exr")).unwrap();
-    std::fs::write(folder.join("b.exr"), &bytes[..bytes.len() / 2]).unwrap();
-    let mut broken = ArrayD::from_elem(vec![8, 8, 3], 0.5f32);
-    broken[[3, 4, 1]] = f32::NAN;
-    io::write_array(&folder.join("d.npy"), &broken, false).unwrap();
-
-    let output = udc(
-        scratch.path(),
-        &["restore", "captures", "--method", "wiener", "--psf", "psf.exr", "-o", "restored"],
-    );
-    assert_eq!(output.status.code(), Some(1));
-    let said = String::from_utf8_lossy(&output.stderr);
-    let last = said.lines().last().unwrap();
-    assert!(last.contains("2 of 4 images") && last.contains("b.exr") && last.contains("d.npy"), "{said}");
-    assert!(last.contains("NaN"), "{said}");
-    let mut done: Vec<_> = std::fs::read_dir(scratch.path().join("restored"))
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-        .collect();
-    done.sort();
-    assert_eq!(done, ["a.exr", "c.exr"]);
-}
-
-#[test]
-fn restores_a_bracket_as_its_fused_image() {
-    let scratch = scratch();
-    let scene = io::read_image::<Linear>(&scratch.path().join("scene.exr")).unwrap();
-    for (name, time) in [("long.exr", 1.0), ("middle.exr", 0.25), ("short.exr", 0.0625)] {
-        let picture: LinearImage = scene.map_values(|v| (v * time).min(1.0));
-        io::write_image(&scratch.path().join(name), &picture, &WriteOptions::default()).unwrap();
-    }
-    let how = ["--method", "wiener", "--psf", "psf.exr"];
-    let bracket = ["restore", "--exposures", "1,1/4,1/16", "long.exr", "middle.exr", "short.exr"];
-    succeed(scratch.path(), &[&bracket, &how[..], &["-o", "bracket.exr"]].concat());
-    succeed(scratch.path(), &[&["restore", "scene.exr"][..], &how, &["-o", "single.exr"]].concat());
-    let [a, b] = ["bracket.exr", "single.exr"]
-        .map(|name| io::read_image::<Linear>(&scratch.path().join(name)).unwrap());
-    let worst = a.as_slice().iter().zip(b.as_slice()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    assert!(worst < 1e-3, "{worst}");
-}
-
-#[test]
 fn asks_for_the_domain_where_the_file_is_silent() {
     let scratch = scratch();
     succeed(scratch.path(), &["tonemap", "scene.exr", "-o", "scene.png"]);
@@ -422,175 +372,6 @@ fn refuses_too_little_memory_naming_what_would_do() {
         assert!(said.contains("allow at least"), "{said}");
     }
     assert!(fail(scratch.path(), &["restore", "x", "--max-memory", "lots"], 2).contains("2GiB"));
-}
-
-/// A mosaic of a scene in three exposures, 10 bits above a black level, as a camera would store it.
-fn write_raw_bracket(folder: &Path, exposures: &[(&str, f32)], shift: usize) {
-    write_filtered_bracket(folder, exposures, shift, [1.0; 4]);
-}
-
-/// The same, the four photosites of each cell behind filters.
-fn write_filtered_bracket(folder: &Path, exposures: &[(&str, f32)], shift: usize, filters: [f32; 4]) {
-    std::fs::create_dir_all(folder).unwrap();
-    for (index, (name, time)) in exposures.iter().enumerate() {
-        let mosaic = ArrayD::from_shape_fn(vec![96, 112], |place| {
-            let (y, x) = (place[0], place[1] + shift * index);
-            let lamp = |cy: f32, cx: f32| (-((y as f32 - cy).powi(2) + (x as f32 - cx).powi(2)) / 30.0).exp();
-            let light = 0.2 + 12.0 * lamp(40.0, 50.0) + 6.0 * lamp(70.0, 20.0) + 9.0 * lamp(20.0, 90.0);
-            let filter = filters[place[0] % 2 * 2 + place[1] % 2];
-            (64.0 + (light * filter * time).min(1.0) * 959.0).round()
-        });
-        io::write_array(&folder.join(name), &mosaic, true).unwrap();
-    }
-}
-
-const RAW: [&str; 8] = ["--white", "1023", "--black", "64", "--bayer", "rggb", "--exposures", "1,1/4,1/16"];
-
-#[test]
-fn restores_brackets_of_mosaics_folder_by_folder() {
-    let scratch = scratch();
-    let exposures = [("1.npy", 1.0), ("2.npy", 0.25), ("3.npy", 0.0625)];
-    for scene in ["scenes/a", "scenes/b"] {
-        write_raw_bracket(&scratch.path().join(scene), &exposures, 0);
-    }
-    let how = ["--method", "wiener", "--psf", "psf.exr"];
-    let restore = |more: &[&'static str]| [&["restore", "scenes"][..], &RAW, &how, more].concat();
-    succeed(scratch.path(), &restore(&["-o", "out"]));
-    let balanced = ["-o", "balanced", "--white-balance", "2,1,1.5"];
-    succeed(scratch.path(), &restore(&balanced));
-    let read = |name: &str| io::read_image::<Linear>(&scratch.path().join(name)).unwrap();
-    let (plain, balanced) = (read("out/a.exr"), read("balanced/a.exr"));
-    assert_eq!(plain, read("out/b.exr"));
-    for (channel, gain) in [2.0, 1.0, 1.5].into_iter().enumerate() {
-        let ratio = balanced.channel(channel)[[48, 100]] / plain.channel(channel)[[48, 100]];
-        assert!((ratio / gain - 1.0).abs() < 0.05, "channel {channel}: {ratio}");
-    }
-    std::fs::remove_file(scratch.path().join("scenes/b/2.npy")).unwrap();
-    let output = udc(scratch.path(), &restore(&["-o", "missing"]));
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("1 of 2 images") && said.contains("expected 3 pictures"), "{said}");
-    assert!(scratch.path().join("missing/a.exr").exists());
-}
-
-#[test]
-fn says_what_is_wrong_with_a_bracket() {
-    let scratch = scratch();
-    let exposures = [("1.npy", 1.0), ("2.npy", 0.25), ("3.npy", 0.0625)];
-    write_filtered_bracket(&scratch.path().join("raw"), &exposures, 0, [0.5, 1.0, 1.0, 0.3]);
-    let all = ["raw/1.npy", "raw/2.npy", "raw/3.npy"];
-    let flags = |black: &'static str, bayer: &'static str| {
-        ["--white", "1023", "--black", black, "--bayer", bayer, "--exposures", "1,1/4,1/16", "--overwrite"]
-    };
-    let run = |pictures: &[&'static str], black, bayer| {
-        let how = ["--method", "wiener", "--psf", "psf.exr", "-o", "out.exr"];
-        let arguments = [&["restore"][..], pictures, &flags(black, bayer), &how].concat();
-        let output = udc(scratch.path(), &arguments);
-        (output.status.code(), String::from_utf8(output.stderr).unwrap())
-    };
-    let refuses = |pictures: &[&'static str], black, reason: &str| {
-        let (code, said) = run(pictures, black, "rggb");
-        assert!(code == Some(1) && said.contains(reason) && said.lines().count() == 1, "{code:?} {said}");
-    };
-    refuses(&["raw/3.npy", "raw/2.npy", "raw/1.npy"], "64", "is brighter than picture 1");
-    refuses(&["raw/1.npy", "raw/3.npy", "raw/2.npy"], "64", "is brighter than picture 2");
-    refuses(&all[..2], "64", "expected 3 pictures, one for each exposure time, found 2");
-    refuses(&all, "200", "black: lies above");
-    refuses(&all, "2000", "white: must lie above black 2000, found 1023");
-    let (code, said) = run(&all, "64", "rggb");
-    assert!(code == Some(0) && !said.contains("warning"), "{said}");
-    for wrong in ["grbg", "gbrg"] {
-        let (code, said) = run(&all, "64", wrong);
-        assert!(code == Some(0) && said.contains("check --bayer"), "{said}");
-    }
-    let mosaic = ArrayD::from_elem(vec![94, 112], 70.0f32);
-    io::write_array(&scratch.path().join("raw/2.npy"), &mosaic, true).unwrap();
-    refuses(&all, "64", "picture 2 of the bracket: expected 1 channels of 96 × 112");
-}
-
-#[test]
-fn refuses_a_bracket_that_moved_unless_told() {
-    let scratch = scratch();
-    let exposures = [("1.npy", 1.0), ("2.npy", 0.25), ("3.npy", 0.0625)];
-    write_raw_bracket(&scratch.path().join("moved"), &exposures, 4);
-    let how = ["--method", "wiener", "--psf", "psf.exr", "-o", "out.exr"];
-    let restore = [&["restore", "moved"][..], &RAW, &how].concat();
-    let said = fail(scratch.path(), &restore, 1);
-    assert!(said.contains("picture 2") && said.contains("--allow-motion"), "{said}");
-    succeed(scratch.path(), &[&restore[..], &["--allow-motion"]].concat());
-}
-
-#[test]
-fn reads_exposure_times_from_the_files_and_says_when_there_are_none() {
-    let scratch = scratch();
-    let scene = io::read_image::<Linear>(&scratch.path().join("scene.exr")).unwrap();
-    let write = |name: &str, time: f32, exposure_s| {
-        let planes = scene.planes().mapv(|v| (v * time).min(1.0));
-        let pixels = io::Pixels { exposure_s, ..io::Pixels::of_planes(planes) };
-        let options = io::PixelOptions { overwrite: true, ..io::PixelOptions::default() };
-        io::write_pixels(&scratch.path().join(name), &pixels, options).unwrap();
-    };
-    for (name, time) in [("1.exr", 1.0), ("2.exr", 0.25), ("3.exr", 0.0625)] {
-        write(name, time, Some(f64::from(time)));
-    }
-    let how = ["--method", "wiener", "--psf", "psf.exr"];
-    let restore = [&["restore", "--bracket", "1.exr", "2.exr", "3.exr"][..], &how].concat();
-    succeed(scratch.path(), &[&restore[..], &["-o", "bracket.exr"]].concat());
-    succeed(scratch.path(), &[&["restore", "scene.exr", "-o", "single.exr"][..], &how].concat());
-    let [a, b] = ["bracket.exr", "single.exr"]
-        .map(|name| io::read_image::<Linear>(&scratch.path().join(name)).unwrap());
-    assert!(a.as_slice().iter().zip(b.as_slice()).all(|(a, b)| (a - b).abs() < 1e-3));
-    write("2.exr", 0.25, None);
-    let said = fail(scratch.path(), &[&restore[..], &["-o", "o.exr"]].concat(), 1);
-    assert!(said.contains("add --exposures"), "{said}");
-}
-
-#[test]
-fn goes_on_where_it_ended() {
-    let scratch = scratch();
-    let folder = scratch.path().join("captures");
-    std::fs::create_dir(&folder).unwrap();
-    for name in ["a.exr", "b.exr", "c.exr"] {
-        std::fs::copy(scratch.path().join("scene.exr"), folder.join(name)).unwrap();
-    }
-    let restore = |more: &[&'static str]| {
-        [&["restore", "captures", "--method", "wiener", "--psf", "psf.exr", "-o", "out"][..], more].concat()
-    };
-    succeed(scratch.path(), &restore(&[]));
-    let written = |name: &str| scratch.path().join("out").join(name).metadata().unwrap().modified().unwrap();
-    let before = written("a.exr");
-    std::fs::remove_file(scratch.path().join("out/b.exr")).unwrap();
-    let said = succeed(scratch.path(), &restore(&["--resume"]));
-    assert!(said.contains("2 of 3 images are there") && said.contains("b.exr"), "{said}");
-    assert_eq!(written("a.exr"), before);
-    assert!(fail(scratch.path(), &restore(&[]), 1).contains("--overwrite"));
-    let said = fail(scratch.path(), &restore(&["--resume", "--balance", "0.5"]), 1);
-    assert!(said.contains("other settings"), "{said}");
-}
-
-/// After Ctrl-C there are finished files and nothing else, and the run can be taken up again.
-#[cfg(unix)]
-#[test]
-fn an_interrupt_leaves_finished_files_only() {
-    let scratch = scratch();
-    let folder = scratch.path().join("captures");
-    std::fs::create_dir(&folder).unwrap();
-    write_scene(&scratch.path().join("large.exr"), 160, 200);
-    let count = 30;
-    for index in 0..count {
-        std::fs::copy(scratch.path().join("large.exr"), folder.join(format!("{index:02}.exr"))).unwrap();
-    }
-    let restore = ["restore", "captures", "--method", "constrained", "--psf", "psf.exr", "-o", "out"];
-    let (code, said) = interrupt_after(scratch.path(), &restore, "out/00.exr");
-    assert!(code == Some(1) && said.contains("interrupted"), "{said}");
-    let names = io::list_folder(&scratch.path().join("out")).unwrap();
-    assert!((1..count).contains(&names.len()), "{names:?}");
-    for name in &names {
-        io::read_image::<Linear>(&scratch.path().join("out").join(name)).unwrap();
-    }
-    let said = succeed(scratch.path(), &[&restore[..], &["--resume"]].concat());
-    assert!(said.contains(&format!("{} of {count} images are there", names.len())), "{said}");
-    assert_eq!(io::list_folder(&scratch.path().join("out")).unwrap().len(), count);
 }
 
 /// A network restores images that are tone-mapped as those that it learned from.
@@ -733,172 +514,6 @@ fn interpolates_codes_over_the_field() {
     assert!(fail(scratch.path(), &refused, 1).contains("names 1 PSFs for 2 × 2 places"));
 }
 
-/// A folder `captures` with scenes of these names, of 20 × 24 pixels.
-fn write_captures(folder: &Path, names: &[&str]) {
-    std::fs::create_dir(folder.join("captures")).unwrap();
-    for name in names {
-        write_scene(&folder.join("captures").join(name), 20, 24);
-    }
-}
-
-const WIENER: [&str; 4] = ["--method", "wiener", "--psf", "psf.exr"];
-
-fn restore_by_wiener<'a>(inputs: &[&'a str], more: &[&'a str]) -> Vec<&'a str> {
-    [&["restore"][..], inputs, &WIENER, more].concat()
-}
-
-#[cfg(unix)]
-#[test]
-fn restores_and_finishes_files_whose_names_are_no_text() {
-    use std::os::unix::ffi::OsStrExt as _;
-    let scratch = scratch();
-    write_captures(scratch.path(), &["a.exr"]);
-    let captures = scratch.path().join("captures");
-    let odd = std::ffi::OsStr::from_bytes(b"\xff.exr");
-    // Some file systems take names that are text only.
-    if std::fs::rename(captures.join("a.exr"), captures.join(odd)).is_err() {
-        return;
-    }
-    succeed(scratch.path(), &restore_by_wiener(&["captures"], &["-o", "out"]));
-    succeed(scratch.path(), &["finish", "captures", "-o", "finished", "--format", "exr"]);
-    for folder in ["out", "finished"] {
-        assert_eq!(io::list_folder(&scratch.path().join(folder)).unwrap(), ["\u{fffd}.exr"]);
-    }
-}
-
-/// Runs `udc` with another stdout than a file or a reader; returns exit code and stderr.
-#[cfg(target_os = "linux")]
-fn run_with_stdout(folder: &Path, args: &[&str], stdout: std::process::Stdio) -> (Option<i32>, String) {
-    let mut run = std::process::Command::new(env!("CARGO_BIN_EXE_udc"))
-        .args(args)
-        .current_dir(folder)
-        .stdout(stdout)
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    drop(run.stdout.take());
-    let output = run.wait_with_output().unwrap();
-    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
-}
-
-#[cfg(target_os = "linux")]
-#[test]
-fn a_stdout_that_takes_nothing_does_not_stop_the_work() {
-    let scratch = scratch();
-    let names = ["a.exr", "b.exr", "c.exr", "d.exr"];
-    write_captures(scratch.path(), &names);
-    let restore = restore_by_wiener(&["captures"], &["-o", "out", "--overwrite"]);
-    let (code, said) = run_with_stdout(scratch.path(), &restore, std::process::Stdio::piped());
-    assert_eq!(code, Some(0), "{said}");
-    assert_eq!(io::list_folder(&scratch.path().join("out")).unwrap(), names);
-
-    std::fs::remove_dir_all(scratch.path().join("out")).unwrap();
-    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
-    let (code, said) = run_with_stdout(scratch.path(), &restore, full.into());
-    assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("writing to stdout: No space left") && !said.contains("not done"), "{said}");
-    assert_eq!(io::list_folder(&scratch.path().join("out")).unwrap(), names);
-}
-
-#[test]
-fn resumes_with_what_decides_the_result_and_nothing_else() {
-    let scratch = scratch();
-    write_captures(scratch.path(), &["a.exr", "b.exr"]);
-    succeed(scratch.path(), &["convert", &model(), "net.safetensors"]);
-    let code = code();
-    let common = ["restore", "captures", "--model", "net.safetensors", "--code", &code, "-o", "out"];
-    succeed(scratch.path(), &common);
-    let resume = |more: &[&'static str]| [&common[..], &["--resume"], more].concat();
-    let said = succeed(scratch.path(), &resume(&["--max-memory", "1GiB"]));
-    assert!(said.contains("2 of 2 images are there"), "{said}");
-    for other in [&["--half"][..], &["--output-domain", "tone-mapped"], &["--domain", "linear"]] {
-        let said = fail(scratch.path(), &resume(other), 1);
-        assert!(said.contains("other settings"), "{other:?}: {said}");
-    }
-    let file = scratch.path().join("net.safetensors");
-    let mut weights = weights::read(&file).unwrap();
-    weights.parameters = Parameters::random(&weights.architecture, Initialisation::Released, 3);
-    weights::write(&file, &weights, true).unwrap();
-    let said = fail(scratch.path(), &resume(&[]), 1);
-    assert!(said.contains("other settings"), "{said}");
-}
-
-#[test]
-fn a_deconvolution_resumes_with_the_same_psf_only() {
-    let scratch = scratch();
-    write_captures(scratch.path(), &["a.exr"]);
-    succeed(scratch.path(), &restore_by_wiener(&["captures"], &["-o", "out"]));
-    let turned = udc::codes::rotate(&psf(), 20.0).unwrap();
-    let options = WriteOptions { overwrite: true, ..WriteOptions::default() };
-    io::write_psf(&scratch.path().join("psf.exr"), &turned, &options).unwrap();
-    let said = fail(scratch.path(), &restore_by_wiener(&["captures"], &["-o", "out", "--resume"]), 1);
-    assert!(said.contains("other settings"), "{said}");
-}
-
-#[test]
-fn a_name_with_a_slash_is_a_folder_that_is_made() {
-    let scratch = scratch();
-    let exposures = [("1.npy", 1.0), ("2.npy", 0.25), ("3.npy", 0.0625)];
-    write_raw_bracket(&scratch.path().join("brackets/one"), &exposures, 0);
-    let restore = |input: &'static str, output: &'static str| {
-        let raw = if input == "scene.exr" { &[][..] } else { &RAW };
-        restore_by_wiener(&[input], &[raw, &["-o", output]].concat())
-    };
-    for (input, output, made) in [
-        ("brackets/", "of-brackets/", "of-brackets/one.exr"),
-        ("brackets/", "unslashed", "unslashed/one.exr"),
-        ("brackets/one", "of-one/", "of-one/one.exr"),
-        ("brackets/one", "one.exr", "one.exr"),
-        ("scene.exr", "of-a-file/", "of-a-file/scene.exr"),
-    ] {
-        succeed(scratch.path(), &restore(input, output));
-        assert!(scratch.path().join(made).is_file(), "{made}");
-    }
-    succeed(scratch.path(), &["finish", "scene.exr", "-o", "finished/"]);
-    assert!(scratch.path().join("finished/scene.png").is_file());
-}
-
-#[test]
-fn several_inputs_are_not_written_to_a_folder_named_like_a_file() {
-    let scratch = scratch();
-    write_captures(scratch.path(), &["a.exr", "b.exr"]);
-    let inputs = ["captures/a.exr", "captures/b.exr"];
-    let said = fail(scratch.path(), &restore_by_wiener(&inputs, &["-o", "two.exr"]), 1);
-    assert!(said.contains("several inputs") && said.contains("-o two/"), "{said}");
-    let said = fail(scratch.path(), &["finish", "captures", "-o", "two.png"], 1);
-    assert!(said.contains("several inputs") && said.contains("-o two/"), "{said}");
-    assert!(!scratch.path().join("two.exr").exists() && !scratch.path().join("two.png").exists());
-}
-
-#[test]
-fn leaves_no_folder_without_a_result() {
-    let scratch = scratch();
-    write_captures(scratch.path(), &["a.exr"]);
-    std::fs::create_dir(scratch.path().join("other")).unwrap();
-    write_scene(&scratch.path().join("other/a.exr"), 20, 24);
-    std::fs::write(scratch.path().join("captures/b.exr"), b"no image").unwrap();
-    let clash = restore_by_wiener(&["captures/a.exr", "other/a.exr"], &["-o", "out/deep"]);
-    assert!(fail(scratch.path(), &clash, 1).contains("would both be written to"));
-    let missing = ["restore", "captures", "--model", "missing.pth", "-o", "out/deep"];
-    assert!(fail(scratch.path(), &missing, 1).contains("missing.pth"));
-    let broken = restore_by_wiener(&["captures/b.exr"], &["-o", "out/deep/"]);
-    assert!(fail(scratch.path(), &broken, 1).contains("b.exr"));
-    assert!(fail(scratch.path(), &["finish", "captures/b.exr", "-o", "out/deep/"], 1).contains("b.exr"));
-    assert!(!scratch.path().join("out").exists());
-}
-
-#[test]
-fn a_file_that_is_named_twice_is_done_once() {
-    let scratch = scratch();
-    write_captures(scratch.path(), &["a.exr", "b.exr"]);
-    let inputs = ["captures/*.exr", "captures/a.exr", "captures", "./captures/b.exr"];
-    succeed(scratch.path(), &restore_by_wiener(&inputs, &["-o", "out"]));
-    succeed(scratch.path(), &[&["finish"][..], &inputs, &["-o", "finished", "--format", "exr"]].concat());
-    for folder in ["out", "finished"] {
-        assert_eq!(io::list_folder(&scratch.path().join(folder)).unwrap(), ["a.exr", "b.exr"]);
-    }
-}
-
 #[test]
 fn says_beforehand_what_memory_it_takes() {
     let scratch = scratch();
@@ -920,17 +535,6 @@ fn says_beforehand_what_memory_it_takes() {
 }
 
 #[test]
-fn hidden_files_of_a_folder_are_no_images() {
-    let scratch = scratch();
-    write_captures(scratch.path(), &["a.exr"]);
-    std::fs::write(scratch.path().join("captures/._a.exr"), b"what macOS keeps beside a file").unwrap();
-    succeed(scratch.path(), &restore_by_wiener(&["captures"], &["-o", "out"]));
-    assert_eq!(io::list_folder(&scratch.path().join("out")).unwrap(), ["a.exr"]);
-    let said = fail(scratch.path(), &restore_by_wiener(&["captures/._a.exr"], &["-o", "b.exr"]), 1);
-    assert!(said.contains("._a.exr"), "{said}");
-}
-
-#[test]
 fn a_code_may_be_a_row_or_a_column() {
     let scratch = scratch();
     let (model, code) = (model(), code());
@@ -946,29 +550,6 @@ fn a_code_may_be_a_row_or_a_column() {
     let expected = restored(&code, "vector.exr");
     assert_eq!(restored("row.npy", "row.exr"), expected);
     assert_eq!(restored("column.npy", "column.exr"), expected);
-}
-
-#[test]
-fn an_image_of_another_program_is_not_taken_for_a_finished_one() {
-    let scratch = scratch();
-    let foreign = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/files/float_zip.exr");
-    std::fs::create_dir(scratch.path().join("captures")).unwrap();
-    std::fs::copy(foreign, scratch.path().join("captures/a.exr")).unwrap();
-    let said = fail(scratch.path(), &restore_by_wiener(&["captures"], &["-o", "captures", "--resume"]), 1);
-    assert!(said.contains("a.exr is not of this program"), "{said}");
-}
-
-#[test]
-fn flags_of_brackets_need_a_bracket() {
-    let scratch = scratch();
-    for flag in [&["--estimate-exposures"][..], &["--merge", "weighted"], &["--allow-motion"]] {
-        let said = fail(
-            scratch.path(),
-            &restore_by_wiener(&["capture.exr"], &[&["-o", "out.exr"], flag].concat()),
-            1,
-        );
-        assert!(said.contains(flag[0]) && said.contains("--bracket"), "{said}");
-    }
 }
 
 /// A JPEG is finished as `udc finish` does it without a word, with what is known of the capture.
