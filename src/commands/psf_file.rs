@@ -15,7 +15,8 @@ use super::choices::LIGHT_DOMAINS;
 /// The flags of commands whose only images are PSFs.
 #[derive(Args, Debug)]
 pub(super) struct PsfFileArgs {
-    /// What a PSF's file holds; required for 8- and 16-bit files that do not say it [default: what the file says, else linear]
+    /// What a PSF's file holds; required for 8- and 16-bit files that do not say it [default: what the file says, else
+    /// linear]
     #[arg(long, value_name = "DOMAIN", value_parser = LIGHT_DOMAINS, alias = "psf-domain")]
     domain: Option<DomainTag>,
     /// Move a PSF whose peak is not at the centre, index N // 2, there: by whole pixels, all colours together, or rolled
@@ -30,7 +31,8 @@ pub(super) const PSF_FILES: &str = "psf-files";
 /// The flags of commands that read other images too; they belong to those of the group [`PSF_FILES`].
 #[derive(Args, Debug)]
 pub(super) struct PsfAmongImagesArgs {
-    /// What a PSF's file holds; required for 8- and 16-bit files that do not say it [default: what the file says, else linear]
+    /// What a PSF's file holds; required for 8- and 16-bit files that do not say it [default: what the file says, else
+    /// linear]
     #[arg(long, value_name = "DOMAIN", value_parser = LIGHT_DOMAINS, requires = PSF_FILES)]
     psf_domain: Option<DomainTag>,
     /// Move a PSF whose peak is not at the centre, index N // 2, there: by whole pixels, all colours together, or rolled

@@ -139,7 +139,7 @@ impl RestoreArgs {
 
     /// The domain that is written: the one that is asked for, or that of the capture.
     fn domain_of_output(&self, capture: &Capture) -> DomainTag {
-        self.output_domain.map_or(capture.image.domain(), DomainTag::from)
+        self.output_domain.unwrap_or(capture.image.domain())
     }
 
     /// How captures are restored, as the flags say.

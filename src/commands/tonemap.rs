@@ -31,8 +31,8 @@ pub(crate) struct TonemapArgs {
     /// Map tone-mapped values back to linear light
     #[arg(long, conflicts_with = "domain")]
     inverse: bool,
-    /// What the inputs hold: srgb is decoded to linear light first; required for 8- and 16-bit files that do not say it [default: what the file
-    /// says, else linear; with --inverse tone-mapped]
+    /// What the inputs hold: srgb is decoded to linear light first; required for 8- and 16-bit files that do not say it
+    /// [default: what the file says, else linear; with --inverse tone-mapped]
     ///
     /// Tone-mapped images are for --inverse, which takes them for that whatever their format.
     #[arg(long, value_name = "DOMAIN", value_parser = LIGHT_DOMAINS)]

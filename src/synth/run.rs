@@ -17,8 +17,9 @@ impl Synthesis {
     /// Makes the dataset in the folder `root`, telling `on_scene` of each scene as it is done.
     ///
     /// # Errors
-    /// [`Error::Config`](crate::core::error::Error::Config) when the folder must not be touched or memory does not suffice; [`Error::Interrupted`](crate::core::error::Error::Interrupted)
-    /// after an interrupt, whatever is finished staying; else of reading or writing a file.
+    /// [`Error::Config`](crate::core::error::Error::Config) when the folder must not be touched or memory does not suffice;
+    /// [`Error::Interrupted`](crate::core::error::Error::Interrupted) after an interrupt, whatever is finished staying; else
+    /// of reading or writing a file.
     pub fn run(
         &self,
         root: &Path,
