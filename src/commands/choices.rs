@@ -56,6 +56,11 @@ pub(crate) const METHODS: Choices<Method> = Choices(&[
         Method::Constrained,
         "Non-negative weighted least squares; light around the frame and saturation modelled",
     ),
+    (
+        "joint",
+        Method::Joint,
+        "The same for all colours together, with their common edges, and with the light of lamps that their flare tells",
+    ),
 ]);
 
 /// What becomes of saturated pixels.

@@ -23,7 +23,7 @@ pub use highlights::{Highlights, blend_highlights};
 pub use kernel::{Angle, KernelFiles, KernelKnowledge};
 pub use memory::{MemoryBudget, MemoryPlan};
 pub use notice::Notice;
-pub use planes::{PlaneConfig, make_plane, make_planes};
+pub use planes::{PlaneConfig, make_planes};
 pub use precision::Precision;
 pub use restoration::Restoration;
 pub use tiles::Tiling;

@@ -313,7 +313,7 @@ fn each_channel<T: Send>(make: impl Fn(usize) -> T + Sync) -> [T; CHANNELS] {
     channels.map(|channel| channel.expect("every channel was made"))
 }
 
-fn occupied_ranges(sources: &[Vec<usize>]) -> Vec<Range<usize>> {
+pub(super) fn occupied_ranges(sources: &[Vec<usize>]) -> Vec<Range<usize>> {
     let mut ranges: Vec<Range<usize>> = Vec::new();
     for (place, samples) in sources.iter().enumerate() {
         match ranges.last_mut() {

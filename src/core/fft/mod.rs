@@ -6,6 +6,7 @@
 
 mod convolver;
 mod geometry;
+mod operator;
 mod plane;
 mod pool;
 mod real;
@@ -15,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 pub use convolver::{Convolver, Otf, SINGLE_PEAK, SINGLE_RMS, Spectrum};
 pub use geometry::fast_length;
+pub use operator::{PlaneOperator, TransferFunction, TransformPrecision};
 pub use plane::PlaneSpectrum;
 
 /// What lies beyond the border of an image while it is convolved.

@@ -6,6 +6,7 @@
 
 mod border;
 mod constrained;
+mod joint;
 mod noise;
 mod objective;
 mod operator;
@@ -15,6 +16,7 @@ mod spectral;
 mod wiener;
 mod wiener_orieux;
 
+pub use joint::Solution;
 use ndarray::{Array2, Array3, ArrayView2, Axis};
 use serde::{Deserialize, Serialize};
 
@@ -39,6 +41,8 @@ pub enum Method {
     RichardsonLucy,
     /// Weighted least squares over non-negative scenes, border and saturation modelled.
     Constrained,
+    /// The scene and the light of saturated pixels together, edges shared by the colours.
+    Joint,
 }
 
 impl Method {
@@ -49,6 +53,7 @@ impl Method {
             Self::WienerOrieux => "wiener-orieux",
             Self::RichardsonLucy => "richardson-lucy",
             Self::Constrained => "constrained",
+            Self::Joint => "joint",
         }
     }
 }
@@ -163,6 +168,9 @@ pub fn deconvolve(
     progress: &Progress,
 ) -> Result<LinearImage> {
     config.validate()?;
+    if config.method == Method::Joint {
+        return Ok(joint::solve(image, psf, config, progress)?.scene);
+    }
     let bar = progress.bar(CHANNELS as u64, "deconvolving");
     let mut restored = Array3::zeros(image.planes().dim());
     for channel in 0..CHANNELS {
@@ -176,19 +184,18 @@ pub fn deconvolve(
     LinearImage::from_planes(restored)
 }
 
-/// Estimates for each channel the standard deviation of the noise of `log(capture + α)`, as [`Method::Constrained`] does.
-pub(super) fn relative_noise(
-    capture: &LinearImage,
+/// Estimates the scene with what is known of its errors, by [`Method::Joint`].
+///
+/// # Errors
+/// As [`deconvolve`].
+pub fn solve(
+    image: &LinearImage,
     psf: &Psf,
     config: &DeconvolutionConfig,
-) -> Result<[f64; CHANNELS]> {
-    let mut relative = [0.0; CHANNELS];
-    for (channel, sigma) in relative.iter_mut().enumerate() {
-        let size = [capture.height(), capture.width()];
-        let blur = operator::Blur::new(size, psf.channel(channel), config.border)?;
-        *sigma = noise::estimate(capture.channel(channel), blur.otf(), config.alpha);
-    }
-    Ok(relative)
+    progress: &Progress,
+) -> Result<Solution> {
+    config.validate()?;
+    joint::solve(image, psf, config, progress)
 }
 
 /// Bytes that [`deconvolve`] takes, the image and the result included.
@@ -196,7 +203,7 @@ pub fn deconvolution_bytes(image: [usize; 2], psf: [usize; 2], config: &Deconvol
     let pixels = (image[0] * image[1]) as u64;
     let (plane, grid) = match config.method {
         Method::Wiener | Method::WienerOrieux => (image, border::extended_size(image, psf, config.border)),
-        Method::RichardsonLucy | Method::Constrained => {
+        Method::RichardsonLucy | Method::Constrained | Method::Joint => {
             (operator::plane_size(image, psf, config.border), operator::grid_size(image, psf, config.border))
         }
     };
@@ -208,6 +215,7 @@ pub fn deconvolution_bytes(image: [usize; 2], psf: [usize; 2], config: &Deconvol
         Method::WienerOrieux => (4, 6),
         Method::RichardsonLucy => (6, 3),
         Method::Constrained => (12, 4),
+        Method::Joint => (24, 4),
     };
     4 * (2 * CHANNELS as u64 * pixels + planes * of_plane + 2 * spectra * samples)
 }
@@ -224,6 +232,7 @@ fn deconvolve_plane(
         Method::WienerOrieux => wiener_orieux::restore(plane, psf, config, channel, progress),
         Method::RichardsonLucy => richardson_lucy::restore(plane, psf, config, channel, progress),
         Method::Constrained => constrained::restore(plane, psf, config, channel, progress),
+        Method::Joint => unreachable!("colours are solved for together"),
     }
 }
 

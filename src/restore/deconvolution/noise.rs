@@ -9,7 +9,7 @@ use rustfft::num_complex::Complex64;
 const MEDIAN_OF_NORMAL: f64 = 0.6745;
 
 /// Taps, along rows and along columns, of a band of diagonal detail: none answers to a gradient.
-struct Band(&'static [f32]);
+pub(super) struct Band(&'static [f32]);
 
 /// Fourth differences: all but blind to what is longer than three pixels.
 const FINEST: Band = Band(&[1.0, -4.0, 6.0, -4.0, 1.0]);
@@ -20,13 +20,16 @@ const FINE: Band = Band(&[1.0, -1.0, -1.0, 1.0]);
 /// Waves of five pixels: second differences of every other pixel, smoothed.
 const MIDDLE: Band = Band(&[1.0, 2.0, -1.0, -4.0, -1.0, 2.0, 1.0]);
 
+/// All bands, from the finest on.
+pub(super) const BANDS: [Band; 3] = [FINEST, FINE, MIDDLE];
+
 /// What a capture shows in one band.
 #[derive(Clone, Copy)]
-struct Detail {
+pub(super) struct Detail {
     /// The robust variance d², which white noise has alike in all bands.
-    variance: f64,
+    pub(super) variance: f64,
     /// κ, the mean of |H|²: the part of the scene's detail that is left.
-    left: f64,
+    pub(super) left: f64,
 }
 
 /// Estimates the standard deviation of the noise of `log(capture + α)`, white from pixel to pixel.
@@ -47,6 +50,11 @@ pub(super) fn estimate(capture: ArrayView2<'_, f32>, otf: (&[Complex64], [usize;
     let (Some(finest), Some(fine), Some(middle)) = (detail(&FINEST), detail(&FINE), detail(&MIDDLE)) else {
         return 0.0;
     };
+    of_details([finest, fine, middle])
+}
+
+/// The standard deviation of the noise, of what the three bands show, from the finest on, as [`estimate`] says.
+pub(super) fn of_details([finest, fine, middle]: [Detail; 3]) -> f64 {
     let of_finest = noise(finest, fine, Some(middle));
     of_finest.max(noise(fine, middle, None)).sqrt()
 }
@@ -65,9 +73,8 @@ fn noise(band: Detail, next: Detail, beyond: Option<Detail>) -> f64 {
 }
 
 impl Band {
-    /// The robust standard deviation of the detail, as large as that of white noise itself; `None` for a plane that is
-    /// smaller than the taps.
-    fn spread(&self, plane: &Array2<f32>) -> Option<f64> {
+    /// The moduli of the detail, as large as that of white noise itself, of each place where the taps fit.
+    fn details(&self, plane: &Array2<f32>) -> Option<Array2<f32>> {
         let taps = self.0;
         let (height, width) = plane.dim();
         if height < taps.len() || width < taps.len() {
@@ -86,20 +93,36 @@ impl Band {
                 *detail = sum.abs() / scale;
             }
         });
-        let mut details = details.into_raw_vec_and_offset().0;
+        Some(details)
+    }
+
+    /// Gives the detail of each place where the taps fit to `visit`, with the place in their middle.
+    pub(super) fn visit(&self, plane: &Array2<f32>, mut visit: impl FnMut((usize, usize), f32)) {
+        let half = self.0.len() / 2;
+        for ((y, x), detail) in self.details(plane).iter().flat_map(|details| details.indexed_iter()) {
+            visit((y + half, x + half), *detail);
+        }
+    }
+
+    /// The robust standard deviation of the detail, as large as that of white noise itself; `None` for a plane that is
+    /// smaller than the taps.
+    fn spread(&self, plane: &Array2<f32>) -> Option<f64> {
+        let mut details = self.details(plane)?.into_raw_vec_and_offset().0;
         let middle = details.len() / 2;
         let (_, median, _) = details.select_nth_unstable_by(middle, f32::total_cmp);
         Some(f64::from(*median) / MEDIAN_OF_NORMAL)
     }
 
+    /// The squared modulus of the taps' transfer function at frequency `k` of so many samples.
+    pub(super) fn response(&self, k: usize, samples: usize) -> f64 {
+        let turn =
+            |(i, tap): (usize, &f32)| Complex64::cis(TAU * (k * i) as f64 / samples as f64) * f64::from(*tap);
+        self.0.iter().enumerate().map(turn).sum::<Complex64>().norm_sqr()
+    }
+
     /// The mean of |H|² over the frequencies of the band, H given with its grid.
     fn part_left(&self, (otf, [height, width]): (&[Complex64], [usize; 2])) -> f64 {
-        let response = |k: usize, samples: usize| {
-            let turn = |(i, tap): (usize, &f32)| {
-                Complex64::cis(TAU * (k * i) as f64 / samples as f64) * f64::from(*tap)
-            };
-            self.0.iter().enumerate().map(turn).sum::<Complex64>().norm_sqr()
-        };
+        let response = |k: usize, samples: usize| self.response(k, samples);
         let along_y: Vec<f64> = (0..height).map(|ky| response(ky, height)).collect();
         let (mut energy, mut weight) = (0.0, 0.0);
         for (kx, spectrum) in otf.chunks_exact(height).enumerate() {

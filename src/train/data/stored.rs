@@ -11,7 +11,7 @@ use crate::core::rng::Rng;
 use crate::core::tone::ToneCurve;
 use crate::dataset::{Dataset, KernelChoice, Split, Triplet};
 use crate::network::Plane;
-use crate::restore::{PlaneConfig, make_plane};
+use crate::restore::{PlaneConfig, make_planes};
 
 /// The triplets of one split.
 #[derive(Debug)]
@@ -83,7 +83,8 @@ impl StoredData<'_> {
             let psf = &bank.psfs[self.dataset.kernel_index(triplet)?];
             let config = PlaneConfig::of_formation(&self.dataset.formation)?;
             let degraded = self.dataset.read_degraded(triplet)?;
-            make_plane(plane, &degraded, psf, &config, &Progress::default())
+            let made = make_planes(&[plane], &degraded, psf, &config, &Progress::default())?;
+            Ok(made.get(plane).expect("what is wanted is made").clone())
         })?;
         Ok((plane, window.of(&whole)))
     }

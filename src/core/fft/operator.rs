@@ -1,0 +1,277 @@
+//! The convolution of one plane as a matrix with its transpose, row by row from whatever makes the rows: what solvers
+//! that multiply by weights between the transforms need.
+
+#![expect(clippy::needless_pass_by_value, reason = "views of arrays are values")]
+
+use std::f32::consts::PI;
+
+use ndarray::ArrayView2;
+use rayon::prelude::*;
+use rustfft::num_complex::Complex;
+
+use super::Boundary;
+use super::convolver::require_size;
+use super::geometry::AxisGeometry;
+use super::real::Real;
+use super::transform::{Transform, Window};
+use crate::core::error::Result;
+
+/// The numbers that transforms compute with; planes are of 32 bits in either case.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TransformPrecision {
+    /// 32 bits: errors of about 10⁻⁷ of a plane's peak.
+    Single,
+    /// 64 bits, for planes of which the peak is far above what matters.
+    Double,
+}
+
+/// Convolves planes of one size, dark outside or periodic, with kernels of one size.
+pub struct PlaneOperator {
+    rows: AxisGeometry,
+    columns: AxisGeometry,
+    transform: EitherTransform,
+    /// The squared moduli of the transfer functions of differences along rows and columns: `4·sin²(π·k/N)`.
+    laplacian: [Vec<f32>; 2],
+}
+
+enum EitherTransform {
+    Single(Transform<f32>),
+    Double(Transform<f64>),
+}
+
+/// The transform of a kernel about its centre, for one [`PlaneOperator`].
+#[derive(Clone, Debug)]
+pub struct TransferFunction(EitherSpectrum);
+
+#[derive(Clone, Debug)]
+enum EitherSpectrum {
+    Single(Vec<Complex<f32>>),
+    Double(Vec<Complex<f64>>),
+}
+
+/// What a plane's spectrum is multiplied by.
+#[derive(Clone, Copy, Debug)]
+enum Side {
+    Convolution,
+    Correlation,
+}
+
+impl PlaneOperator {
+    /// Plans for `[height, width]` planes and `[height, width]` kernels.
+    ///
+    /// # Panics
+    /// For a boundary that is made of the plane, of which the transpose is no correlation.
+    pub fn new(
+        plane: [usize; 2],
+        kernel: [usize; 2],
+        boundary: Boundary,
+        precision: TransformPrecision,
+    ) -> Self {
+        assert!(
+            matches!(boundary, Boundary::Zero | Boundary::Periodic),
+            "{boundary:?} has no transpose here"
+        );
+        let rows = AxisGeometry::new(plane[0], kernel[0], boundary);
+        let columns = AxisGeometry::new(plane[1], kernel[1], boundary);
+        let (height, width) = (rows.transform, columns.transform);
+        let transform = match precision {
+            TransformPrecision::Single => EitherTransform::Single(Transform::new(height, width)),
+            TransformPrecision::Double => EitherTransform::Double(Transform::new(height, width)),
+        };
+        let laplacian = [differences(height, height), differences(width, width / 2 + 1)];
+        Self { rows, columns, transform, laplacian }
+    }
+
+    /// Height and width of the planes.
+    pub fn plane_size(&self) -> [usize; 2] {
+        [self.rows.scene, self.columns.scene]
+    }
+
+    /// Height and width of the transforms.
+    pub fn transform_size(&self) -> [usize; 2] {
+        [self.rows.transform, self.columns.transform]
+    }
+
+    /// Transforms a kernel about its centre N // 2, every sample through `of_sample`.
+    ///
+    /// # Errors
+    /// [`Error::Shape`](crate::core::error::Error::Shape) when the kernel is not of the size that was planned for.
+    pub fn transfer_function(
+        &self,
+        kernel: ArrayView2<'_, f32>,
+        of_sample: impl Fn(f32) -> f32 + Sync,
+    ) -> Result<TransferFunction> {
+        require_size("kernel", [self.rows.kernel, self.columns.kernel], [kernel.nrows(), kernel.ncols()])?;
+        Ok(TransferFunction(match &self.transform {
+            EitherTransform::Single(transform) => {
+                EitherSpectrum::Single(self.kernel_spectrum(transform, kernel, of_sample))
+            }
+            EitherTransform::Double(transform) => {
+                EitherSpectrum::Double(self.kernel_spectrum(transform, kernel, of_sample))
+            }
+        }))
+    }
+
+    /// A x: `fill(row, samples)` writes the rows of x, which come as zeros; the result goes to `out`, row after row.
+    ///
+    /// # Panics
+    /// When `out` is not of the planes' size, or the transfer function is of another operator.
+    pub fn convolve(
+        &self,
+        kernel: &TransferFunction,
+        fill: impl Fn(usize, &mut [f32]) + Sync,
+        out: &mut [f32],
+    ) {
+        self.multiply(kernel, Side::Convolution, &fill, out);
+    }
+
+    /// Aᵀ x, as [`convolve`](Self::convolve).
+    ///
+    /// # Panics
+    /// As [`convolve`](Self::convolve).
+    pub fn correlate(
+        &self,
+        kernel: &TransferFunction,
+        fill: impl Fn(usize, &mut [f32]) + Sync,
+        out: &mut [f32],
+    ) {
+        self.multiply(kernel, Side::Correlation, &fill, out);
+    }
+
+    /// Multiplies the spectrum of x by `response(H, L)` of the transfer function H and of the Laplacian's, L ≥ 0.
+    ///
+    /// # Panics
+    /// As [`convolve`](Self::convolve).
+    pub fn filter(
+        &self,
+        kernel: &TransferFunction,
+        response: impl Fn(Complex<f32>, f32) -> Complex<f32> + Sync,
+        fill: impl Fn(usize, &mut [f32]) + Sync,
+        out: &mut [f32],
+    ) {
+        match (&self.transform, &kernel.0) {
+            (EitherTransform::Single(transform), EitherSpectrum::Single(otf)) => {
+                self.apply(transform, otf, &fill, out, |h, laplacian| response(h, laplacian));
+            }
+            (EitherTransform::Double(transform), EitherSpectrum::Double(otf)) => {
+                self.apply(transform, otf, &fill, out, |h, laplacian| {
+                    let factor = response(narrow(h), laplacian);
+                    Complex::new(f64::from(factor.re), f64::from(factor.im))
+                });
+            }
+            _ => panic!("the transfer function belongs to this operator"),
+        }
+    }
+
+    /// The mean over all frequencies of `of(|H|², L)` with the weight `along_y(ky) · along_x(kx)`, kx and ky counted from 0;
+    /// L is the Laplacian's transfer function.
+    ///
+    /// # Panics
+    /// When the transfer function is of another operator.
+    pub fn mean(
+        &self,
+        kernel: &TransferFunction,
+        of: impl Fn(f32, f32) -> f32 + Sync,
+        [along_y, along_x]: [&dyn Fn(usize) -> f64; 2],
+    ) -> f64 {
+        let height = self.rows.transform;
+        let power = |index: usize| match &kernel.0 {
+            EitherSpectrum::Single(otf) => otf[index].norm_sqr(),
+            EitherSpectrum::Double(otf) => narrow(otf[index]).norm_sqr(),
+        };
+        let [of_y, of_x] = &self.laplacian;
+        let along_y: Vec<f64> = (0..of_y.len()).map(along_y).collect();
+        let along_x: Vec<f64> = (0..of_x.len()).map(along_x).collect();
+        let of_column = |kx: usize| -> f64 {
+            let terms = along_y.iter().zip(of_y).enumerate();
+            terms.map(|(ky, (w, l))| w * f64::from(of(power(kx * height + ky), l + of_x[kx]))).sum::<f64>()
+                * along_x[kx]
+        };
+        let columns: Vec<f64> = (0..of_x.len()).into_par_iter().map(of_column).collect();
+        let weight = along_y.iter().sum::<f64>() * along_x.iter().sum::<f64>();
+        columns.into_iter().sum::<f64>() / weight.max(f64::MIN_POSITIVE)
+    }
+
+    fn multiply(
+        &self,
+        kernel: &TransferFunction,
+        side: Side,
+        fill: &(impl Fn(usize, &mut [f32]) + Sync),
+        out: &mut [f32],
+    ) {
+        match (&self.transform, &kernel.0, side) {
+            (EitherTransform::Single(transform), EitherSpectrum::Single(otf), Side::Convolution) => {
+                self.apply(transform, otf, fill, out, |h, _| h);
+            }
+            (EitherTransform::Single(transform), EitherSpectrum::Single(otf), Side::Correlation) => {
+                self.apply(transform, otf, fill, out, |h, _| h.conj());
+            }
+            (EitherTransform::Double(transform), EitherSpectrum::Double(otf), Side::Convolution) => {
+                self.apply(transform, otf, fill, out, |h, _| h);
+            }
+            (EitherTransform::Double(transform), EitherSpectrum::Double(otf), Side::Correlation) => {
+                self.apply(transform, otf, fill, out, |h, _| h.conj());
+            }
+            _ => panic!("the transfer function belongs to this operator"),
+        }
+    }
+
+    fn apply<T: Real>(
+        &self,
+        transform: &Transform<T>,
+        otf: &[Complex<T>],
+        fill: &(impl Fn(usize, &mut [f32]) + Sync),
+        out: &mut [f32],
+        response: impl Fn(Complex<T>, f32) -> Complex<T> + Sync,
+    ) {
+        assert_eq!(otf.len(), transform.spectrum_len(), "the transfer function belongs to this operator");
+        let [height, width] = self.plane_size();
+        let spectrum = transform.forward(std::slice::from_ref(&(0..height)), |row, samples| {
+            T::fill(&mut samples[..width], |samples| fill(row, samples));
+        });
+        let tall = self.rows.transform;
+        let [along_y, along_x] = &self.laplacian;
+        let product = |kx: usize, column: &mut [Complex<T>]| {
+            let range = kx * tall..(kx + 1) * tall;
+            let values = spectrum[range.clone()].iter().zip(&otf[range]).zip(along_y);
+            for (out, ((x, h), of_y)) in column.iter_mut().zip(values) {
+                *out = *x * response(*h, along_x[kx] + of_y);
+            }
+        };
+        transform.inverse(product, Window { top: 0, left: 0, height, width }, out);
+        transform.reuse(spectrum);
+    }
+
+    fn kernel_spectrum<T: Real>(
+        &self,
+        transform: &Transform<T>,
+        kernel: ArrayView2<'_, f32>,
+        of_sample: impl Fn(f32) -> f32 + Sync,
+    ) -> Vec<Complex<T>> {
+        let columns = self.columns.kernel_places();
+        // A periodic kernel larger than the plane wraps onto itself: several samples share a place.
+        let mut sources = vec![Vec::new(); self.rows.transform];
+        for (sample, place) in self.rows.kernel_places() {
+            sources[place].push(sample);
+        }
+        transform.forward(&super::convolver::occupied_ranges(&sources), |row, samples| {
+            for &source in &sources[row] {
+                let source = kernel.row(source);
+                for &(sample, place) in &columns {
+                    samples[place] = samples[place] + T::from(of_sample(source[sample]));
+                }
+            }
+        })
+    }
+}
+
+fn narrow<T: Real>(z: Complex<T>) -> Complex<f32> {
+    let part = |x: T| x.to_f32().expect("a float is rounded");
+    Complex::new(part(z.re), part(z.im))
+}
+
+/// `4·sin²(π·k/N)` of the first frequencies.
+#[expect(clippy::cast_precision_loss, reason = "sides of images are far below 2²⁴")]
+fn differences(length: usize, count: usize) -> Vec<f32> {
+    (0..count).map(|k| 4.0 * (PI * k as f32 / length as f32).sin().powi(2)).collect()
+}

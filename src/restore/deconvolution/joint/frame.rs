@@ -1,0 +1,146 @@
+//! The convolution of a frame with one channel of a PSF, on planes that may go on around the frame.
+
+use ndarray::{Array2, ArrayView2, s};
+
+use rustfft::num_complex::Complex32;
+
+use super::super::noise::BANDS;
+use super::super::{Border, border, operator};
+use crate::core::error::Result;
+use crate::core::fft::{Boundary, PlaneOperator, TransferFunction, TransformPrecision};
+
+/// The planes of a frame: itself, or larger where light around it is unknown.
+pub(super) struct Frame {
+    operator: PlaneOperator,
+    size: [usize; 2],
+}
+
+/// A of Eq. 1 for one channel.
+pub(super) struct Blur<'a> {
+    pub(super) frame: &'a Frame,
+    otf: TransferFunction,
+}
+
+impl Frame {
+    pub(super) fn new(
+        size: [usize; 2],
+        psf: [usize; 2],
+        border: Border,
+        precision: TransformPrecision,
+    ) -> Self {
+        let boundary = match border {
+            Border::Zero => Boundary::Zero,
+            Border::Smooth | Border::Periodic => Boundary::Periodic,
+        };
+        let operator = PlaneOperator::new(operator::plane_size(size, psf, border), psf, boundary, precision);
+        Self { operator, size }
+    }
+
+    /// Height and width of the planes.
+    pub(super) fn plane_size(&self) -> [usize; 2] {
+        self.operator.plane_size()
+    }
+
+    /// Whether a place of a plane is in the frame.
+    pub(super) fn contains(&self, y: usize, x: usize) -> bool {
+        y < self.size[0] && x < self.size[1]
+    }
+
+    /// Continues a frame into its surrounding, as a first guess.
+    pub(super) fn surround(&self, frame: ArrayView2<'_, f32>) -> Array2<f32> {
+        border::extend(frame, self.plane_size(), Border::Smooth)
+    }
+
+    /// The frame in a plane.
+    pub(super) fn cut<'p>(&self, plane: &'p Array2<f32>) -> ArrayView2<'p, f32> {
+        let [height, width] = self.size;
+        plane.slice(s![..height, ..width])
+    }
+
+    /// Prepares a channel of the PSF.
+    pub(super) fn blur(&self, psf: ArrayView2<'_, f32>) -> Result<Blur<'_>> {
+        Ok(Blur { frame: self, otf: self.operator.transfer_function(psf, |k| k)? })
+    }
+
+    /// Prepares the squares of a channel of the PSF.
+    pub(super) fn squared_blur(&self, psf: ArrayView2<'_, f32>) -> Result<Blur<'_>> {
+        Ok(Blur { frame: self, otf: self.operator.transfer_function(psf, |k| k * k)? })
+    }
+
+    /// An empty plane.
+    pub(super) fn plane(&self) -> Array2<f32> {
+        Array2::zeros(self.plane_size())
+    }
+}
+
+impl Blur<'_> {
+    /// A x.
+    pub(super) fn apply(&self, x: &Array2<f32>, out: &mut Array2<f32>) {
+        self.frame.operator.convolve(&self.otf, rows_of(x), slice_of(out));
+    }
+
+    /// Aᵀ (w·y).
+    pub(super) fn transpose(&self, y: &Array2<f32>, weights: &Array2<f32>, out: &mut Array2<f32>) {
+        self.frame.operator.correlate(&self.otf, products_of(y, weights), slice_of(out));
+    }
+
+    /// `F⁻¹ H̄·response F (w·x)`: an inverse of the convolution.
+    pub(super) fn invert(
+        &self,
+        x: &Array2<f32>,
+        weights: &Array2<f32>,
+        response: impl Fn(f32, f32) -> f32 + Sync,
+        out: &mut Array2<f32>,
+    ) {
+        let response = |h: Complex32, laplacian: f32| h.conj() * response(h.norm_sqr(), laplacian);
+        self.frame.operator.filter(&self.otf, response, products_of(x, weights), slice_of(out));
+    }
+
+    /// The parts of a scene's detail that are left in each of the bands that noise is estimated from.
+    pub(super) fn parts_left(&self) -> [f64; 3] {
+        let [height, width] = self.frame.operator.transform_size();
+        BANDS.each_ref().map(|band| {
+            let responses: [&dyn Fn(usize) -> f64; 2] =
+                [&|k| band.response(k, height), &|k| band.response(k, width)];
+            self.frame.operator.mean(&self.otf, |power, _| power, responses)
+        })
+    }
+
+    /// The mean over all frequencies of a function of |H|² and the Laplacian's transfer function.
+    pub(super) fn mean(&self, of: impl Fn(f32, f32) -> f32 + Sync) -> f64 {
+        self.frame.operator.mean(&self.otf, of, [&|_| 1.0, &|_| 1.0])
+    }
+
+    /// Multiplies the spectrum of w·x by a response of |H|² and the Laplacian's transfer function.
+    pub(super) fn filter(
+        &self,
+        x: &Array2<f32>,
+        weights: &Array2<f32>,
+        response: impl Fn(f32, f32) -> f32 + Sync,
+        out: &mut Array2<f32>,
+    ) {
+        let response = |h: Complex32, laplacian: f32| response(h.norm_sqr(), laplacian).into();
+        self.frame.operator.filter(&self.otf, response, products_of(x, weights), slice_of(out));
+    }
+}
+
+fn rows_of(x: &Array2<f32>) -> impl Fn(usize, &mut [f32]) + Sync {
+    move |y, samples| samples.copy_from_slice(row(x, y))
+}
+
+fn products_of(x: &Array2<f32>, weights: &Array2<f32>) -> impl Fn(usize, &mut [f32]) + Sync {
+    move |y, samples| {
+        samples.iter_mut().zip(row(x, y)).zip(row(weights, y)).for_each(|((out, x), w)| *out = x * w);
+    }
+}
+
+/// A row of a plane.
+pub(super) fn row(plane: &Array2<f32>, y: usize) -> &[f32] {
+    let width = plane.ncols();
+    &plane.as_slice().expect("planes are contiguous")[y * width..(y + 1) * width]
+}
+
+/// A plane, row after row.
+pub(super) fn slice_of(plane: &mut Array2<f32>) -> &mut [f32] {
+    plane.as_slice_mut().expect("planes are contiguous")
+}

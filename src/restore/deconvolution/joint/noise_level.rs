@@ -1,0 +1,124 @@
+//! Estimates from a capture how noisy its light is, dark and bright.
+
+use ndarray::{Array2, ArrayView2};
+
+use super::super::noise::{BANDS, Detail, of_details};
+
+/// Classes of brightness, each of as many pixels.
+const CLASSES: usize = 6;
+
+/// Pixels that a class needs for its noise to be told from its detail.
+const LEAST_PIXELS: usize = 400;
+
+/// Standard deviation below which a capture counts as free of noise: 80 dB below one half of φ.
+const LEAST: f32 = 1e-4;
+
+/// The standard deviation of the noise of `log(y + α)` by the capture's brightness.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct NoiseLevel {
+    /// `ln(y + α)` and the deviation there, from dark to bright.
+    knots: Vec<(f32, f32)>,
+}
+
+impl NoiseLevel {
+    /// Estimates the noise of one channel, as [`of_details`] does in each class of brightness; `left` are the parts of the
+    /// scene's detail that the PSF leaves in each band.
+    pub(crate) fn estimate(
+        capture: ArrayView2<'_, f32>,
+        (alpha, saturated_from): (f32, f32),
+        left: [f64; 3],
+    ) -> Self {
+        let logarithm = capture.mapv(|y| (y.max(0.0) + alpha).ln());
+        let limits = limits_of_classes(&capture, &logarithm, saturated_from);
+        let mut classes: Vec<[Vec<f32>; 3]> = limits.iter().map(|_| Default::default()).collect();
+        for (index, band) in BANDS.iter().enumerate() {
+            band.visit(&logarithm, |(y, x), detail| {
+                if capture[[y, x]] < saturated_from {
+                    let level = logarithm[[y, x]];
+                    let class =
+                        limits.iter().position(|(_, most)| level <= *most).unwrap_or(limits.len() - 1);
+                    classes[class][index].push(detail);
+                }
+            });
+        }
+        let knots = limits.iter().zip(classes).filter(|(_, details)| details[0].len() >= LEAST_PIXELS);
+        let mut knots: Vec<(f32, f32)> = knots
+            .map(|((middle, _), mut details)| {
+                let variance = |details: &mut Vec<f32>| {
+                    median(details).map_or(0.0, |m| (f64::from(m) / MEDIAN_OF_NORMAL).powi(2))
+                };
+                let details: [Detail; 3] = std::array::from_fn(|band| Detail {
+                    variance: variance(&mut details[band]),
+                    left: left[band],
+                });
+                (*middle, narrow(of_details(details)).max(LEAST))
+            })
+            .collect();
+        if knots.is_empty() {
+            knots.push((0.0, LEAST));
+        }
+        Self { knots: steadied(knots) }
+    }
+
+    /// The deviation at a brightness, `y + α`.
+    pub(crate) fn at(&self, brightness: f32) -> f32 {
+        let level = brightness.ln();
+        let after = self.knots.partition_point(|(knot, _)| *knot < level);
+        match (after.checked_sub(1).map(|before| self.knots[before]), self.knots.get(after)) {
+            (Some((from, low)), Some((to, high))) => {
+                low + (high - low) * (level - from) / (to - from).max(f32::MIN_POSITIVE)
+            }
+            (Some((_, value)), None) | (None, Some(&(_, value))) => value,
+            (None, None) => LEAST,
+        }
+    }
+
+    /// The deviation of the middle class.
+    pub(crate) fn middle(&self) -> f32 {
+        self.knots[self.knots.len() / 2].1
+    }
+}
+
+/// The median of the modulus of a standard normal variable.
+const MEDIAN_OF_NORMAL: f64 = 0.6745;
+
+/// The middle and the upper end of each class of what is not saturated.
+fn limits_of_classes(
+    capture: &ArrayView2<'_, f32>,
+    logarithm: &Array2<f32>,
+    saturated_from: f32,
+) -> Vec<(f32, f32)> {
+    let mut levels: Vec<f32> = capture
+        .iter()
+        .zip(logarithm)
+        .filter(|(y, _)| **y < saturated_from)
+        .map(|(_, level)| *level)
+        .collect();
+    if levels.is_empty() {
+        return vec![(0.0, f32::MAX)];
+    }
+    levels.sort_unstable_by(f32::total_cmp);
+    let at = |part: usize| levels[(levels.len() - 1) * part / (2 * CLASSES)];
+    (0..CLASSES).map(|class| (at(2 * class + 1), at(2 * class + 2))).collect()
+}
+
+/// Replaces each deviation by the median of it and its neighbours: one class of mere texture is no noise.
+fn steadied(knots: Vec<(f32, f32)>) -> Vec<(f32, f32)> {
+    let last = knots.len() - 1;
+    let around = |i: usize| {
+        let mut near = [knots[i.saturating_sub(1)].1, knots[i].1, knots[(i + 1).min(last)].1];
+        near.sort_unstable_by(f32::total_cmp);
+        near[1]
+    };
+    (0..knots.len()).map(|i| (knots[i].0, around(i))).collect()
+}
+
+fn median(values: &mut [f32]) -> Option<f32> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "planes are of 32 bits")]
+fn narrow(value: f64) -> f32 {
+    value as f32
+}
