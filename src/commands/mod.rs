@@ -11,6 +11,7 @@ mod crop;
 mod demo;
 mod domain;
 mod eval;
+mod examples;
 mod finish;
 mod fuse;
 mod info;
@@ -103,6 +104,7 @@ enum Command {
     Codes(codes::CodesArgs),
     Crop(crop::CropArgs),
     Synth(synth::SynthArgs),
+    Examples(examples::ExamplesArgs),
     Tonemap(tonemap::TonemapArgs),
     Train(train::TrainArgs),
     Sweep(sweep::SweepArgs),
@@ -278,6 +280,7 @@ impl Command {
             Self::Codes(args) => args.run(session),
             Self::Crop(args) => args.run(session),
             Self::Synth(args) => args.run(session),
+            Self::Examples(args) => args.run(session),
             Self::Tonemap(args) => args.run(session),
             Self::Train(args) => args.run(session),
             Self::Sweep(args) => args.run(session),

@@ -16,6 +16,7 @@ mod demo;
 mod domains;
 mod eval;
 mod events;
+mod examples;
 mod files;
 mod finish;
 mod foreign;
