@@ -84,8 +84,8 @@ impl Recipe {
         let mut rng = rng::stream(config.seed, &format!("example/{index}"));
         let split = split_of(index, config.validation_share);
         let scene = draw_scene(config, panoramas, split, &mut rng);
-        let is_harder = rng.random_bool(config.harder.share);
-        let border = if rng.random_bool(config.zero_border_share) && !is_harder {
+        let is_harder = happens(config.harder.share, &mut rng);
+        let border = if happens(config.zero_border_share, &mut rng) && !is_harder {
             Border::Zero
         } else {
             Border::Smooth
@@ -95,7 +95,7 @@ impl Recipe {
             (_, learned) => learned..config.panels.count,
         };
         let sensor = &config.sensor;
-        let is_usual = rng.random_bool(sensor.usual_share);
+        let is_usual = happens(sensor.usual_share, &mut rng);
         Self {
             index,
             split,
@@ -105,7 +105,7 @@ impl Recipe {
             brightness: draw_log(config.scenes.brightness, &mut rng),
             border,
             x_max: draw_log(if is_usual { sensor.usual_x_max } else { sensor.x_max }, &mut rng),
-            sensor: (!rng.random_bool(sensor.noise_free_share)).then(|| SensorRecipe {
+            sensor: (!happens(sensor.noise_free_share, &mut rng)).then(|| SensorRecipe {
                 full_well_e: draw_log(sensor.full_well_e, &mut rng),
                 read_noise_e: draw_log(sensor.read_noise_e, &mut rng),
                 bits: BITS[rng.random_range(0..BITS.len())],
@@ -140,7 +140,7 @@ fn draw_scene(
     rng: &mut Rng,
 ) -> SceneRecipe {
     let scenes = &config.scenes;
-    if rng.random_bool(scenes.procedural_share) {
+    if happens(scenes.procedural_share, rng) {
         // Every example has a painting of its own, whatever it is for.
         return SceneRecipe::Painted { seed: rng.random() };
     }
@@ -151,6 +151,11 @@ fn draw_scene(
         pitch_deg: draw_even([-scenes.pitch_deg, scenes.pitch_deg], rng),
         texels_per_pixel: draw_log(scenes.texels_per_pixel, rng),
     }
+}
+
+/// Takes one number whatever the share is, so that what is drawn next does not depend on it.
+fn happens(share: f64, rng: &mut Rng) -> bool {
+    rng.random::<f64>() < share
 }
 
 fn draw_even([low, high]: Range, rng: &mut Rng) -> f64 {
