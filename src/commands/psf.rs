@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::psf_file::PsfFileArgs;
-use super::{Session, text_of};
+use super::{Session, misuse, text_of};
 use udc::codes::MeasurementErrors;
 use udc::core::error::Error;
 use udc::core::provenance::Provenance;
@@ -39,9 +39,9 @@ pub(crate) struct PsfArgs {
     #[arg(long, value_name = "FILE", requires = "random")]
     display_out: Option<PathBuf>,
     #[command(flatten)]
-    errors: ErrorArgs,
-    #[command(flatten)]
     psf_file: PsfFileArgs,
+    #[command(flatten)]
+    errors: ErrorArgs,
 }
 
 /// Where the PSF comes from.
@@ -108,6 +108,9 @@ struct OriginOfErrors {
 
 impl PsfArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        if self.psf_file.is_given() && self.source.from.is_none() {
+            return Err(misuse("psf", "--domain and --recenter are for a PSF that is read with --from"));
+        }
         check_float_output(&self.output)?;
         check_output(&self.output, session.overwrite)?;
         let display = self.display()?;
