@@ -189,7 +189,9 @@ fn blurred(light: Array2<f64>, weights: &[f64]) -> Array2<f64> {
         for (distance, &weight) in weights.iter().enumerate().skip(1).take_while(|(n, _)| *n < length) {
             let (near, far) = (length - distance, distance);
             for (to, from) in [(0..near, far..length), (far..length, 0..near)] {
-                blurred.slice_axis_mut(axis, to.into()).scaled_add(weight, &light.slice_axis(axis, from.into()));
+                blurred
+                    .slice_axis_mut(axis, to.into())
+                    .scaled_add(weight, &light.slice_axis(axis, from.into()));
             }
         }
         blurred
@@ -242,7 +244,8 @@ mod tests {
     #[test]
     fn turning_and_scaling_move_an_order_to_its_place() {
         for (turn_deg, scale) in [(0.3, 0.0), (0.0, 0.005), (-0.7, -0.004), (2.0, 0.01)] {
-            let moved = apply(MeasurementErrors { turn_deg, scale, ..MeasurementErrors::default() }, &spots());
+            let moved =
+                apply(MeasurementErrors { turn_deg, scale, ..MeasurementErrors::default() }, &spots());
             let (sin, cos) = f64::to_radians(turn_deg).sin_cos();
             let distance = 100.0 * (1.0 + scale);
             // Counter-clockwise as displayed: what is on the right goes up.
@@ -250,7 +253,10 @@ mod tests {
             let (_, found, _) = moments(&moved, expected[0], expected[1]);
             for (found, expected) in found.iter().zip(expected) {
                 // Resampling moves light by a hundredth of a pixel where the PSF is resolved.
-                assert!((found - expected).abs() < 0.01, "{turn_deg}°, {scale}: {found} instead of {expected}");
+                assert!(
+                    (found - expected).abs() < 0.01,
+                    "{turn_deg}°, {scale}: {found} instead of {expected}"
+                );
             }
             let (_, core, _) = moments(&moved, 0.0, 0.0);
             assert!(core.iter().all(|place| place.abs() < 0.01), "the centre stays: {core:?}");
@@ -262,7 +268,8 @@ mod tests {
         let mut config = random_display(1);
         config.sensor.size_px = SIDE;
         let psf = simulate_psf(&config, &Progress::default()).unwrap().psf;
-        let turned = |psf, turn_deg| apply(MeasurementErrors { turn_deg, ..MeasurementErrors::default() }, psf);
+        let turned =
+            |psf, turn_deg| apply(MeasurementErrors { turn_deg, ..MeasurementErrors::default() }, psf);
         let there = turned(&psf, 0.3);
         let back = turned(&there, -0.3);
         let difference = |a: &Psf, b: &Psf| -> f64 {
@@ -281,7 +288,10 @@ mod tests {
             let (kept, _, after) = moments(&blurred, 0.0, 0.0);
             assert!((kept - sum).abs() < 1e-5);
             // Of a core of σ = 2√2 at most, 1e-4 lie beyond 12 pixels, where they count up to 144 times.
-            assert!((after - before - defocus_px.powi(2)).abs() < 0.005, "{defocus_px}: {before}, then {after}");
+            assert!(
+                (after - before - defocus_px.powi(2)).abs() < 0.005,
+                "{defocus_px}: {before}, then {after}"
+            );
         }
         let weights = gaussian(16.0);
         let sum = weights[0] + 2.0 * weights[1..].iter().sum::<f64>();
@@ -329,9 +339,8 @@ mod tests {
 
     #[test]
     fn refuses_errors_out_of_range_by_name() {
-        let refused = |errors: MeasurementErrors| {
-            errors.apply(&spots(), &mut stream(0, "")).unwrap_err().to_string()
-        };
+        let refused =
+            |errors: MeasurementErrors| errors.apply(&spots(), &mut stream(0, "")).unwrap_err().to_string();
         let none = MeasurementErrors::default();
         assert!(refused(MeasurementErrors { turn_deg: f64::NAN, ..none }).contains("turn"));
         assert!(refused(MeasurementErrors { scale: -0.5, ..none }).contains("scale"));

@@ -124,7 +124,9 @@ impl PsfArgs {
                 let simulated = self.simulate(display, session)?;
                 (simulated.psf.clone(), Some(simulated))
             }
-            None => (self.psf_file.read(self.source.from.as_deref().unwrap_or(Path::new("")), session)?, None),
+            None => {
+                (self.psf_file.read(self.source.from.as_deref().unwrap_or(Path::new("")), session)?, None)
+            }
         };
         let errors = self.errors.config();
         let psf = errors

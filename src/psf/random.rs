@@ -77,17 +77,17 @@ impl Draw {
 
     /// f/1.6 to f/2.8 at 2 to 5 mm, the source from 0.3 m away to a star, a part of them slightly out of focus.
     fn optics(&mut self) -> OpticsConfig {
-        let source_distance_m =
-            if self.happens(0.4) { f64::INFINITY } else { rounded(10f64.powf(self.between(-0.52, 1.5, 4)), 3) };
+        let source_distance_m = if self.happens(0.4) {
+            f64::INFINITY
+        } else {
+            rounded(10f64.powf(self.between(-0.52, 1.5, 4)), 3)
+        };
         let focal_length_mm = self.between(2.0, 5.0, 3);
         let f_number = self.between(1.6, 2.8, 4);
         let display_to_lens_mm = self.between(0.4, 2.5, 3);
         // The longest way that defocus ε makes over the pupil, W = εD²/8, moves the sensor by 8·W·(f/D)².
-        let way_um = if self.happens(0.3) {
-            self.between(0.03, 0.18, 4) * self.one_of(&[-1.0, 1.0])
-        } else {
-            0.0
-        };
+        let way_um =
+            if self.happens(0.3) { self.between(0.03, 0.18, 4) * self.one_of(&[-1.0, 1.0]) } else { 0.0 };
         let vergence = 1.0 / (source_distance_m * 1e3 + display_to_lens_mm);
         let in_focus_mm = 1.0 / (1.0 / focal_length_mm - vergence);
         let moved_mm = 8.0 * way_um * f_number.powi(2) * 1e-3;
@@ -104,7 +104,13 @@ impl Draw {
     fn lines(&mut self, low_nm: f64, high_nm: f64) -> Vec<(f64, f64)> {
         let (centre_nm, half_nm) = (self.between(low_nm, high_nm, 1), self.between(5.0, 25.0, 1));
         // At most 9 nm apart: far orders of neighbouring lines then overlap.
-        let on_each_side: i32 = if half_nm < 9.0 { 1 } else if half_nm < 18.0 { 2 } else { 3 };
+        let on_each_side: i32 = if half_nm < 9.0 {
+            1
+        } else if half_nm < 18.0 {
+            2
+        } else {
+            3
+        };
         (-on_each_side..=on_each_side)
             .map(|index| {
                 let place = f64::from(index) / f64::from(on_each_side);

@@ -86,9 +86,8 @@ fn what_the_orders_lose_spreads_between_them() {
     let reach = 24;
     let step = 1e6 / (PIXELS as f64 * PITCH_UM);
     let near = |value: f64| (value / step).round() as i32;
-    let between = |row: i32, column: i32| {
-        (row % 8 != 0 || column % 8 != 0) && row.abs().max(column.abs()) <= reach
-    };
+    let between =
+        |row: i32, column: i32| (row % 8 != 0 || column % 8 != 0) && row.abs().max(column.abs()) <= reach;
     let found: f64 = (0..4)
         .map(|seed| orders(seed, JITTER_UM).retain(|y, x| between(near(y), near(x))).power())
         .sum::<f64>()
