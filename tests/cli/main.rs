@@ -30,6 +30,7 @@ mod perceptual_weights;
 mod photograph;
 mod pictures;
 mod psf_files;
+mod random_panels;
 mod raw;
 mod raw_brackets;
 mod restore;
