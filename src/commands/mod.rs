@@ -20,6 +20,7 @@ mod psf;
 mod psf_file;
 mod report;
 mod restore;
+mod scenes;
 mod sweep;
 mod synth;
 mod tonemap;
@@ -102,6 +103,7 @@ enum Command {
     Psf(psf::PsfArgs),
     Codes(codes::CodesArgs),
     Crop(crop::CropArgs),
+    Scenes(scenes::ScenesArgs),
     Synth(synth::SynthArgs),
     Tonemap(tonemap::TonemapArgs),
     Train(train::TrainArgs),
@@ -277,6 +279,7 @@ impl Command {
             Self::Psf(args) => args.run(session),
             Self::Codes(args) => args.run(session),
             Self::Crop(args) => args.run(session),
+            Self::Scenes(args) => args.run(session),
             Self::Synth(args) => args.run(session),
             Self::Tonemap(args) => args.run(session),
             Self::Train(args) => args.run(session),

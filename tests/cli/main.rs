@@ -37,6 +37,7 @@ mod restore_files;
 mod resume;
 mod run_folder;
 mod scale;
+mod scenes;
 mod sweep;
 mod synth;
 #[path = "../common/tiff.rs"]
