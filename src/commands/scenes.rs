@@ -90,9 +90,7 @@ impl ScenesArgs {
             0 => String::new(),
             margin => format!(" and a margin of {margin} on each side"),
         };
-        session.say(format_args!(
-            "{}: {count} scenes, {height} × {width} pixels{margin}",
-            self.output.display()
-        ))
+        session
+            .say(format_args!("{}: {count} scenes, {height} × {width} pixels{margin}", self.output.display()))
     }
 }

@@ -88,7 +88,8 @@ impl SceneSet {
     pub fn check(&self) -> Result<()> {
         let [height, width] = self.size;
         if height.min(width) < 16 || height.max(width) > MOST_PIXELS {
-            let reason = format!("{height}x{width} is out of range; give sides of 16 to {MOST_PIXELS} pixels");
+            let reason =
+                format!("{height}x{width} is out of range; give sides of 16 to {MOST_PIXELS} pixels");
             return Err(Error::config("size", reason));
         }
         if self.margin > (MOST_PIXELS - height.max(width)) / 2 {
@@ -162,7 +163,8 @@ mod tests {
 
     #[test]
     fn refuses_sizes_that_are_out_of_range() {
-        let refused = |size, margin| SceneSet { size, margin, ..set(0..1, false) }.check().unwrap_err().to_string();
+        let refused =
+            |size, margin| SceneSet { size, margin, ..set(0..1, false) }.check().unwrap_err().to_string();
         assert!(refused([8, 64], 0).starts_with("size: 8x64"));
         assert!(refused([64, 9000], 0).starts_with("size: 64x9000"));
         assert!(refused([64, 8000], 97).starts_with("margin: 97"));

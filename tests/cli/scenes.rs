@@ -30,9 +30,8 @@ fn paints_scenes_that_synth_degrades() {
     assert_eq!(io::read_image::<Linear>(&painted[0]).unwrap().width(), 48);
     assert!(fail(folder, &paint, 1).contains("--overwrite"));
 
-    let energy = Array3::from_shape_fn((3, 9, 9), |(_, y, x)| {
-        (-(y as f32 - 4.0).hypot(x as f32 - 4.0)).exp()
-    });
+    let energy =
+        Array3::from_shape_fn((3, 9, 9), |(_, y, x)| (-(y as f32 - 4.0).hypot(x as f32 - 4.0)).exp());
     let psf = Psf::from_energy(energy).unwrap();
     io::write_psf(&folder.join("psf.exr"), &psf, &WriteOptions::default()).unwrap();
     succeed(folder, &["synth", "scenes", "--psf", "psf.exr", "--test-fraction", "0.34", "-o", "dataset"]);

@@ -102,7 +102,8 @@ impl Easel {
     /// # Errors
     /// As [`Film::develop`].
     pub(super) fn develop(mut self) -> Result<LinearImage> {
-        let bright = self.film.quantile(1.0 - MOST_CLIPPED, |sample| sample.iter().fold(0.0, |a, b| b.max(a)));
+        let bright =
+            self.film.quantile(1.0 - MOST_CLIPPED, |sample| sample.iter().fold(0.0, |a, b| b.max(a)));
         if bright > CLIPPING {
             self.film.scale(CLIPPING / bright);
         }

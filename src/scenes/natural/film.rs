@@ -53,6 +53,14 @@ impl Film {
         index(from)..index(to)
     }
 
+    /// The luminance at a position, 0 outside of the film.
+    pub(super) fn brightness(&self, [x, y]: Point) -> f32 {
+        let [rows, columns] = self.grid();
+        let (row, column) = (y * SAMPLES as f32, x * SAMPLES as f32);
+        let is_inside = (0.0..rows as f32).contains(&row) && (0.0..columns as f32).contains(&column);
+        if is_inside { luminance(&self.samples[row as usize * columns + column as usize]) } else { 0.0 }
+    }
+
     /// Changes every sample within `[left, top, right, bottom]`, given its position.
     pub(super) fn within(
         &mut self,
@@ -63,7 +71,10 @@ impl Film {
         for row in Self::range(top, bottom, rows) {
             let y = (row as f32 + 0.5) / SAMPLES as f32;
             for column in Self::range(left, right, columns) {
-                change([(column as f32 + 0.5) / SAMPLES as f32, y], &mut self.samples[row * columns + column]);
+                change(
+                    [(column as f32 + 0.5) / SAMPLES as f32, y],
+                    &mut self.samples[row * columns + column],
+                );
             }
         }
     }
@@ -77,7 +88,8 @@ impl Film {
     /// Changes every sample inside of a closed outline, by the even–odd rule.
     pub(super) fn fill(&mut self, outline: &[Point], mut change: impl FnMut(Point, &mut Rgb)) {
         let [rows, columns] = self.grid();
-        let bound = |value: f32, [_, y]: &Point, least: bool| if least { value.min(*y) } else { value.max(*y) };
+        let bound =
+            |value: f32, [_, y]: &Point, least: bool| if least { value.min(*y) } else { value.max(*y) };
         let top = outline.iter().fold(f32::INFINITY, |value, point| bound(value, point, true));
         let bottom = outline.iter().fold(f32::NEG_INFINITY, |value, point| bound(value, point, false));
         let mut crossings = std::mem::take(&mut self.crossings);
@@ -132,7 +144,8 @@ impl Film {
         let [rows, columns] = self.grid();
         let weights = [softness, 1.0, 1.0, softness].map(|weight| weight / (2.0 + 2.0 * softness));
         let mut planes = Array3::zeros((CHANNELS, self.height, self.width));
-        let near = |at: usize, tap: usize, count: usize| (at * SAMPLES + tap).saturating_sub(1).min(count - 1);
+        let near =
+            |at: usize, tap: usize, count: usize| (at * SAMPLES + tap).saturating_sub(1).min(count - 1);
         for y in 0..self.height {
             for x in 0..self.width {
                 let mut sum = [0.0; CHANNELS];

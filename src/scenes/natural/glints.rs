@@ -18,8 +18,8 @@ pub(super) fn paint(easel: &mut Easel) {
     easel.expose(0.05, 0.25);
     let brightest = easel.draw.log(30.0, 3e4);
     let sun = glowing(easel.draw.log(3000.0, 6500.0), 5500.0);
-    let across = if easel.draw.chance(0.5) { easel.draw.log(1.0, 4.0) } else { 1.0 };
-    let count = share_of_pixels(easel, 0.0004, 0.004);
+    let across = if easel.draw.chance(0.5) { easel.draw.log(1.0, 3.0) } else { 1.0 };
+    let count = share_of_pixels(easel, 0.003, 0.025);
     sprinkle(easel, count, (brightest, across), &sun);
 }
 
@@ -77,11 +77,16 @@ pub(super) fn sprinkle(easel: &mut Easel, count: usize, (brightest, across): (f3
     let [height, width] = easel.film.size();
     let centre = easel.draw.point([height, width], 0.0);
     let spread = [width * easel.draw.log(0.08, 0.6), height * easel.draw.log(0.2, 1.0)];
+    let median = easel.film.median();
     for _ in 0..count {
         let draw = &mut easel.draw;
         let at = [centre[0] + spread[0] * draw.normal(), centre[1] + spread[1] * draw.normal()];
+        // They sit where the waves and stones already turn to the light.
+        if easel.film.brightness(at) < median && draw.chance(0.8) {
+            continue;
+        }
         let level = 1.0 / draw.uniform(1.0 / brightest, 1.0);
-        let radius = draw.log(0.35, 1.6);
+        let radius = draw.log(0.3, 1.1);
         let angle = slant(draw, across);
         let spot = outline::ellipse(at, [radius * across, radius], angle);
         easel.shine(&spot, scale(sun, level));

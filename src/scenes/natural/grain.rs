@@ -12,12 +12,6 @@ pub(super) struct Grain {
     cells: Vec<f32>,
 }
 
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    clippy::cast_precision_loss,
-    reason = "positions are wrapped to the tile before they become indices"
-)]
 impl Grain {
     /// Adds up value noise of octaves from half of the tile to single cells.
     ///
@@ -62,11 +56,7 @@ fn smooth(t: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "wrapped to the lattice, whose side is a power of two"
-)]
+#[expect(clippy::cast_possible_truncation, reason = "wrapped to the lattice")]
 fn interpolate(knots: &[f32], side: usize, [u, v]: [f32; 2], ease: impl Fn(f32) -> f32) -> f32 {
     let (left, top) = (u.floor(), v.floor());
     let (tx, ty) = (ease(u - left), ease(v - top));
@@ -89,9 +79,16 @@ mod tests {
         assert!((grain.at(3.2, 7.9) - grain.at(3.2 + 256.0, 7.9 - 512.0)).abs() < 1e-3);
         // Differences over a distance d have a variance that grows as ln d: slowly, unlike white noise or a slope.
         let spread = |distance: f32| {
-            let change = |i: i16| (grain.at(f32::from(i) * 1.7, 40.0) - grain.at(f32::from(i) * 1.7, 40.0 + distance)).powi(2);
+            let change = |i: i16| {
+                (grain.at(f32::from(i) * 1.7, 40.0) - grain.at(f32::from(i) * 1.7, 40.0 + distance)).powi(2)
+            };
             (0..2000).map(change).sum::<f32>() / 2000.0
         };
-        assert!(spread(4.0) > 1.2 * spread(1.0) && spread(32.0) < 5.0 * spread(4.0), "{} {}", spread(1.0), spread(4.0));
+        assert!(
+            spread(4.0) > 1.2 * spread(1.0) && spread(32.0) < 5.0 * spread(4.0),
+            "{} {}",
+            spread(1.0),
+            spread(4.0)
+        );
     }
 }

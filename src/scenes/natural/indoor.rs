@@ -15,17 +15,16 @@ pub(super) fn paint(easel: &mut Easel) {
     let [height, _] = easel.film.size();
     let floor = height * easel.draw.uniform(0.65, 0.88);
     let wall = scale(&hue(easel.draw.uniform(0.0, 1.6), easel.draw.uniform(0.0, 0.3)), 0.4);
-    let plaster = Surface::grainy(&mut easel.draw, wall, 0.04);
-    easel.prime(&plaster);
+    wallpaper(easel, wall);
     ceiling_and_floor(easel, floor);
-    for _ in 0..easel.draw.count(0, 4) {
+    for _ in 0..easel.draw.count(1, 5) {
         picture(easel, floor);
     }
     for _ in 0..easel.draw.count(0, 2) {
         shelf(easel, floor);
     }
     let windows = windows(easel, floor);
-    for _ in 0..easel.draw.count(1, 5) {
+    for _ in 0..easel.draw.count(2, 9) {
         furniture(easel, floor);
     }
     spread_light(easel, &windows);
@@ -36,6 +35,20 @@ pub(super) fn paint(easel: &mut Easel) {
         view(easel, *window, level);
     }
     fixtures(easel, floor);
+}
+
+/// Plaster, or stripes or dots on it.
+fn wallpaper(easel: &mut Easel, wall: Rgb) {
+    let roughness = easel.draw.log(0.08, 0.35);
+    let plaster = Surface::grainy(&mut easel.draw, wall, roughness);
+    easel.prime(&plaster);
+    if easel.draw.chance(0.35) {
+        let (kind, period) = (easel.draw.pick(&[0, 1, 3]), easel.draw.log(4.0, 40.0));
+        let second = easel.draw.uniform(0.5, 0.9);
+        let pattern = Surface::patterned([[1.0; 3], [second; 3]], kind, period, 0.0);
+        let grain = &easel.grain;
+        easel.film.all(|at, sample| *sample = tint(sample, &pattern.at(at, grain)));
+    }
 }
 
 /// Boards or tiles in perspective, and a lighter ceiling.
@@ -96,7 +109,8 @@ fn shelf(easel: &mut Easel, floor: f32) {
         let board = top + pitch * (row + 1) as f32;
         let mut x = left + 1.0;
         while x < right - 2.0 {
-            let (thick, tall) = (easel.draw.log(1.5, 9.0).min(right - x), pitch * easel.draw.uniform(0.55, 0.92));
+            let (thick, tall) =
+                (easel.draw.log(1.5, 9.0).min(right - x), pitch * easel.draw.uniform(0.55, 0.92));
             let colour = reflectance(&mut easel.draw);
             easel.shine(&outline::rectangle([x, board - tall, x + thick, board]), colour);
             if thick > 3.0 && easel.draw.chance(0.5) {
@@ -125,7 +139,10 @@ fn furniture(easel: &mut Easel, floor: f32) {
             for leg in [x, x + w - thick] {
                 easel.paint(&outline::rectangle([leg, bottom - h, leg + thick, bottom]), &surface.lit(0.6));
             }
-            easel.paint(&outline::rectangle([x - 2.0, bottom - h, x + w + 2.0, bottom - h + 1.5 * thick]), &surface);
+            easel.paint(
+                &outline::rectangle([x - 2.0, bottom - h, x + w + 2.0, bottom - h + 1.5 * thick]),
+                &surface,
+            );
         }
         1 => easel.paint(&outline::ellipse(centre, [0.5 * w, 0.5 * h], 0.0), &surface),
         _ => easel.paint(&outline::rectangle([x, bottom - h, x + w, bottom]), &surface),
@@ -146,7 +163,8 @@ fn windows(easel: &mut Easel, floor: f32) -> Vec<Box> {
         if area < 0.0 {
             break;
         }
-        let (x, y) = (draw.uniform(-0.2 * w, width - 0.8 * w), draw.uniform(0.08, 0.9) * (floor - h).max(1.0));
+        let (x, y) =
+            (draw.uniform(-0.2 * w, width - 0.8 * w), draw.uniform(0.08, 0.9) * (floor - h).max(1.0));
         windows.push([x, y, x + w, y + h]);
     }
     windows
@@ -241,7 +259,12 @@ fn fixtures(easel: &mut Easel, floor: f32) {
                 let bulb = scale(&colour, draw.log(100.0, 1e4));
                 let low = y + 0.45 * floor;
                 easel.glow([x, low], 4.0 * size, scale(&colour, 0.4));
-                let hood = [[x - 0.5 * size, low - size], [x + 0.5 * size, low - size], [x + size, low], [x - size, low]];
+                let hood = [
+                    [x - 0.5 * size, low - size],
+                    [x + 0.5 * size, low - size],
+                    [x + size, low],
+                    [x - size, low],
+                ];
                 easel.shine(&hood, shade);
                 easel.lamp([x, low], (0.2 * size).max(0.7), bulb);
             }

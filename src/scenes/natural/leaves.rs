@@ -42,7 +42,7 @@ pub(super) fn flat(easel: &mut Easel) {
     let palette = Palette::new(&mut easel.draw, palette_size, &light);
     let forms = Forms::new(&mut easel.draw);
     let side = easel.side();
-    let radii = [easel.draw.log(0.7, 1.6), side * easel.draw.log(0.15, 0.4)];
+    let radii = [easel.draw.log(1.0, 3.5), side * easel.draw.log(0.2, 0.45)];
     prime(easel, &palette, &forms, side);
     for _ in 0..leaf_count(easel, radii) {
         let radius = easel.draw.power_law(radii);
@@ -59,7 +59,7 @@ pub(super) fn lit(easel: &mut Easel) {
     let palette = Palette::new(&mut easel.draw, palette_size, &light);
     let forms = Forms::new(&mut easel.draw);
     let side = easel.side();
-    let radii = [easel.draw.log(0.9, 2.0), side * easel.draw.log(0.12, 0.35)];
+    let radii = [easel.draw.log(1.0, 3.5), side * easel.draw.log(0.15, 0.4)];
     prime(easel, &palette, &forms, side);
     let direction = easel.draw.angle();
     let (deepest, contrast) = (easel.draw.log(0.04, 0.3), easel.draw.uniform(0.35, 0.85));
@@ -91,7 +91,11 @@ pub(super) fn lit(easel: &mut Easel) {
 /// The light of the day against a camera balanced for another.
 pub(super) fn daylight(draw: &mut Draw) -> [f32; 3] {
     let white = draw.log(4500.0, 7000.0);
-    if draw.chance(0.2) { glowing(draw.log(2600.0, 3500.0), white.min(4500.0)) } else { glowing(draw.log(4800.0, 8500.0), white) }
+    if draw.chance(0.2) {
+        glowing(draw.log(2600.0, 3500.0), white.min(4500.0))
+    } else {
+        glowing(draw.log(4800.0, 8500.0), white)
+    }
 }
 
 /// Covers everything with large leaves, so that no hole is left.
@@ -110,7 +114,7 @@ fn prime(easel: &mut Easel, palette: &Palette, forms: &Forms, side: f32) {
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of the film's pixels")]
 fn leaf_count(easel: &mut Easel, radii: [f32; 2]) -> usize {
     let [height, width] = easel.film.size();
-    let coverage = easel.draw.uniform(1.5, 4.0);
+    let coverage = easel.draw.log(0.8, 3.5);
     (coverage * height * width / mean_disc_area(radii)) as usize
 }
 

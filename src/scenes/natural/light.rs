@@ -57,7 +57,7 @@ impl Palette {
     /// Next to one of the palette's colours.
     pub(super) fn draw(&self, draw: &mut Draw) -> Rgb {
         let tone = draw.pick(&self.tones);
-        let level = (0.35 * draw.normal()).exp();
+        let level = (0.4 * draw.normal()).exp();
         tone.map(|value| value * level * (0.06 * draw.normal()).exp())
     }
 }
@@ -66,7 +66,14 @@ impl Palette {
 pub(super) fn reflectance(draw: &mut Draw) -> Rgb {
     let level = (0.16f32.ln() + 0.75 * draw.normal()).exp();
     let vivid = draw.uniform(0.0, 1.0).powi(2);
-    let colour = hue(draw.angle(), 0.9 * vivid);
+    // Earth, wood and skin; plants; sky and shade; paint.
+    let angle = match draw.uniform(0.0, 1.0) {
+        share if share < 0.5 => draw.uniform(0.0, 1.1),
+        share if share < 0.72 => draw.uniform(1.1, 2.4),
+        share if share < 0.9 => draw.uniform(3.5, 4.4),
+        _ => draw.angle(),
+    };
+    let colour = hue(angle, 0.9 * vivid);
     scale(&colour, level).map(|value| value.clamp(0.02, 0.85))
 }
 

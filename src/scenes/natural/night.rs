@@ -22,19 +22,20 @@ pub(super) fn paint(easel: &mut Easel) {
     let lamps = lamps(easel, road);
     let top = scale(&hue(4.0, 0.5), easel.draw.log(0.003, 0.04));
     easel.prime(&Surface::plain(top).shaded([0.0, road], [0.0, 0.8 / height]));
+    let mut panes = Vec::new();
     let mut left = -0.1 * width;
     while left < width {
         let right = left + width * easel.draw.log(0.1, 0.4);
         let top = height * easel.draw.uniform(-0.2, 0.4);
-        facade(easel, [left, top, right, road]);
+        facade(easel, [left, top, right, road], &mut panes);
         left = right;
     }
     let asphalt = Surface::grainy(&mut easel.draw, [0.09, 0.088, 0.085], 0.3);
     easel.paint(&outline::rectangle([-1.0, road, width + 1.0, height + 1.0]), &asphalt);
     illuminate(easel, &lamps);
-    easel.expose(0.04, 0.2);
+    easel.expose(0.04, 0.16);
     let windows = easel.draw.log(0.5, 8.0);
-    lit_windows(easel, road, windows);
+    lit_windows(easel, &panes, windows);
     for _ in 0..easel.draw.count(0, 3) {
         neon(easel, road);
     }
@@ -69,7 +70,7 @@ fn lamps(easel: &mut Easel, road: f32) -> Vec<Lamp> {
         .collect()
 }
 
-fn facade(easel: &mut Easel, [left, top, right, bottom]: [f32; 4]) {
+fn facade(easel: &mut Easel, [left, top, right, bottom]: [f32; 4], panes: &mut Vec<[f32; 4]>) {
     let draw = &mut easel.draw;
     let colour = scale(&hue(draw.uniform(0.0, 1.5), draw.uniform(0.0, 0.5)), draw.log(0.06, 0.4));
     let grain = draw.log(0.08, 0.35);
@@ -84,9 +85,14 @@ fn facade(easel: &mut Easel, [left, top, right, bottom]: [f32; 4]) {
             y += pitch;
         }
     }
-    let window = [easel.draw.log(10.0, 48.0), easel.draw.log(12.0, 56.0)];
+    let pitch = [easel.draw.log(10.0, 48.0), easel.draw.log(12.0, 56.0)];
     let dark = scale(&[0.8, 0.9, 1.1], 0.02);
-    grid([left, top, right, bottom], window, |pane| easel.shine(&outline::rectangle(pane), dark));
+    grid([left, top, right, bottom], pitch, |pane| {
+        let sill = [pane[0] - 1.0, pane[3], pane[2] + 1.0, pane[3] + 1.0];
+        easel.shine(&outline::rectangle(sill), scale(&colour, 1.4));
+        easel.shine(&outline::rectangle(pane), dark);
+        panes.push(pane);
+    });
 }
 
 /// Calls for each pane of a wall that is divided with the given pitches.
@@ -104,7 +110,7 @@ fn grid([left, top, right, bottom]: [f32; 4], [across, down]: [f32; 2], mut pane
 
 /// Multiplies what is painted by the light of the sky and of all lamps.
 fn illuminate(easel: &mut Easel, lamps: &[Lamp]) {
-    let sky = scale(&hue(4.0, 0.4), easel.draw.log(0.03, 0.3));
+    let sky = scale(&hue(4.0, 0.4), easel.draw.log(0.02, 0.2));
     let reach = 0.25 * easel.side();
     easel.film.all(|[x, y], sample| {
         let mut light = sky;
@@ -119,13 +125,9 @@ fn illuminate(easel: &mut Easel, lamps: &[Lamp]) {
 }
 
 /// Windows with somebody at home: curtains, blinds and lamps behind them.
-fn lit_windows(easel: &mut Easel, road: f32, level: f32) {
-    let [_, width] = easel.film.size();
-    let pitch = [easel.draw.log(12.0, 50.0), easel.draw.log(14.0, 60.0)];
-    let share = easel.draw.uniform(0.05, 0.35);
-    let mut panes = Vec::new();
-    grid([0.0, 0.05 * road, width, road], pitch, |pane| panes.push(pane));
-    for pane in panes {
+fn lit_windows(easel: &mut Easel, panes: &[[f32; 4]], level: f32) {
+    let share = easel.draw.uniform(0.05, 0.45);
+    for &pane in panes {
         let draw = &mut easel.draw;
         if !draw.chance(share) {
             continue;
@@ -137,9 +139,11 @@ fn lit_windows(easel: &mut Easel, road: f32, level: f32) {
             1 => Surface::patterned([colour, scale(&colour, 0.6)], 1, draw.log(3.0, 8.0), 0.0),
             _ => Surface::grainy(draw, colour, 0.5),
         };
-        easel.paint(&outline::rectangle(pane), &surface.shaded(centre, [0.0, -0.5 / pitch[1]]));
-        let bar = (pane[0] + pane[2]) / 2.0;
-        easel.shine(&outline::rectangle([bar - 0.5, pane[1], bar + 0.5, pane[3]]), [0.03; 3]);
+        easel.paint(&outline::rectangle(pane), &surface.shaded(centre, [0.0, -0.8 / (pane[3] - pane[1])]));
+        if pane[2] - pane[0] > 6.0 {
+            let bar = (pane[0] + pane[2]) / 2.0;
+            easel.shine(&outline::rectangle([bar - 0.5, pane[1], bar + 0.5, pane[3]]), [0.03; 3]);
+        }
     }
 }
 

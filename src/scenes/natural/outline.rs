@@ -38,10 +38,10 @@ pub(super) fn ellipse(centre: Point, [a, b]: [f32; 2], angle: f32) -> Vec<Point>
 
 /// A round thing with bulges.
 pub(super) fn blob(draw: &mut Draw, centre: Point, radius: f32) -> Vec<Point> {
-    let waves: [[f32; 2]; 4] =
-        std::array::from_fn(|k| [0.28 * draw.normal() / (k + 1) as f32, draw.angle()]);
+    let waves: [[f32; 2]; 4] = std::array::from_fn(|k| [0.28 * draw.normal() / (k + 1) as f32, draw.angle()]);
     around(centre, 2 * corners(radius), |angle| {
-        let bulge: f32 = waves.iter().zip(2u8..).map(|([a, phase], k)| a * (f32::from(k) * angle + phase).sin()).sum();
+        let bulge: f32 =
+            waves.iter().zip(2u8..).map(|([a, phase], k)| a * (f32::from(k) * angle + phase).sin()).sum();
         radius * (1.0 + bulge).max(0.15)
     })
 }

@@ -24,7 +24,7 @@ pub(super) fn add(easel: &mut Easel) {
         let brightest = easel.draw.log(10.0, 3e3);
         sprinkle(easel, count, (brightest, 1.0), &[1.0, 0.97, 0.92]);
     }
-    if easel.draw.chance(0.15) {
+    if easel.draw.chance(0.2) {
         lamps(easel);
     }
 }

@@ -77,7 +77,8 @@ fn text(easel: &mut Easel, sheet: &Sheet) {
         let is_title = easel.draw.chance(0.07);
         let size = if is_title { 1.9 * body } else { body };
         let short = if easel.draw.chance(0.2) { easel.draw.uniform(0.3, 0.9) } else { 1.0 };
-        let style = Type { height: size, weight: (heavy * size).max(0.6), angle: sheet.angle, ink: sheet.ink };
+        let style =
+            Type { height: size, weight: (heavy * size).max(0.6), angle: sheet.angle, ink: sheet.ink };
         if y + size < height - margin {
             alphabet.write(easel, sheet.at([margin, y]), (width - 2.0 * margin) * short, style);
         }

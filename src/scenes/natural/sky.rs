@@ -2,7 +2,7 @@
 
 use std::f32::consts::TAU;
 
-use super::draw::Draw;
+use super::draw::{Draw, mean_disc_area};
 use super::easel::{BRIGHTEST, Easel};
 use super::film::Point;
 use super::light::{blend, glowing, hue, luminance, tint};
@@ -44,7 +44,8 @@ pub(super) fn heavens(easel: &mut Easel, level: f32, horizon: f32, sun: Option<S
     let draw = &mut easel.draw;
     let is_grey = draw.chance(0.3);
     let zenith = if is_grey { hue(4.2, 0.05) } else { hue(4.0, draw.uniform(0.25, 0.75)) };
-    let low = if draw.chance(0.3) { hue(draw.uniform(0.3, 0.9), draw.uniform(0.2, 0.7)) } else { hue(4.0, 0.1) };
+    let low =
+        if draw.chance(0.3) { hue(draw.uniform(0.3, 0.9), draw.uniform(0.2, 0.7)) } else { hue(4.0, 0.1) };
     let (zenith, low) = (scale(&zenith, level * draw.uniform(0.4, 0.9)), scale(&low, level * 1.2));
     let [_, width] = easel.film.size();
     let whole = [0.0, 0.0, width, horizon];
@@ -52,7 +53,7 @@ pub(super) fn heavens(easel: &mut Easel, level: f32, horizon: f32, sun: Option<S
     if let Some(sun) = sun {
         sun.paint(easel, level);
     }
-    if easel.draw.chance(0.75) {
+    if easel.draw.chance(0.85) {
         clouds(easel, level, horizon);
     }
 }
@@ -61,7 +62,7 @@ pub(super) fn heavens(easel: &mut Easel, level: f32, horizon: f32, sun: Option<S
 fn clouds(easel: &mut Easel, level: f32, horizon: f32) {
     let [height, width] = easel.film.size();
     let draw = &mut easel.draw;
-    let (threshold, steepness) = (draw.uniform(-0.4, 1.2), draw.log(0.7, 2.5));
+    let (threshold, steepness) = (draw.uniform(-0.8, 1.0), draw.log(0.5, 2.0));
     let (offset, period) = (draw.uniform(0.0, 256.0), draw.uniform(0.5, 1.2) * height.max(width));
     let flatness = draw.uniform(1.0, 3.5);
     let white = scale(&hue(draw.uniform(0.0, TAU), 0.05), level * draw.log(1.2, 3.0));
@@ -102,10 +103,7 @@ pub(super) fn landscape(easel: &mut Easel) {
     } else if near < 0.7 {
         bare_trees(easel, ground);
     }
-    let shade = easel.film.median();
-    if shade > 0.0 {
-        easel.expose(0.08, 0.5);
-    }
+    easel.expose(0.08, 0.5);
 }
 
 /// Hills with a wooded crest and fields of grain, in haze where they are far.
@@ -124,9 +122,33 @@ fn ridge(easel: &mut Easel, top: f32, nearness: f32, (haze, ground): (Rgb, f32))
         .collect();
     let colour = tint(&hue(easel.draw.uniform(0.9, 2.4), easel.draw.uniform(0.1, 0.6)), &[ground; 3]);
     let colour = blend(&colour, &haze, 0.75 * (1.0 - nearness));
-    let surface = Surface::grainy(&mut easel.draw, colour, 0.15 + 0.4 * nearness);
+    let surface = Surface::grainy(&mut easel.draw, colour, 0.2 + 0.5 * nearness);
     let surface = surface.shaded([0.0, top], [0.0, -0.4 / height]);
     easel.paint(&outline::skyline(&heights, width, height + 1.0), &surface);
+    if easel.draw.chance(0.7) {
+        growth(easel, &heights, nearness, colour);
+    }
+}
+
+/// Bushes, trees and stones on a slope, of power-law sizes, denser in some places.
+fn growth(easel: &mut Easel, crest: &[f32], nearness: f32, colour: Rgb) {
+    let [height, width] = easel.film.size();
+    let radii = [0.6 + nearness, 0.05 * height * nearness + 3.0];
+    let area = (height - crest[0]).max(1.0) * width;
+    let mut left = easel.draw.log(0.1, 1.2) * area / mean_disc_area(radii);
+    while left > 0.0 {
+        left -= 1.0;
+        let radius = easel.draw.power_law(radii);
+        let along = easel.draw.uniform(0.0, 0.999);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of the crest")]
+        let top = crest[(along * crest.len() as f32) as usize];
+        let centre = [along * width, easel.draw.uniform(top, height)];
+        let level = (0.5 * easel.draw.normal()).exp() * easel.draw.log(0.4, 1.3);
+        let leaves = Surface::grainy(&mut easel.draw, scale(&colour, level), 0.4);
+        let leaves = leaves.shaded(centre, [-0.2 / radius, -0.4 / radius]);
+        let outline = outline::blob(&mut easel.draw, centre, radius);
+        easel.paint(&outline, &leaves);
+    }
 }
 
 /// A row of houses with windows.
@@ -142,7 +164,8 @@ fn houses(easel: &mut Easel, ground_y: f32, ground: f32) {
         let wall = Surface::grainy(&mut easel.draw, colour, 0.12);
         easel.paint(&outline::rectangle([left, top, right, height + 1.0]), &wall);
         if easel.draw.chance(0.6) {
-            let roof = [[left - 2.0, top], [(left + right) / 2.0, top - 0.35 * (right - left)], [right + 2.0, top]];
+            let roof =
+                [[left - 2.0, top], [(left + right) / 2.0, top - 0.35 * (right - left)], [right + 2.0, top]];
             let tiles = Surface::grainy(&mut easel.draw, scale(&colour, 0.5), 0.25);
             easel.paint(&roof, &tiles);
         }

@@ -58,7 +58,8 @@ impl Surface {
         // Some grain runs along one direction: wood, cloth, brushed metal.
         let stretch = if draw.chance(0.25) { draw.log(3.0, 20.0) } else { 1.0 };
         let (sin, cos) = angle.sin_cos();
-        surface.cells = [[cos * fineness, sin * fineness], [-sin * fineness / stretch, cos * fineness / stretch]];
+        surface.cells =
+            [[cos * fineness, sin * fineness], [-sin * fineness / stretch, cos * fineness / stretch]];
         surface.offset = [draw.uniform(0.0, 256.0), draw.uniform(0.0, 256.0)];
         surface
     }
