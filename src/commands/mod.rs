@@ -21,6 +21,7 @@ mod psf;
 mod psf_file;
 mod report;
 mod restore;
+mod scenes;
 mod sweep;
 mod synth;
 mod tonemap;
@@ -103,6 +104,7 @@ enum Command {
     Psf(psf::PsfArgs),
     Codes(codes::CodesArgs),
     Crop(crop::CropArgs),
+    Scenes(scenes::ScenesArgs),
     Synth(synth::SynthArgs),
     Examples(examples::ExamplesArgs),
     Tonemap(tonemap::TonemapArgs),
@@ -279,6 +281,7 @@ impl Command {
             Self::Psf(args) => args.run(session),
             Self::Codes(args) => args.run(session),
             Self::Crop(args) => args.run(session),
+            Self::Scenes(args) => args.run(session),
             Self::Synth(args) => args.run(session),
             Self::Examples(args) => args.run(session),
             Self::Tonemap(args) => args.run(session),

@@ -16,7 +16,6 @@ mod panoramas;
 mod recipe;
 mod record;
 mod scene;
-mod stand_in;
 
 pub use config::{ExamplesConfig, HarderConfig, PanelsConfig, Range, ScenesConfig, SensorsConfig};
 pub use example::{CAPTURE, GROUND_TRUTH};

@@ -11,9 +11,8 @@ use crate::core::progress::Progress;
 use crate::core::provenance::Provenance;
 use crate::core::psf::Psf;
 use crate::core::rng::{self, Rng};
-use crate::examples::stand_in::random_display;
 use crate::io::{self, WriteOptions};
-use crate::psf::{DisplayConfig, simulate_psf};
+use crate::psf::{DisplayConfig, random_display, simulate_psf};
 
 /// The folder of the PSFs.
 pub(super) const PANELS: &str = "panels";

@@ -4,10 +4,11 @@ use serde::{Deserialize, Serialize};
 
 use super::panoramas::PanoramaFile;
 use super::recipe::{Recipe, SceneRecipe};
+use crate::codes::MeasurementErrors;
 use crate::core::image::CHANNELS;
 use crate::dataset::Split;
-use crate::examples::stand_in::MeasurementErrors;
 use crate::restore::deconvolution::Border;
+use crate::scenes::natural::NaturalKind;
 
 /// What an example was made of.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,7 +30,7 @@ pub struct ExampleRecord {
     /// The errors of the PSF that was handed over; none where it is the true one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub errors: Option<MeasurementErrors>,
-    /// The panorama, or `painted`.
+    /// The panorama, or the kind of a painted scene.
     pub scene: String,
     /// The seed of a painted scene.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -64,7 +65,9 @@ impl ExampleRecord {
     pub(super) fn new(recipe: &Recipe, panoramas: &[PanoramaFile], found: Found) -> Self {
         let Found { panel_seed, errors, saturation, is_clipped } = found;
         let (scene, scene_seed, view_deg) = match &recipe.scene {
-            SceneRecipe::Painted { seed } => (PAINTED.to_owned(), Some(*seed), None),
+            SceneRecipe::Painted { seed } => {
+                (NaturalKind::of_seed(*seed).name().to_owned(), Some(*seed), None)
+            }
             SceneRecipe::Panorama { panorama, yaw_deg, pitch_deg, .. } => {
                 (panoramas[*panorama].name.clone(), None, Some([*yaw_deg, *pitch_deg]))
             }
@@ -78,7 +81,7 @@ impl ExampleRecord {
                 tag(recipe.sensor.is_none(), ["noise-free", "noisy"]),
                 tag(is_clipped, ["clipped", "unclipped"]),
                 tag(errors.is_none(), ["exact", "measured"]),
-                tag(scene_seed.is_some(), [PAINTED, "panorama"]),
+                tag(scene_seed.is_some(), ["painted", "panorama"]),
             ],
             panel: recipe.panel,
             panel_seed,
@@ -113,5 +116,3 @@ impl ExampleRecord {
         !self.id.is_empty() && self.id.bytes().all(|byte| byte.is_ascii_digit())
     }
 }
-
-const PAINTED: &str = "painted";

@@ -39,6 +39,7 @@ mod restore_files;
 mod resume;
 mod run_folder;
 mod scale;
+mod scenes;
 mod sweep;
 mod synth;
 #[path = "../common/tiff.rs"]
