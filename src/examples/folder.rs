@@ -171,6 +171,9 @@ impl ExamplesFolder {
     }
 
     /// SHA-256 of how the examples were made, and of which there are.
+    ///
+    /// # Panics
+    /// Never: both are plain data.
     pub fn sha256(&self) -> String {
         let mut hash = Sha256::new();
         hash.update(toml::to_string(&self.file).expect("configurations are plain data"));

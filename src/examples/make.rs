@@ -64,7 +64,7 @@ impl ExampleSet {
         let validation = recipes.iter().filter(|recipe| recipe.split == Split::Val).count();
         let (kept, todo): (Vec<_>, Vec<_>) =
             recipes.into_iter().partition(|recipe| finished.contains(&recipe.id()));
-        simulate_panels(&ingredients.panels, &todo, progress)?;
+        self.simulate_panels(&ingredients.panels, &todo, progress)?;
         let bar = progress.bar((kept.len() + todo.len()) as u64, "examples");
         bar.start_at(kept.len() as u64);
         for recipes in todo.chunks(EXAMPLES_PER_THREAD * rayon::current_num_threads()) {
@@ -124,6 +124,22 @@ impl ExampleSet {
         Ok((log, finished))
     }
 
+    /// Simulates the panels that examples are seen through, one after the other: each takes all threads. Shards that run
+    /// beside each other begin with different ones, and find the others made.
+    fn simulate_panels(&self, panels: &Panels<'_>, todo: &[Recipe], progress: &Progress) -> Result<()> {
+        let wanted: BTreeSet<usize> = todo.iter().map(|recipe| recipe.panel).collect();
+        let bar = progress.bar(wanted.len() as u64, "panels");
+        let is_own = |panel: &usize| panel % self.shard.count == self.shard.index;
+        let (own, others): (Vec<usize>, Vec<usize>) = wanted.into_iter().partition(is_own);
+        for panel in own.into_iter().chain(others) {
+            progress.check()?;
+            panels.make(panel, progress)?;
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        Ok(())
+    }
+
     /// Refuses a folder that holds something else, or examples that may not be touched.
     fn check_place(&self, root: &Path, list: &str, existing: Existing) -> Result<()> {
         let refuse = |reason: &str| Err(Error::Unsupported(format!("{} {reason}", root.display())));
@@ -153,19 +169,6 @@ fn describe(root: &Path, file: &ExamplesFile) -> Result<()> {
         )));
     }
     if found.examples.count < file.examples.count { file.write(root) } else { Ok(()) }
-}
-
-/// Simulates the panels that examples are seen through, one after the other: each takes all threads.
-fn simulate_panels(panels: &Panels<'_>, todo: &[Recipe], progress: &Progress) -> Result<()> {
-    let wanted: BTreeSet<usize> = todo.iter().map(|recipe| recipe.panel).collect();
-    let bar = progress.bar(wanted.len() as u64, "panels");
-    for panel in wanted {
-        progress.check()?;
-        panels.make(panel, progress)?;
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
-    Ok(())
 }
 
 fn write(root: &Path, Example { tensors, record }: Example) -> Result<ExampleRecord> {

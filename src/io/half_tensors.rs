@@ -1,12 +1,14 @@
-//! Gives the half floats of safetensors files back as they are stored: half as large in memory as floats.
+//! Keeps images as half floats in safetensors files, and gives them back as they are stored: half as large in memory as
+//! floats.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use half::f16;
-use safetensors::{Dtype, SafeTensors};
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensorError, SafeTensors};
 
-use super::{read_bytes, write_atomically};
+use super::{TensorData, read_bytes, write_atomically};
 use crate::core::error::{Error, Result};
 
 /// A tensor of half floats.
@@ -21,29 +23,29 @@ pub struct HalfTensor {
 /// Half floats by name.
 pub type HalfTensors = BTreeMap<String, HalfTensor>;
 
-/// Writes tensors in half precision.
+/// Writes tensors in half precision, each value rounded to the nearest: by 2⁻¹¹ of itself at most.
+///
+/// Metadata of one key make the same bytes every time.
 ///
 /// # Errors
-/// [`Error::Io`] when the file cannot be written, or exists without `overwrite`.
+/// [`Error::Io`] when the file cannot be written, or exists without `overwrite`; [`Error::Shape`] for values that do not fill
+/// their shape.
 pub fn write_half_tensors(
     path: &Path,
-    tensors: &BTreeMap<String, super::TensorData<'_>>,
+    tensors: &BTreeMap<String, TensorData<'_>>,
     metadata: &BTreeMap<String, String>,
     overwrite: bool,
 ) -> Result<()> {
-    let bytes: Vec<(String, Vec<usize>, Vec<u8>)> = tensors
-        .iter()
-        .map(|(name, (shape, values))| {
-            let bytes = values.iter().flat_map(|value| f16::from_f32(*value).to_le_bytes()).collect();
-            (name.clone(), shape.clone(), bytes)
-        })
-        .collect();
-    let views = bytes.iter().map(|(name, shape, bytes)| {
-        let view = safetensors::tensor::TensorView::new(Dtype::F16, shape.clone(), bytes).expect("fits");
-        (name.clone(), view)
-    });
+    let unfit = |error: SafeTensorError| Error::shape("tensor", "values that fill it", error.to_string());
+    let halves =
+        |values: &[f32]| values.iter().flat_map(|value| f16::from_f32(*value).to_le_bytes()).collect();
+    let bytes: Vec<Vec<u8>> = tensors.values().map(|(_, values)| halves(values)).collect();
+    let view = |((name, (shape, _)), bytes): ((&String, &TensorData<'_>), &'_ Vec<u8>)| {
+        Ok((name.clone(), TensorView::new(Dtype::F16, shape.clone(), bytes)?))
+    };
+    let views = tensors.iter().zip(&bytes).map(view).collect::<Result<Vec<_>, _>>().map_err(unfit)?;
     let metadata = Some(metadata.clone().into_iter().collect());
-    let bytes = safetensors::serialize(views, metadata).expect("plain data");
+    let bytes = safetensors::serialize(views, metadata).map_err(unfit)?;
     write_atomically(path, overwrite, |file| file.write_all(&bytes))
 }
 
@@ -57,7 +59,7 @@ pub fn read_half_tensors(path: &Path) -> Result<HalfTensors> {
     let damaged = |reason: String| Error::format(path, format!("{reason}; make or copy it again"));
     let file = SafeTensors::deserialize(&bytes)
         .map_err(|error| damaged(format!("is no safetensors file: {error}")))?;
-    let read = |(name, tensor): (String, safetensors::tensor::TensorView<'_>)| {
+    let read = |(name, tensor): (String, TensorView<'_>)| {
         if tensor.dtype() != Dtype::F16 {
             return Err(damaged(format!("tensor {name} holds {:?} and no half floats", tensor.dtype())));
         }
@@ -74,7 +76,6 @@ pub fn read_half_tensors(path: &Path) -> Result<HalfTensors> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::TensorData;
 
     fn write(path: &Path, value: f32) {
         let tensor = |shape: &[usize], first: f32| -> TensorData<'static> {
