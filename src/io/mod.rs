@@ -43,7 +43,7 @@ pub use bank::{
     read_bank_codes, write_bank, write_published_bank,
 };
 pub use color_tags::ColorTag;
-pub use container::{TensorData, write_safetensors};
+pub use container::{FloatWidth, TensorData, write_safetensors};
 pub use convert::{Conversion, ConvertedImage};
 pub use field::{inspect_psf_field, read_field, read_psf_field, write_psf_field};
 pub use folder::{AppendFile, LineLog, create_folder, lock_folder, publish_folder, remove, try_lock_folder};
