@@ -16,7 +16,7 @@ use super::record::ExampleRecord;
 use crate::core::error::{Error, Result};
 use crate::core::progress::Progress;
 use crate::dataset::Split;
-use crate::io::{self, LineLog};
+use crate::io::{self, FloatWidth, LineLog};
 use crate::synth::{Existing, Shard};
 
 /// Examples that each thread has to make before what was made is listed: few enough for their memory, and so many that no
@@ -173,7 +173,8 @@ fn describe(root: &Path, file: &ExamplesFile) -> Result<()> {
 
 fn write(root: &Path, Example { tensors, record }: Example) -> Result<ExampleRecord> {
     let metadata = [("example".to_owned(), record.to_line())].into();
-    io::write_half_tensors(&root.join(record.file_name()), &tensors, &metadata, true)?;
+    let path = root.join(record.file_name());
+    io::write_safetensors(&path, &tensors, &metadata, FloatWidth::Half, true)?;
     Ok(record)
 }
 

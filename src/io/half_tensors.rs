@@ -1,14 +1,13 @@
-//! Keeps images as half floats in safetensors files, and gives them back as they are stored: half as large in memory as
-//! floats.
+//! Gives the half floats of safetensors files back as they are stored: half as large in memory as floats.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use half::f16;
 use safetensors::tensor::TensorView;
-use safetensors::{Dtype, SafeTensorError, SafeTensors};
+use safetensors::{Dtype, SafeTensors};
 
-use super::{TensorData, read_bytes, write_atomically};
+use super::read_bytes;
 use crate::core::error::{Error, Result};
 
 /// A tensor of half floats.
@@ -22,32 +21,6 @@ pub struct HalfTensor {
 
 /// Half floats by name.
 pub type HalfTensors = BTreeMap<String, HalfTensor>;
-
-/// Writes tensors in half precision, each value rounded to the nearest: by 2⁻¹¹ of itself at most.
-///
-/// Metadata of one key make the same bytes every time.
-///
-/// # Errors
-/// [`Error::Io`] when the file cannot be written, or exists without `overwrite`; [`Error::Shape`] for values that do not fill
-/// their shape.
-pub fn write_half_tensors(
-    path: &Path,
-    tensors: &BTreeMap<String, TensorData<'_>>,
-    metadata: &BTreeMap<String, String>,
-    overwrite: bool,
-) -> Result<()> {
-    let unfit = |error: SafeTensorError| Error::shape("tensor", "values that fill it", error.to_string());
-    let halves =
-        |values: &[f32]| values.iter().flat_map(|value| f16::from_f32(*value).to_le_bytes()).collect();
-    let bytes: Vec<Vec<u8>> = tensors.values().map(|(_, values)| halves(values)).collect();
-    let view = |((name, (shape, _)), bytes): ((&String, &TensorData<'_>), &'_ Vec<u8>)| {
-        Ok((name.clone(), TensorView::new(Dtype::F16, shape.clone(), bytes)?))
-    };
-    let views = tensors.iter().zip(&bytes).map(view).collect::<Result<Vec<_>, _>>().map_err(unfit)?;
-    let metadata = Some(metadata.clone().into_iter().collect());
-    let bytes = safetensors::serialize(views, metadata).map_err(unfit)?;
-    write_atomically(path, overwrite, |file| file.write_all(&bytes))
-}
 
 /// Reads the half floats of a safetensors file.
 ///
@@ -76,6 +49,7 @@ pub fn read_half_tensors(path: &Path) -> Result<HalfTensors> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::io::{FloatWidth, TensorData, write_safetensors};
 
     fn write(path: &Path, value: f32) {
         let tensor = |shape: &[usize], first: f32| -> TensorData<'static> {
@@ -83,7 +57,7 @@ mod tests {
             (shape.to_vec(), (0..count).map(|i| first + i as f32).collect::<Vec<_>>().into())
         };
         let tensors = [("b".to_owned(), tensor(&[2, 3], 0.5)), ("a".to_owned(), tensor(&[5], value))];
-        write_half_tensors(path, &tensors.into(), &BTreeMap::new(), true).unwrap();
+        write_safetensors(path, &tensors.into(), &BTreeMap::new(), FloatWidth::Half, true).unwrap();
     }
 
     #[test]
@@ -110,7 +84,7 @@ mod tests {
         std::fs::write(&path, &whole[..whole.len() - 1]).unwrap();
         assert!(refusal().contains("is no safetensors file"));
         let floats = [("a".to_owned(), (vec![1], vec![1.0].into()))].into();
-        crate::io::write_safetensors(&path, &floats, &BTreeMap::new(), true).unwrap();
+        write_safetensors(&path, &floats, &BTreeMap::new(), FloatWidth::Single, true).unwrap();
         assert!(refusal().contains("no half floats"));
     }
 }
