@@ -74,6 +74,9 @@ impl MeasurementErrors {
     ///
     /// # Errors
     /// [`Error::Config`] naming a value out of range; [`Error::Unsupported`] when a channel turns dark.
+    ///
+    /// # Panics
+    /// Never: all channels have one size.
     pub fn apply(&self, psf: &Psf, rng: &mut Rng) -> Result<Psf> {
         self.check()?;
         if self.is_none() {
