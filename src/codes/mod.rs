@@ -3,6 +3,7 @@
 mod angles;
 mod eigen;
 mod interpolate;
+mod measurement;
 mod pca;
 mod project;
 mod resample;
@@ -12,6 +13,7 @@ mod summary;
 
 pub use angles::parse_angles;
 pub use interpolate::interpolate_code;
+pub use measurement::MeasurementErrors;
 pub use pca::{CODE_DIM, explained_share, make_bank};
 pub use project::{Projection, project};
 pub use rotation::{rotate, rotate_each};

@@ -7,23 +7,24 @@ use clap::Args;
 
 use super::Session;
 use super::choices::DOMAINS;
-use udc::io::{Conversion, DomainTag, check_output, what_is_lost};
+use udc::io::{Conversion, DomainTag, FloatWidth, check_output, what_is_lost};
 use udc::network::weights;
 
-/// Convert an image, or a PyTorch checkpoint to a model
+/// Convert an image, or a PyTorch checkpoint or a model to a model
 #[derive(Args, Debug)]
 #[command(after_help = "Example: udc convert scene.npy scene.exr --half --domain linear\n         \
-    udc convert DISCNet.pth discnet.safetensors\n\n\
+    udc convert DISCNet.pth discnet.safetensors\n         \
+    udc convert model.safetensors small.safetensors --half\n\n\
     The format follows from the name of OUT: .exr, .npy, .hdr, .png, .tif or .jpg. PNG and TIFF have 16 bits, \
     JPEG has 8; they hold values from 0 to 1. Use `udc tonemap` to bring linear light into that range")]
 pub(crate) struct ConvertArgs {
-    /// Image or checkpoint to read
+    /// Image, checkpoint or model to read
     #[arg(value_name = "IN")]
     input: PathBuf,
     /// Image, or model (.safetensors), to write
     #[arg(value_name = "OUT")]
     output: PathBuf,
-    /// Write half floats, in formats that have them
+    /// Write half floats, in formats that have them; of a model they take half the room, and it computes with floats still
     #[arg(long)]
     half: bool,
     /// Say what the values are, of a file that does not: srgb is decoded to linear light. Floats (.exr, .npy, .hdr) that are
@@ -41,7 +42,8 @@ impl ConvertArgs {
         let doing = || format!("converting {input}");
         check_output(&self.output, session.overwrite).with_context(doing)?;
         if self.output.extension().is_some_and(|extension| extension == "safetensors") {
-            weights::convert(&self.input, &self.output, session.overwrite).with_context(doing)?;
+            let width = if self.half { FloatWidth::Half } else { FloatWidth::Single };
+            weights::convert(&self.input, &self.output, width, session.overwrite).with_context(doing)?;
             return session.say(format_args!("{output}: {}", weights::describe(&self.output)?));
         }
         let conversion = Conversion {

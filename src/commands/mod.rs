@@ -11,6 +11,7 @@ mod crop;
 mod demo;
 mod domain;
 mod eval;
+mod examples;
 mod finish;
 mod fuse;
 mod info;
@@ -20,6 +21,7 @@ mod psf;
 mod psf_file;
 mod report;
 mod restore;
+mod scenes;
 mod sweep;
 mod synth;
 mod tonemap;
@@ -102,7 +104,9 @@ enum Command {
     Psf(psf::PsfArgs),
     Codes(codes::CodesArgs),
     Crop(crop::CropArgs),
+    Scenes(scenes::ScenesArgs),
     Synth(synth::SynthArgs),
+    Examples(examples::ExamplesArgs),
     Tonemap(tonemap::TonemapArgs),
     Train(train::TrainArgs),
     Sweep(sweep::SweepArgs),
@@ -277,7 +281,9 @@ impl Command {
             Self::Psf(args) => args.run(session),
             Self::Codes(args) => args.run(session),
             Self::Crop(args) => args.run(session),
+            Self::Scenes(args) => args.run(session),
             Self::Synth(args) => args.run(session),
+            Self::Examples(args) => args.run(session),
             Self::Tonemap(args) => args.run(session),
             Self::Train(args) => args.run(session),
             Self::Sweep(args) => args.run(session),

@@ -26,12 +26,13 @@ use super::Session;
   udc train configs/sftmd.toml --data dataset -o sftmd
   udc train configs/paper.toml --data dataset -o paper --set loss.perceptual.file=vgg19-dcbb9e9d.pth
   udc train --data dataset -o run --resume
-  udc train configs/discnet.toml --data views --bank bank.safetensors --set data.degradation=on-the-fly -o run")]
+  udc train configs/discnet.toml --data views --bank bank.safetensors --set data.degradation=on-the-fly -o run
+  udc train configs/guided.toml --data examples -o guided")]
 pub(crate) struct TrainArgs {
     /// Configuration (with --resume: the run's own if left out)
     #[arg(required_unless_present = "resume")]
     pub(super) config: Option<PathBuf>,
-    /// Dataset of `udc synth`, or the published one; or clean images, with --bank
+    /// Dataset of `udc synth`, or the published one; or clean images, with --bank; or examples of `udc examples`
     #[arg(long, value_name = "DATASET")]
     pub(super) data: PathBuf,
     /// Kernel bank that degrades a folder of clean images (with data.degradation = "on-the-fly")
@@ -114,10 +115,12 @@ fn report(outcome: &Outcome, folder: &Path, session: &Session) -> Result<()> {
             outcome.iteration
         );
     }
-    for ValidationScore { metric, restored, degraded } in outcome.validation_scores() {
+    for ValidationScore { metric, restored, degraded, deconvolved } in outcome.validation_scores() {
         let (name, decimals) = (metric.heading(), metric.decimals());
+        let deconvolved =
+            deconvolved.map_or(String::new(), |value| format!(" {value:.decimals$} deconvolved,"));
         session.tell(format_args!(
-            "validation {name}: {degraded:.decimals$} degraded, {restored:.decimals$} restored"
+            "validation {name}: {degraded:.decimals$} degraded,{deconvolved} {restored:.decimals$} restored"
         ));
     }
     session.say(format!("{}: trained for {} iterations", model.display(), outcome.iteration))

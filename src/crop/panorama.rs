@@ -33,6 +33,11 @@ impl Panorama {
         Ok(Self { image })
     }
 
+    /// Number of columns, which span 360°.
+    pub fn width(&self) -> usize {
+        self.image.width()
+    }
+
     /// The light from `direction`, by bilinear interpolation; longitudes wrap around, and latitudes go on
     /// beyond a pole on its other side.
     pub(super) fn sample(&self, direction: Direction) -> [f64; CHANNELS] {

@@ -14,6 +14,8 @@ use crate::network::{Architecture, weights};
 pub struct NetworkDescription {
     /// Its configuration.
     pub architecture: Value,
+    /// What it reads beside the image, by name.
+    pub planes: Vec<&'static str>,
     /// Number of trainable numbers.
     pub parameters: u64,
     /// Multiply-accumulates for an image of 800 × 800 pixels.
@@ -24,6 +26,7 @@ impl From<&Architecture> for NetworkDescription {
     fn from(architecture: &Architecture) -> Self {
         Self {
             architecture: architecture.to_json(),
+            planes: architecture.planes().iter().map(|plane| plane.name()).collect(),
             parameters: architecture.parameters(),
             macs_800: architecture.macs(800, 800),
         }

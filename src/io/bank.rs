@@ -14,7 +14,9 @@ use sha2::{Digest, Sha256};
 
 use super::array::write_array;
 use super::atomic::check_output;
-use super::container::{TensorData, encode_safetensors, floats, le_bytes, metadata_of, write_safetensors};
+use super::container::{
+    FloatWidth, TensorData, encode_safetensors, floats, le_bytes, metadata_of, write_safetensors,
+};
 use super::format::read_all;
 use super::plain::sha256_of_file;
 use super::{WriteOptions, write_psf};
@@ -47,7 +49,8 @@ pub fn read_bank(path: &Path) -> Result<KernelBank> {
 pub fn write_bank(path: &Path, bank: &KernelBank, overwrite: bool) -> Result<()> {
     let tensors = tensors_of(bank);
     let psf_sha256 = hex(&Sha256::digest(le_bytes(&tensors["psfs"].1)));
-    write_safetensors(path, &tensors, &metadata_of_bank(bank, psf_sha256), overwrite)
+    let metadata = metadata_of_bank(bank, psf_sha256);
+    write_safetensors(path, &tensors, &metadata, FloatWidth::Single, overwrite)
 }
 
 /// The bytes of a kernel bank's file.
@@ -58,7 +61,7 @@ pub fn encode_bank(bank: &KernelBank) -> Vec<u8> {
     let tensors = tensors_of(bank);
     let psf_sha256 = hex(&Sha256::digest(le_bytes(&tensors["psfs"].1)));
     let mut bytes = Vec::new();
-    encode_safetensors(&mut bytes, &tensors, &metadata_of_bank(bank, psf_sha256))
+    encode_safetensors(&mut bytes, &tensors, &metadata_of_bank(bank, psf_sha256), FloatWidth::Single)
         .expect("memory takes all bytes");
     bytes
 }

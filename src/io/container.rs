@@ -1,4 +1,4 @@
-//! Lays `f32` tensors and metadata out as a safetensors file, the same bytes every time.
+//! Lays `f32` tensors and metadata out as a safetensors file, the same bytes every time, in full or half width.
 //!
 //! The format: the header's length (8 bytes), the header in JSON, the tensors. The `safetensors` crate writes
 //! metadata in the random order of its hash map; here it is sorted.
@@ -8,20 +8,32 @@ use std::collections::{BTreeMap, HashMap};
 use std::io::Write;
 use std::path::Path;
 
+use half::f16;
 use safetensors::{Dtype, SafeTensors};
 use serde_json::{Map, Value, json};
 
 use super::atomic::{check_output, write_atomically};
-use crate::core::error::Result;
+use crate::core::error::{Error, Result};
 use crate::core::image::all_finite;
 
 /// Shape and values of one tensor, borrowed where the caller has them in one piece.
 pub type TensorData<'a> = (Vec<usize>, Cow<'a, [f32]>);
 
+/// How wide the floats of a file are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FloatWidth {
+    /// 32 bits.
+    #[default]
+    Single,
+    /// 16 bits, rounded to nearest: 2⁻¹¹ of a value, and 65504 at most.
+    Half,
+}
+
 /// Writes tensors and metadata as a safetensors file, the same bytes every time.
 ///
 /// # Errors
-/// [`Error::Io`](crate::core::error::Error::Io) when the file cannot be written, or exists without `overwrite`.
+/// [`Error::Io`] when the file cannot be written, or exists without `overwrite`; [`Error::Unsupported`] naming a tensor
+/// whose values half floats do not reach.
 ///
 /// # Panics
 /// When a tensor's values do not fill its shape: a broken invariant of the caller.
@@ -29,33 +41,61 @@ pub fn write_safetensors(
     path: &Path,
     tensors: &BTreeMap<String, TensorData<'_>>,
     metadata: &BTreeMap<String, String>,
+    width: FloatWidth,
     overwrite: bool,
 ) -> Result<()> {
     check_output(path, overwrite)?;
-    write_atomically(path, overwrite, |file| encode_safetensors(file, tensors, metadata))
+    if width == FloatWidth::Half {
+        tensors.iter().try_for_each(|(name, (_, values))| check_half(name, values))?;
+    }
+    write_atomically(path, overwrite, |file| encode_safetensors(file, tensors, metadata, width))
+}
+
+/// Refuses values that half floats would turn into infinities.
+fn check_half(name: &str, values: &[f32]) -> Result<()> {
+    let overflows = |value: &&f32| value.is_finite() && !f16::from_f32(**value).is_finite();
+    match values.iter().find(overflows) {
+        None => Ok(()),
+        Some(value) => Err(Error::Unsupported(format!(
+            "half floats end at 65504 and tensor {name} holds {value}; write it in full width"
+        ))),
+    }
 }
 
 pub(super) fn encode_safetensors(
     file: &mut dyn Write,
     tensors: &BTreeMap<String, TensorData<'_>>,
     metadata: &BTreeMap<String, String>,
+    width: FloatWidth,
 ) -> std::io::Result<()> {
-    let header = header_of(tensors, metadata);
+    let header = header_of(tensors, metadata, width);
     file.write_all(&(header.len() as u64).to_le_bytes())?;
     file.write_all(&header)?;
     for (_, values) in tensors.values() {
-        file.write_all(&le_bytes(values))?;
+        let bytes = match width {
+            FloatWidth::Single => le_bytes(values),
+            FloatWidth::Half => values.iter().flat_map(|v| f16::from_f32(*v).to_le_bytes()).collect(),
+        };
+        file.write_all(&bytes)?;
     }
     Ok(())
 }
 
-fn header_of(tensors: &BTreeMap<String, TensorData<'_>>, metadata: &BTreeMap<String, String>) -> Vec<u8> {
+fn header_of(
+    tensors: &BTreeMap<String, TensorData<'_>>,
+    metadata: &BTreeMap<String, String>,
+    width: FloatWidth,
+) -> Vec<u8> {
+    let (dtype, value_bytes) = match width {
+        FloatWidth::Single => ("F32", size_of::<f32>()),
+        FloatWidth::Half => ("F16", size_of::<f16>()),
+    };
     let mut header = Map::from_iter([("__metadata__".to_owned(), json!(metadata))]);
     let mut start = 0;
     for (name, (shape, values)) in tensors {
         assert_eq!(shape.iter().product::<usize>(), values.len(), "tensor `{name}` must fill its shape");
-        let end = start + size_of_val(&values[..]);
-        header.insert(name.clone(), json!({"dtype": "F32", "shape": shape, "data_offsets": [start, end]}));
+        let end = start + values.len() * value_bytes;
+        header.insert(name.clone(), json!({"dtype": dtype, "shape": shape, "data_offsets": [start, end]}));
         start = end;
     }
     let mut text = Value::Object(header).to_string().into_bytes();

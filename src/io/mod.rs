@@ -17,6 +17,7 @@ mod field;
 mod folder;
 mod format;
 mod guard;
+mod half_tensors;
 mod icc;
 mod inputs;
 mod jpeg;
@@ -43,11 +44,12 @@ pub use bank::{
     read_bank_codes, write_bank, write_published_bank,
 };
 pub use color_tags::ColorTag;
-pub use container::{TensorData, write_safetensors};
+pub use container::{FloatWidth, TensorData, write_safetensors};
 pub use convert::{Conversion, ConvertedImage};
 pub use field::{inspect_psf_field, read_field, read_psf_field, write_psf_field};
 pub use folder::{AppendFile, LineLog, create_folder, lock_folder, publish_folder, remove, try_lock_folder};
 pub use format::{Encoding, Format, check_extension};
+pub use half_tensors::{HalfTensor, HalfTensors, read_half_tensors};
 pub use inputs::{expand_inputs, identity, is_hidden, without_repeats};
 pub use lost::what_is_lost;
 pub use owned_folder::OwnedFolder;

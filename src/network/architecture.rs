@@ -127,10 +127,18 @@ impl Architecture {
         };
         let mut lines: Vec<String> =
             json.as_object().into_iter().flatten().filter(|(key, _)| is_read(key)).map(of_key).collect();
+        if !self.planes().is_empty() {
+            let planes: Vec<&str> = self.planes().iter().map(|plane| plane.name()).collect();
+            lines.push(format!("  {:<14}image, {}", "reads", planes.join(", ")));
+        }
         lines.push(format!("  {:<14}{}", "parameters", self.parameters()));
         #[expect(clippy::cast_precision_loss, reason = "a figure of five digits")]
-        let gmac = self.macs(DESCRIBED_SIDE, DESCRIBED_SIDE) as f64 / 1e9;
-        lines.push(format!("  {:<14}{gmac:.2} GMAC for {DESCRIBED_SIDE} × {DESCRIBED_SIDE} pixels", "cost"));
+        let macs = self.macs(DESCRIBED_SIDE, DESCRIBED_SIDE) as f64;
+        let (gmac, kmac) = (macs / 1e9, macs / (DESCRIBED_SIDE * DESCRIBED_SIDE) as f64 / 1e3);
+        lines.push(format!(
+            "  {:<14}{gmac:.2} GMAC for {DESCRIBED_SIDE} × {DESCRIBED_SIDE} pixels, {kmac:.1} thousand each",
+            "cost"
+        ));
         lines.join("\n")
     }
 

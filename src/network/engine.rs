@@ -131,19 +131,19 @@ mod tests {
     fn both_engines_restore_the_same_of_image_and_planes() {
         let (image, planes) = (image(21, 34), planes_of(&image(21, 34)));
         let restore = |kind| model(kind).restore(&Inputs::new(&image, None).with_planes(&planes)).unwrap();
-        let (streamed, tensors) = (restore(Kind::Guided), restore(Kind::GuidedTensors));
+        let (streamed, tensors) = (restore(Kind::AllPlanes), restore(Kind::AllPlanesTensors));
         let pairs = streamed.as_slice().iter().zip(tensors.as_slice());
         let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(error < 1e-5, "{error:e}");
         let others = planes_of(&streamed);
-        let other = model(Kind::Guided).restore(&Inputs::new(&image, None).with_planes(&others)).unwrap();
+        let other = model(Kind::AllPlanes).restore(&Inputs::new(&image, None).with_planes(&others)).unwrap();
         assert_ne!(other, streamed);
     }
 
     #[test]
     fn a_plane_that_lacks_or_has_other_sides_is_named() {
         let image = image(8, 9);
-        for kind in [Kind::Guided, Kind::GuidedTensors] {
+        for kind in [Kind::AllPlanes, Kind::AllPlanesTensors] {
             let model = model(kind);
             let refusal =
                 |planes: &Planes| model.restore(&Inputs::new(&image, None).with_planes(planes)).unwrap_err();
@@ -167,9 +167,9 @@ mod tests {
     #[test]
     fn whole_images_as_tensors_take_more_memory_than_rows() {
         let [streamed, tensors] =
-            [Kind::Guided, Kind::GuidedTensors].map(|kind| model(kind).working_bytes(400, 600));
+            [Kind::AllPlanes, Kind::AllPlanesTensors].map(|kind| model(kind).working_bytes(400, 600));
         let features = 4 * 4 * 400 * 600;
         assert!(streamed < features && features < tensors, "{streamed} {tensors}");
-        assert!(model(Kind::GuidedTensors).with_bf16_products().is_none());
+        assert!(model(Kind::AllPlanesTensors).with_bf16_products().is_none());
     }
 }

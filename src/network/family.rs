@@ -14,7 +14,7 @@ use super::parameters::Initialisation;
 use super::streamed::StreamBuilder;
 #[cfg(test)]
 use super::testing;
-use super::{de_unet, discnet, sftmd, srmdnf};
+use super::{de_unet, discnet, guided, sftmd, srmdnf};
 use crate::core::error::{Error, Result};
 
 /// Appends the steps of a network to those that the kernels stream.
@@ -153,10 +153,12 @@ families! {
     Sftmd: sftmd::Sftmd => sftmd::Layers,
     /// A U-Net with two image encoders.
     DeUnet: de_unet::DeUnet => de_unet::Layers,
+    /// A U-Net that corrects the image deconvolved with its PSF, told how far to trust it.
+    Guided: guided::Guided => guided::Layers,
     /// Reads every plane, and is streamed.
     #[cfg(test)]
-    Guided: testing::Guided => testing::Layers,
+    AllPlanes: testing::AllPlanes => testing::Layers,
     /// The same, but not written for the kernels.
     #[cfg(test)]
-    GuidedTensors: testing::GuidedTensors => testing::Layers,
+    AllPlanesTensors: testing::AllPlanesTensors => testing::Layers,
 }

@@ -22,7 +22,10 @@ pub enum Plane {
 }
 
 impl Plane {
-    /// The name in messages.
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Deconvolved, Self::Noise, Self::Saturated];
+
+    /// The name in messages and files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Deconvolved => "deconvolved",

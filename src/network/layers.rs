@@ -14,10 +14,21 @@ pub(super) struct Layer {
 /// The weights of a layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LayerWeights {
-    /// A convolution with bias; those inside residual blocks are initialised on their own terms.
-    Convolution { inputs: usize, outputs: usize, size: usize, residual: bool },
+    /// A convolution with bias.
+    Convolution { inputs: usize, outputs: usize, size: usize, place: Place },
     /// The one slope of a PReLU.
     Slope,
+}
+
+/// Where a convolution stands, by which it is initialised.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Place {
+    /// None of those below.
+    Plain,
+    /// Inside a residual block.
+    Residual,
+    /// Last of a network whose result is added to an image that is nearly right.
+    Correction,
 }
 
 /// Name, shape and initial distribution of one weight tensor.
@@ -50,24 +61,32 @@ impl Layer {
 pub(super) struct LayerList(pub(super) Vec<Layer>);
 
 impl LayerList {
-    /// Appends a convolution.
-    pub(super) fn convolution(
-        &mut self,
-        name: impl Into<String>,
-        [inputs, outputs, size]: [usize; 3],
-        level: usize,
-    ) {
-        let weights = LayerWeights::Convolution { inputs, outputs, size, residual: false };
-        self.0.push(Layer { name: name.into(), weights, level });
+    /// Appends a convolution of inputs, outputs and size.
+    pub(super) fn convolution(&mut self, name: impl Into<String>, extent: [usize; 3], level: usize) {
+        self.convolution_at(Place::Plain, name.into(), extent, level);
+    }
+
+    /// Appends the convolution of inputs, outputs and size whose result is added to the image.
+    pub(super) fn correction(&mut self, name: &str, extent: [usize; 3], level: usize) {
+        self.convolution_at(Place::Correction, name.to_owned(), extent, level);
     }
 
     /// Appends the two 3 × 3 convolutions of a residual block.
     pub(super) fn res_block(&mut self, name: &str, channels: usize, level: usize) {
-        let weights =
-            LayerWeights::Convolution { inputs: channels, outputs: channels, size: 3, residual: true };
         for part in ["conv1", "conv2"] {
-            self.0.push(Layer { name: format!("{name}.{part}"), weights, level });
+            self.convolution_at(Place::Residual, format!("{name}.{part}"), [channels, channels, 3], level);
         }
+    }
+
+    fn convolution_at(
+        &mut self,
+        place: Place,
+        name: String,
+        [inputs, outputs, size]: [usize; 3],
+        level: usize,
+    ) {
+        let weights = LayerWeights::Convolution { inputs, outputs, size, place };
+        self.0.push(Layer { name, weights, level });
     }
 
     /// Appends the slope of a PReLU.

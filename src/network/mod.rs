@@ -12,6 +12,7 @@ mod de_unet;
 mod discnet;
 mod engine;
 mod family;
+mod guided;
 mod inputs;
 mod layers;
 mod model;

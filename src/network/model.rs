@@ -57,6 +57,14 @@ impl Model {
         Ok(Self::new(weights::read(path)?))
     }
 
+    /// Takes a model from the bytes of a model file, such as one that a program carries; `name` is what messages call it.
+    ///
+    /// # Errors
+    /// Those of [`weights::parse`].
+    pub fn parse(bytes: &[u8], name: &str) -> Result<Self> {
+        Ok(Self::new(weights::parse(bytes, name)?))
+    }
+
     /// Takes weights over.
     pub fn new(weights: Weights) -> Self {
         Self { weights: Arc::new(weights), backend: Backend::default(), isa: None, engine: Arc::default() }

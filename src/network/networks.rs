@@ -96,7 +96,7 @@ mod tests {
     use burn::module::{ModuleVisitor, Param};
     use burn::tensor::{Gradients, TensorData};
 
-    fn architectures() -> [Architecture; 7] {
+    fn architectures() -> [Architecture; 8] {
         let of_kind = |kind, condition| Architecture {
             kind,
             condition,
@@ -113,7 +113,8 @@ mod tests {
             of_kind(Kind::Sftmd, Condition::ImagePsf),
             of_kind(Kind::DeUnet, Condition::Image),
             of_kind(Kind::Guided, Condition::None),
-            of_kind(Kind::GuidedTensors, Condition::None),
+            of_kind(Kind::AllPlanes, Condition::None),
+            of_kind(Kind::AllPlanesTensors, Condition::None),
         ]
     }
 

@@ -8,7 +8,7 @@ use rand_distr::{Distribution, StandardNormal, Uniform};
 use serde::{Deserialize, Serialize};
 
 use super::architecture::Architecture;
-use super::layers::{LayerWeights, TensorSpec};
+use super::layers::{LayerWeights, Place, TensorSpec};
 use crate::core::error::{Error, Result};
 use crate::core::image::all_finite;
 use crate::core::rng::{self, Rng};
@@ -24,7 +24,8 @@ const RESIDUAL_SCALE: f32 = 0.1;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Initialisation {
-    /// Residual blocks Kaiming normal × 0.1 without bias; PyTorch's default elsewhere (the training code).
+    /// Residual blocks Kaiming normal × 0.1 without bias; the layer that corrects an image (guided) zero, so that it starts
+    /// with none; PyTorch's default elsewhere (the training code).
     #[default]
     Released,
     /// Kaiming normal without bias everywhere (the paper's text).
@@ -167,14 +168,15 @@ fn list(names: &[String]) -> String {
 /// and biases.
 fn draw_values(spec: &TensorSpec, initialisation: Initialisation, rng: &mut Rng) -> Vec<f32> {
     let count = spec.shape.iter().product();
-    let LayerWeights::Convolution { inputs, size, residual, .. } = spec.weights else {
+    let LayerWeights::Convolution { inputs, size, place, .. } = spec.weights else {
         return vec![INITIAL_SLOPE; count];
     };
     let is_bias = spec.shape.len() == 1;
     #[expect(clippy::cast_precision_loss, reason = "a fan is far below 2²⁴")]
     let fan = (inputs * size * size) as f32;
     match initialisation {
-        Initialisation::Released if !residual => uniform(rng, 1.0 / fan.sqrt(), count),
+        Initialisation::Released if place == Place::Plain => uniform(rng, 1.0 / fan.sqrt(), count),
+        Initialisation::Released if place == Place::Correction => vec![0.0; count],
         _ if is_bias => vec![0.0; count],
         Initialisation::Released => normal(rng, RESIDUAL_SCALE * (2.0 / fan).sqrt(), count),
         Initialisation::Paper => normal(rng, (2.0 / fan).sqrt(), count),

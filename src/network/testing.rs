@@ -20,12 +20,12 @@ pub(crate) const PLANES: &[Plane] = &[Plane::Deconvolved, Plane::Noise, Plane::S
 const HALO: usize = 4;
 
 /// The family that is streamed.
-pub(super) struct Guided;
+pub(super) struct AllPlanes;
 
 /// The family that is not.
-pub(super) struct GuidedTensors;
+pub(super) struct AllPlanesTensors;
 
-impl Family for Guided {
+impl Family for AllPlanes {
     type Network = Layers;
 
     fn layers(&self, architecture: &Architecture) -> Vec<Layer> {
@@ -57,11 +57,11 @@ impl Family for Guided {
     }
 }
 
-impl Family for GuidedTensors {
+impl Family for AllPlanesTensors {
     type Network = Layers;
 
     fn layers(&self, architecture: &Architecture) -> Vec<Layer> {
-        Guided.layers(architecture)
+        AllPlanes.layers(architecture)
     }
 
     fn halo(&self) -> usize {
@@ -73,11 +73,11 @@ impl Family for GuidedTensors {
     }
 
     fn validate(&self, architecture: &Architecture) -> Result<()> {
-        Guided.validate(architecture)
+        AllPlanes.validate(architecture)
     }
 
     fn build(&self, architecture: &Architecture, build: &Builder<'_>) -> Layers {
-        Guided.build(architecture, build)
+        AllPlanes.build(architecture, build)
     }
 }
 

@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
-use crate::io::read_text;
+use crate::io::{read_text, write_atomically};
 
 use super::shape::ShapeKind;
 
@@ -36,7 +36,9 @@ pub struct DisplayConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct OpticsConfig {
-    /// z₁: from the point source to the display; `inf` for a star.
+    /// z₁: from the point source to the display; `inf` for a star (null where the display stands in a file's origin, JSON
+    /// having no other way to say it).
+    #[serde(deserialize_with = "distance")]
     pub source_distance_m: f64,
     /// d: from the display to the lens.
     pub display_to_lens_mm: f64,
@@ -101,6 +103,11 @@ fn pairs<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<(f64, f64)>, 
         _ => Err(D::Error::custom(format!("expected [wavelength nm, weight], found {} numbers", list.len()))),
     };
     lists.into_iter().map(pair).collect()
+}
+
+/// Reads a distance that may be infinite.
+fn distance<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
 }
 
 /// Reads exactly two numbers.
@@ -240,6 +247,9 @@ pub struct LayoutConfig {
     /// pentile, stripe: lines through every pixel, on top of everything: their transmittance multiplies.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub wiring: Vec<WiringConfig>,
+    /// pentile, stripe: what repeats is a larger square of pixels, within which no two are alike; left out, all are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub irregularity: Option<IrregularityConfig>,
     /// image: the picture, relative to the display file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
@@ -302,6 +312,29 @@ pub enum Direction {
     Vertical,
 }
 
+/// How the pixels of a panel differ from each other: moved and scaled at random, so that its orders fade into a haze
+/// between them.
+///
+/// # Equation
+/// Gaussian displacements of standard deviation σ dim the order of spatial frequency ν by exp(−4π²σ²ν²), as heat does to
+/// a crystal's (Debye and Waller); what they lose spreads between the orders.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct IrregularityConfig {
+    /// How many pixels wide and high the square is that repeats: 2 to 16, even for pentile.
+    pub pixels: usize,
+    /// What decides the random numbers: the same seed, the same panel.
+    #[serde(default)]
+    pub seed: u64,
+    /// Standard deviation of the displacement of each sub-pixel and opening along each axis, and of each line across its
+    /// direction.
+    #[serde(default)]
+    pub jitter_um: f64,
+    /// Each sub-pixel and opening is scaled by a factor drawn evenly from 1 − this to 1 + this: from 0 to below 1.
+    #[serde(default)]
+    pub size_spread: f64,
+}
+
 /// A line through every pixel.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
@@ -343,6 +376,16 @@ impl DisplayConfig {
         }
         config.check()?;
         Ok(config)
+    }
+
+    /// Writes a display file that reads back as it is; a picture's path is written as it was resolved.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the file exists and may not be replaced or cannot be written; [`Error::Config`] for numbers that
+    /// TOML cannot hold.
+    pub fn write(&self, path: &Path, overwrite: bool) -> Result<()> {
+        let text = toml::to_string(self).map_err(|error| Error::config("display", error.to_string()))?;
+        write_atomically(path, overwrite, |file| file.write_all(text.as_bytes()))
     }
 
     /// The same camera behind the panel turned about the optical axis by `angle_deg`, counter-clockwise as the camera

@@ -51,6 +51,11 @@ pub(super) fn average_below_noise(light: ArrayView2<'_, f64>, noise: Noise) -> A
     means
 }
 
+/// Replaces light below white noise of standard deviation `deviation` by local means, as a measurement does.
+pub(crate) fn without_noise(light: ArrayView2<'_, f64>, deviation: f64) -> Array2<f64> {
+    average_below_noise(light, Noise { of_pixel: deviation, of_means: deviation })
+}
+
 /// Adds to every pixel that does not stay the mean of its square, on one grid.
 fn add_means_of_squares(
     means: &mut Array2<f64>,

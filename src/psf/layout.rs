@@ -7,8 +7,8 @@ use ndarray::{Array2, Axis, s};
 use crate::core::error::{Error, Result};
 use crate::io::read_pixels;
 
-use super::display::{Direction, Grey, LayoutConfig, LayoutKind, WiringConfig};
-use super::shape::Outline;
+use super::display::{Grey, LayoutConfig, LayoutKind};
+use super::panel;
 
 /// One period of a display: the factor t on the field, constant over each raster square.
 ///
@@ -24,13 +24,6 @@ pub struct UnitCell {
     pub centre_m: [f64; 2],
 }
 
-/// Bounds of the raster of a drawn cell: fine enough for any shape, at most 128 MiB.
-const RASTER_RANGE: (usize, usize) = (256, 4096);
-
-/// How many raster squares the shortest period that matters spans. The raster's own aliases then stand at 1/16
-/// of the true coefficients' size or less, and only at the highest orders.
-const SQUARES_PER_PERIOD: f64 = 16.0;
-
 impl UnitCell {
     /// Draws the cell of a layout, finely enough for spatial frequencies up to `band_per_m`.
     ///
@@ -39,7 +32,7 @@ impl UnitCell {
     pub fn of(layout: &LayoutConfig, band_per_m: f64) -> Result<Self> {
         let mut cell = match layout.kind {
             LayoutKind::None => Self::uniform(),
-            LayoutKind::Pentile | LayoutKind::Stripe => draw_panel(layout, band_per_m),
+            LayoutKind::Pentile | LayoutKind::Stripe => panel::draw(layout, band_per_m),
             LayoutKind::Image => read_layout(layout)?,
         };
         cell.centre_m = unturned_offset_m(layout);
@@ -107,101 +100,8 @@ fn unturned_offset_m(layout: &LayoutConfig) -> [f64; 2] {
     clippy::cast_sign_loss,
     reason = "saturates, and is bounded after"
 )]
-fn rounded_up(count: f64) -> usize {
+pub(super) fn rounded_up(count: f64) -> usize {
     count.ceil() as usize
-}
-
-/// A region at its place, repeated with the cell.
-struct Placed {
-    outline: Outline,
-    y_um: f64,
-    x_um: f64,
-    transmittance: f64,
-}
-
-fn draw_panel(layout: &LayoutConfig, band_per_m: f64) -> UnitCell {
-    let pitch_um = layout.pitch_um.unwrap_or(1.0);
-    let pixels = if layout.kind == LayoutKind::Pentile { 2 } else { 1 };
-    let side_um = pitch_um * f64::from(pixels);
-    let wanted = rounded_up(SQUARES_PER_PERIOD * band_per_m * side_um * 1e-6);
-    // An even number keeps the symmetry of a cell of two pixels.
-    let squares = wanted.clamp(RASTER_RANGE.0, RASTER_RANGE.1).next_multiple_of(2);
-    let raster_um = side_um / squares as f64;
-    let place = |index: usize| (index as f64 + 0.5) * raster_um - side_um / 2.0;
-
-    let mut transmittance =
-        Array2::from_elem((squares, squares), layout.background_transmittance.unwrap_or(1.0));
-    for region in placed_regions(layout, pitch_um) {
-        transmittance.indexed_iter_mut().for_each(|((row, column), t)| {
-            let dy = wrapped(place(row) - region.y_um, side_um);
-            let dx = wrapped(place(column) - region.x_um, side_um);
-            let covered = region.outline.coverage(dy, dx, raster_um);
-            *t += covered * (region.transmittance - *t);
-        });
-    }
-    for line in &layout.wiring {
-        draw_line(&mut transmittance, line, pitch_um, raster_um);
-    }
-    UnitCell { transmittance, raster_m: [raster_um * 1e-6; 2], centre_m: [0.0; 2] }
-}
-
-/// Where the sub-pixels and openings lie, from the cell's centre.
-///
-/// A stripe pixel holds red, green, blue at −⅓, 0, +⅓ of the pitch. A PenTile cell is two pixels wide and
-/// high: red and blue alternate at the pixels' centres, the greens stand on the pixels' corners; a shift by
-/// one pixel in both directions leaves the pattern as it is.
-fn placed_regions(layout: &LayoutConfig, pitch_um: f64) -> Vec<Placed> {
-    let (red, green, blue) = (&layout.red, &layout.green, &layout.blue);
-    let half = pitch_um / 2.0;
-    let (centres, sub_pixels) = if layout.kind == LayoutKind::Pentile {
-        let centres = vec![(-half, -half), (-half, half), (half, -half), (half, half)];
-        let (near, far) = (-half, half);
-        let corners = [(0.0, 0.0), (0.0, pitch_um), (pitch_um, 0.0), (pitch_um, pitch_um)];
-        let mut sub_pixels = vec![(red, near, near), (red, far, far), (blue, near, far), (blue, far, near)];
-        sub_pixels.extend(corners.map(|(y, x)| (green, y, x)));
-        (centres, sub_pixels)
-    } else {
-        let third = pitch_um / 3.0;
-        (vec![(0.0, 0.0)], vec![(red, 0.0, -third), (green, 0.0, 0.0), (blue, 0.0, third)])
-    };
-    let placed = |region: &_, y_um, x_um| {
-        let region: &super::display::RegionConfig = region;
-        let outline = Outline::new(region.shape, [region.height_um, region.width_um], region.corner_um);
-        Placed { outline, y_um, x_um, transmittance: region.transmittance }
-    };
-    let mut regions: Vec<Placed> = sub_pixels
-        .into_iter()
-        .filter_map(|(region, y, x)| region.as_ref().map(|region| placed(region, y, x)))
-        .collect();
-    for opening in &layout.openings {
-        let region = opening.region();
-        regions.extend(centres.iter().map(|(y, x)| placed(&region, y + opening.y_um, x + opening.x_um)));
-    }
-    regions
-}
-
-/// Multiplies the transmittance of a line that runs through every pixel.
-fn draw_line(transmittance: &mut Array2<f64>, line: &WiringConfig, pitch_um: f64, raster_um: f64) {
-    let axis = match line.direction {
-        Direction::Horizontal => Axis(0),
-        Direction::Vertical => Axis(1),
-    };
-    let length = transmittance.len_of(axis) as f64;
-    // The middle of a pixel is the middle of the cell (one pixel) or half a pitch off it (two pixels).
-    let two_pixels = length * raster_um > 1.5 * pitch_um;
-    let middle_um = line.position_um + if two_pixels { pitch_um / 2.0 } else { 0.0 };
-    for (index, mut lane) in transmittance.axis_iter_mut(axis).enumerate() {
-        let square_um = (index as f64 + 0.5 - length / 2.0) * raster_um;
-        let distance = wrapped(square_um - middle_um, pitch_um).abs();
-        let covered = ((line.width_um / 2.0 - distance) / raster_um + 0.5).clamp(0.0, 1.0);
-        let covered = covered.min(line.width_um / raster_um);
-        lane.mapv_inplace(|t| t * (1.0 - covered * (1.0 - line.transmittance)));
-    }
-}
-
-/// The distance to the nearest repetition.
-fn wrapped(distance: f64, period: f64) -> f64 {
-    distance - period * (distance / period).round()
 }
 
 fn read_layout(layout: &LayoutConfig) -> Result<UnitCell> {
@@ -233,7 +133,7 @@ fn read_layout(layout: &LayoutConfig) -> Result<UnitCell> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::psf::display::{OpeningConfig, RegionConfig};
+    use crate::psf::display::{Direction, OpeningConfig, RegionConfig, WiringConfig};
     use crate::psf::shape::ShapeKind;
 
     fn square(side: f64, transmittance: f64) -> RegionConfig {

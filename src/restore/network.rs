@@ -127,7 +127,8 @@ mod tests {
             (Kind::Sftmd, Condition::ImagePsf),
             (Kind::DeUnet, Condition::Image),
             (Kind::Guided, Condition::None),
-            (Kind::GuidedTensors, Condition::None),
+            (Kind::AllPlanes, Condition::None),
+            (Kind::AllPlanesTensors, Condition::None),
         ];
         let value = |(c, y, x)| ((c * 7919 + y * 104_729 + x * 1299) % 1000) as f32 / 1000.0;
         let image = ToneMappedImage::from_planes(Array3::from_shape_fn((3, 50, 403), value)).unwrap();

@@ -1,16 +1,20 @@
-//! Turns a seed into HDR scenes of three kinds: a street at night, a room with a bright window, and a board
-//! of text and fine texture.
+//! Turns a seed into HDR scenes: for the demo of three kinds, a street at night, a room with a bright window, and a board
+//! of text and fine texture; for training, [`natural`] ones.
 //!
-//! Scenes are painted back to front with shapes that shine, in units in which a mid-grey wall in the shade is
+//! The demo's are painted back to front with shapes that shine, in units in which a mid-grey wall in the shade is
 //! about 0.2. Lamps exceed the scene's median by factors of 10³ to 10⁵, as real ones do.
 
 mod board;
 mod canvas;
+pub mod natural;
 pub mod point_source;
 mod room;
 mod script;
+mod set;
 mod street;
 mod values;
+
+pub use set::{MOST_PIXELS, SceneSet, scene_seed};
 
 use rayon::prelude::*;
 
@@ -46,7 +50,7 @@ impl SceneKind {
 /// A painted scene and its name, which is unique within a set.
 #[derive(Clone, Debug)]
 pub struct PaintedScene {
-    /// `street-00`, `room-01`, …
+    /// `street-00`, `room-01`, …; of a natural scene, its kind and seed.
     pub name: String,
     /// The scene's light.
     pub image: LinearImage,

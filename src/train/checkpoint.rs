@@ -12,7 +12,7 @@ use super::instruction_sets::InstructionSets;
 use super::optimizer::Moments;
 use super::trainer::State;
 use crate::core::error::{Error, Result};
-use crate::io::{self, TensorData};
+use crate::io::{self, FloatWidth, TensorData};
 use crate::network::weights::{self, Weights, tensors};
 use crate::network::{Architecture, Parameters, TensorValues};
 
@@ -181,7 +181,7 @@ impl Checkpoint {
             metadata.insert(INSTRUCTION_SETS.to_owned(), sets.to_string());
         }
         metadata.extend(self.data.iter().map(|(name, part)| (format!("{DATA}{name}"), part.clone())));
-        io::write_safetensors(path, &tensors, &metadata, false)
+        io::write_safetensors(path, &tensors, &metadata, FloatWidth::Single, false)
     }
 
     fn read(path: &Path, architecture: &Architecture) -> Result<Self> {

@@ -9,6 +9,7 @@ use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
 use crate::core::metrics::{Metric, MetricDefinition};
 use crate::dataset::{FormationConfig, KernelChoice, NoiseConfig};
+use crate::examples::ExamplesConfig;
 use crate::network::{Architecture, Initialisation};
 use crate::perceptual::FeatureDistance;
 
@@ -38,6 +39,10 @@ pub struct TrainConfig {
     pub validation: ValidationConfig,
     /// What is kept to go on from.
     pub checkpoint: CheckpointConfig,
+    /// How `udc examples` makes the examples that are learned from, so that one file says all; a training reads it in
+    /// their folder, and records nothing of this.
+    #[serde(skip_serializing)]
+    pub examples: Option<ExamplesConfig>,
 }
 
 impl Default for TrainConfig {
@@ -54,6 +59,7 @@ impl Default for TrainConfig {
             schedule: ScheduleConfig::default(),
             validation: ValidationConfig::default(),
             checkpoint: CheckpointConfig::default(),
+            examples: None,
         }
     }
 }

@@ -29,7 +29,7 @@ pub use config::{
     CheckpointConfig, DataConfig, Degradation, KERNELS_KEY, LossConfig, OptimizerConfig, PerceptualConfig,
     ScheduleConfig, TrainConfig, ValidationConfig,
 };
-pub use data::{Degrade, InMemory, OnTheFlyData, Patch, StoredData, TrainingData, Window};
+pub use data::{Degrade, ExampleData, InMemory, OnTheFlyData, Patch, StoredData, TrainingData, Window};
 pub use identity::DataIdentity;
 pub use run::{Job, Outcome, Start, read_config};
 pub use sampler::Sampler;

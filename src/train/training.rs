@@ -44,9 +44,9 @@ impl Training<'_> {
         let job = Job {
             config,
             data: &*set.samples(config, self.warn)?,
-            validation: validation.as_ref().map(|data| data as _),
+            validation: validation.as_deref(),
             measures: self.measures,
-            data_say_formation: set.dataset().is_some(),
+            data_say_formation: set.says_formation(),
             identity,
             backend: self.backend,
             progress: self.progress,

@@ -1,4 +1,4 @@
-//! Opens what a training learns from: a dataset's files, or clean images degraded as they are drawn.
+//! Opens what a training learns from: a dataset's files, clean images degraded as they are drawn, or examples.
 
 use std::path::{Path, PathBuf};
 
@@ -7,11 +7,13 @@ use sha2::{Digest, Sha256};
 
 use super::clean::CleanImages;
 use super::config::{DataConfig, Degradation, TrainConfig};
-use super::data::{StoredData, TrainingData};
+use super::data::{ExampleData, StoredData, TrainingData};
 use super::identity::DataIdentity;
 use crate::core::error::{Error, Result};
 use crate::core::psf::hex;
-use crate::dataset::{CONFIG_FILE, Dataset, FormationConfig, Split};
+use crate::core::tone::ToneCurve;
+use crate::dataset::{CONFIG_FILE, Dataset, FormationConfig, KernelChoice, Split};
+use crate::examples::ExamplesFolder;
 use crate::io;
 
 /// Everything that samples are made of, opened once.
@@ -20,6 +22,8 @@ pub enum TrainingSet {
     Stored(Dataset),
     /// Clean images that are degraded as they are drawn, with the dataset that they are of, if any.
     OnTheFly(Box<CleanImages>, Option<Dataset>),
+    /// Examples whose planes were made before.
+    Examples(ExamplesFolder),
 }
 
 impl TrainingSet {
@@ -30,6 +34,9 @@ impl TrainingSet {
     /// were cut with another margin than the configuration says; those of reading the files.
     pub fn open(data: &Path, bank: Option<&Path>, config: &TrainConfig) -> Result<Self> {
         let refuse = |reason: &str| Err(Error::Unsupported(reason.to_owned()));
+        if ExamplesFolder::is_one(data) {
+            return Self::open_examples(data, bank, &config.data);
+        }
         let on_the_fly = config.data.degradation == Degradation::OnTheFly;
         match bank {
             Some(_) if !on_the_fly || data.join(CONFIG_FILE).is_file() => refuse(
@@ -53,11 +60,28 @@ impl TrainingSet {
         }
     }
 
+    /// Opens a folder of examples, which have their kernels and their formation behind them.
+    fn open_examples(data: &Path, bank: Option<&Path>, config: &DataConfig) -> Result<Self> {
+        let is_plain = config.degradation == Degradation::Stored
+            && config.kernels == KernelChoice::All
+            && config.formation == FormationConfig::default();
+        if bank.is_some() || !is_plain {
+            return Err(Error::Unsupported(format!(
+                "{} holds examples, which were degraded when they were made; leave out --bank, data.degradation, data.kernels \
+                 and data.formation",
+                data.display()
+            )));
+        }
+        let folder = ExamplesFolder::open(data).map_err(|error| error.while_doing("opening the examples"))?;
+        Ok(Self::Examples(folder))
+    }
+
     /// Refuses kernel codes of another length than the network reads.
     pub(super) fn check_codes(&self, config: &TrainConfig) -> Result<()> {
         let found = match self {
             Self::Stored(dataset) => dataset.code_dim(),
             Self::OnTheFly(clean, _) => clean.bank.code_dim(),
+            Self::Examples(_) => 0,
         };
         let needed = config.architecture.code_len().unwrap_or(found);
         if needed != found {
@@ -91,7 +115,13 @@ impl TrainingSet {
         match self {
             Self::Stored(dataset) => Some(dataset),
             Self::OnTheFly(_, dataset) => dataset.as_ref(),
+            Self::Examples(_) => None,
         }
+    }
+
+    /// Whether the data say themselves how images were formed, and not the configuration.
+    pub(super) fn says_formation(&self) -> bool {
+        self.dataset().is_some() || matches!(self, Self::Examples(_))
     }
 
     /// The samples to learn from; `warn` hears of what is found wrong with images as they are drawn.
@@ -109,6 +139,7 @@ impl TrainingSet {
                 StoredData::new(dataset, Split::Train, *cache_mib)?.only(kernels)?.with_planes(planes)?,
             ),
             Self::OnTheFly(clean, _) => Box::new(clean.samples(config, warn)?),
+            Self::Examples(folder) => Box::new(ExampleData::new(folder, Split::Train, planes, *cache_mib)?),
         })
     }
 
@@ -116,14 +147,19 @@ impl TrainingSet {
     ///
     /// # Errors
     /// As [`Self::samples`].
-    pub fn validation(&self, config: &TrainConfig) -> Result<Option<StoredData<'_>>> {
+    pub fn validation(&self, config: &TrainConfig) -> Result<Option<Box<dyn TrainingData + '_>>> {
+        let planes = config.architecture.planes();
+        if let Self::Examples(folder) = self {
+            let is_there = folder.records.iter().any(|record| record.split == Split::Val);
+            let data = || Ok(Box::new(ExampleData::new(folder, Split::Val, planes, 0)?) as _);
+            return is_there.then(data).transpose();
+        }
         let Some(dataset) = self.dataset() else { return Ok(None) };
         let is_there = |split: &Split| dataset.triplets.iter().any(|triplet| triplet.split == *split);
         let split = [Split::Val, Split::Test].into_iter().find(is_there);
         let data = |split| {
-            StoredData::new(dataset, split, 0)?
-                .only(&config.data.kernels)?
-                .with_planes(config.architecture.planes())
+            let data = StoredData::new(dataset, split, 0)?.only(&config.data.kernels)?;
+            Ok(Box::new(data.with_planes(planes)?) as _)
         };
         split.map(data).transpose()
     }
@@ -148,6 +184,17 @@ impl TrainingSet {
                 scenes_sha256: Some(contents_sha256(&clean.scenes)?),
                 tone_curve: clean.curve,
             },
+            Self::Examples(folder) => {
+                let config = &folder.file.examples;
+                #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
+                let x_max = config.sensor.x_max[1] as f32;
+                DataIdentity {
+                    images_sha256: Some(folder.sha256()),
+                    // Each example has an x_max of its own; this is the largest.
+                    tone_curve: ToneCurve::new(config.alpha, x_max)?,
+                    ..DataIdentity::default()
+                }
+            }
         })
     }
 }

@@ -25,6 +25,7 @@ const FLOW: &[&str] = &[
     "finish",
     "perceptual",
     "restore",
+    "examples",
     "train",
     "inspect",
     "experiment",

@@ -433,7 +433,8 @@ fn half_floats_are_clipped_where_that_is_asked_for() {
 #[test]
 fn examples_in_the_help_fit_into_terminals() {
     let scratch = tempfile::tempdir().unwrap();
-    for command in ["fuse", "codes", "crop", "synth", "train", "sweep", "restore", "eval", "finish", "report"]
+    for command in
+        ["fuse", "codes", "crop", "scenes", "synth", "train", "sweep", "restore", "eval", "finish", "report"]
     {
         let help = succeed(scratch.path(), &[command, "--help"]);
         let examples = help.split_once("Example").unwrap().1;

@@ -279,7 +279,15 @@ fn every_kind_of_network_is_trained_and_restores() {
     prepare(folder);
     let code = Array1::from_vec(vec![0.5, -1.0]).into_dyn();
     io::write_array(&folder.join("code.npy"), &code, false).expect("the folder is writable");
-    let kinds = [("unet", "none"), ("srmdnf", "image+psf"), ("sftmd", "image+psf"), ("de-unet", "image")];
+    io::write_psf(&folder.join("psf.exr"), &bank().psfs[0], &io::WriteOptions::default())
+        .expect("the folder is writable");
+    let kinds = [
+        ("unet", "none"),
+        ("srmdnf", "image+psf"),
+        ("sftmd", "image+psf"),
+        ("de-unet", "image"),
+        ("guided", "none"),
+    ];
     for (kind, condition) in kinds {
         let set = [format!("architecture.kind={kind}"), format!("architecture.condition={condition}")];
         let set =
@@ -297,6 +305,8 @@ fn every_kind_of_network_is_trained_and_restores() {
         args.extend(["--tile", "16", "--domain", "linear"]);
         if condition == "image+psf" {
             args.extend(["--code", "code.npy"]);
+        } else if kind == "guided" {
+            args.extend(["--psf", "psf.exr"]);
         }
         succeed(folder, &args);
         assert!(folder.join(restored).is_file());
@@ -399,6 +409,20 @@ fn a_model_can_be_described_and_a_checkpoint_converted() {
     assert_eq!(Model::load(&folder.join("model.safetensors")).unwrap().architecture().filter_size, 3);
     let said = succeed(folder, &["info", "model.safetensors"]);
     assert!(said.contains("features      4") && said.contains("filter-size   3"), "{said}");
+    succeed(folder, &["convert", "model.safetensors", "half.safetensors", "--half"]);
+    assert_eq!(
+        succeed(folder, &["info", "half.safetensors"]),
+        said.replace("model.safetensors", "half.safetensors")
+    );
+    let bytes = |name: &str| fs::metadata(folder.join(name)).unwrap().len();
+    // Of each number two bytes, and some digits of the places in the header.
+    let saved = bytes("model.safetensors") - bytes("half.safetensors");
+    assert!((2 * 55137..2 * 55137 + 2000).contains(&saved), "{saved}");
+    let kept = fs::read(folder.join("half.safetensors")).unwrap();
+    let refusal = fail(folder, &["convert", checkpoint, "half.safetensors", "--half"], 1);
+    assert!(
+        refusal.contains("half.safetensors") && fs::read(folder.join("half.safetensors")).unwrap() == kept
+    );
     let said = succeed(folder, &["info", "--json", checkpoint]);
     let description: serde_json::Value = serde_json::from_str(&said).unwrap();
     assert_eq!(description["architecture"]["condition"], "image+psf");

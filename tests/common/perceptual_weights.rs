@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use udc::io::{self, TensorData};
+use udc::io::{self, FloatWidth, TensorData};
 
 /// The finaliser of SplitMix64, of the state after `z`.
 fn splitmix64(z: u64) -> u64 {
@@ -34,7 +34,7 @@ pub(crate) fn write_convolutions(path: &Path, layers: &[(usize, [usize; 4])]) {
         add(2 * i, "weight", shape);
         add(2 * i + 1, "bias", &shape[..1]);
     }
-    io::write_safetensors(path, &tensors, &BTreeMap::new(), false).unwrap();
+    io::write_safetensors(path, &tensors, &BTreeMap::new(), FloatWidth::Single, false).unwrap();
 }
 
 pub(crate) fn write_alexnet(path: &Path) {
@@ -55,5 +55,5 @@ pub(crate) fn write_linear(path: &Path) {
         let data: TensorData<'_> = (vec![1, channels, 1, 1], Cow::Owned(weights));
         tensors.insert(format!("lin{i}.model.1.weight"), data);
     }
-    io::write_safetensors(path, &tensors, &BTreeMap::new(), false).unwrap();
+    io::write_safetensors(path, &tensors, &BTreeMap::new(), FloatWidth::Single, false).unwrap();
 }

@@ -9,6 +9,7 @@
 
 mod convolution;
 mod haze;
+mod irregular;
 mod panorama;
 mod propagation;
 mod rotation;

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use ndarray::{Array1, Array3, ArrayD};
 use serde_json::Value;
 use udc::core::image::ToneMappedImage;
+use udc::io::FloatWidth;
 use udc::network::{Architecture, Condition, Inputs, Model, Scales, weights};
 
 /// Reads an array of a fixture.
@@ -84,7 +85,7 @@ fn every_network_computes_what_pytorch_computes() {
 fn a_model_file_computes_what_its_checkpoint_computes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.safetensors");
-    weights::convert(&fixture("5.pth"), &path, false).unwrap();
+    weights::convert(&fixture("5.pth"), &path, FloatWidth::Single, false).unwrap();
     let (before, after) = (Model::load(&fixture("5.pth")).unwrap(), Model::load(&path).unwrap());
     assert_eq!(before.architecture(), after.architecture());
     let (image, code) = (image("5_input.npy".to_owned()), code(5));

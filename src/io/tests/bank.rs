@@ -106,7 +106,7 @@ fn a_model_is_not_taken_for_a_bank() {
     let tensors = BTreeMap::from([("w".to_owned(), (vec![2], Cow::Owned(vec![1.0, 2.0])))]);
     for (format, expected) in [(Some("udc-model"), "udc-model, not a kernel bank"), (None, "does not say")] {
         let metadata = format.map(|format| ("format".to_owned(), format.to_owned())).into_iter().collect();
-        write_safetensors(&path, &tensors, &metadata, true).unwrap();
+        write_safetensors(&path, &tensors, &metadata, FloatWidth::Single, true).unwrap();
         let message = read_bank(&path).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
     }

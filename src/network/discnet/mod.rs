@@ -17,8 +17,8 @@ use super::family::{Family, Forward, Stream, check_condition};
 use super::inputs::InputTensors;
 use super::layers::Layer;
 use super::operations::{
-    Activation, ConvolutionWeights, FilterHead, ResBlockWeights, convolution, dynamic_filter, from_layout,
-    res_block, to_layout, up_convolution,
+    Activation, ConvolutionWeights, FilterHead, LEAKY_SLOPE, ResBlockWeights, convolution, dynamic_filter,
+    from_layout, res_block, to_layout, up_convolution,
 };
 use crate::core::error::Result;
 use layers::{LEVELS, filter_generator_name, has_filters};
@@ -166,11 +166,9 @@ impl DiscNet {
 
     fn decode(&self, mut skips: Vec<Tensor<4>>) -> Tensor<4> {
         let coarsest = skips.pop().expect("the encoder has three resolutions");
-        skips
-            .into_iter()
-            .zip(&self.decoder)
-            .rev()
-            .fold(coarsest, |x, (skip, scale)| refine(up_convolution(x, &scale.conv, skip), &scale.blocks))
+        skips.into_iter().zip(&self.decoder).rev().fold(coarsest, |x, (skip, scale)| {
+            refine(up_convolution(x, &scale.conv, LEAKY_SLOPE, skip), &scale.blocks)
+        })
     }
 }
 

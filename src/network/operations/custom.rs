@@ -49,11 +49,12 @@ pub(super) trait NetworkOperations: Backend {
         bias2: FloatTensor<Self>,
     ) -> FloatTensor<Self>;
 
-    /// Convolution to four times the channels, pixel shuffle, LeakyReLU.
+    /// Convolution to four times the channels, pixel shuffle, LeakyReLU of a given slope: 1 for nothing.
     fn leaky_up_convolution(
         x: FloatTensor<Self>,
         weight: FloatTensor<Self>,
         bias: FloatTensor<Self>,
+        slope: f32,
     ) -> FloatTensor<Self>;
 
     /// Filters predicted from `condition` and applied to `features`.
@@ -119,8 +120,9 @@ macro_rules! operations {
             x: FloatTensor<Self>,
             weight: FloatTensor<Self>,
             bias: FloatTensor<Self>,
+            slope: f32,
         ) -> FloatTensor<Self> {
-            $($run)+(LeakyUpConvolution, [x, weight, bias])
+            $($run)+(LeakyUpConvolution { slope }, [x, weight, bias])
         }
 
         fn predicted_filter(
@@ -267,23 +269,27 @@ impl HostOperation<5> for ResidualBlock {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct LeakyUpConvolution;
+struct LeakyUpConvolution {
+    slope: f32,
+}
 
-fn up<'a>(weight: View<'a>, bias: View<'a>) -> UpConvolution<'a> {
-    UpConvolution { weight: weight.floats, bias: bias.floats, slope: LEAKY_SLOPE }
+impl LeakyUpConvolution {
+    fn with_parameters<'a>(self, weight: View<'a>, bias: View<'a>) -> UpConvolution<'a> {
+        UpConvolution { weight: weight.floats, bias: bias.floats, slope: self.slope }
+    }
 }
 
 impl HostOperation<3> for LeakyUpConvolution {
     fn forward(&self, [x, weight, bias]: [View<'_>; 3]) -> Computed {
         let batch = x.batch();
-        let output = up(weight, bias).forward(x.floats, batch);
+        let output = self.with_parameters(weight, bias).forward(x.floats, batch);
         let shape = Shape::new(batch.images, 2 * batch.height, 2 * batch.width, bias.side(0) / 4);
         Computed { output, shape, kept: Vec::new() }
     }
 
     fn backward(&self, [x, weight, bias]: [View<'_>; 3], passed: Passed<'_, 3>) -> [Vec<f32>; 3] {
-        let (input, parameters) =
-            up(weight, bias).backward(x.floats, x.batch(), passed.output, passed.gradient);
+        let up = self.with_parameters(weight, bias);
+        let (input, parameters) = up.backward(x.floats, x.batch(), passed.output, passed.gradient);
         [input, parameters.weight, parameters.bias]
     }
 }

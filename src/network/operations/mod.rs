@@ -142,13 +142,13 @@ pub fn dynamic_filter(
 }
 
 /// Convolves to four times the channels, spreads them over twice the sides, and adds the skip connection
-/// after the LeakyReLU.
-pub fn up_convolution(x: Tensor<4>, layer: &ConvolutionWeights, skip: Tensor<4>) -> Tensor<4> {
+/// after the LeakyReLU of slope `slope` (1 for none).
+pub fn up_convolution(x: Tensor<4>, layer: &ConvolutionWeights, slope: f32, skip: Tensor<4>) -> Tensor<4> {
     if !uses_kernels(&x.device()) {
-        return plain::up_convolution(x, layer, skip);
+        return plain::up_convolution(x, layer, slope, skip);
     }
     let (weight, bias) = (primitive(&layer.weight), primitive(&layer.bias));
-    Tensor::from_dispatch(Dispatch::leaky_up_convolution(x.into_dispatch(), weight, bias)) + skip
+    Tensor::from_dispatch(Dispatch::leaky_up_convolution(x.into_dispatch(), weight, bias, slope)) + skip
 }
 
 /// Doubles the sides by repetition, convolves with 3 × 3 taps, and adds the skip connection after the LeakyReLU.
@@ -161,7 +161,7 @@ pub fn enlarged_convolution(x: Tensor<4>, layer: &ConvolutionWeights, skip: Tens
     }
     let (weight, bias) = enlarging_tensors(layer);
     let (x, weight, bias) = (x.into_dispatch(), weight.into_dispatch(), bias.into_dispatch());
-    Tensor::from_dispatch(Dispatch::leaky_up_convolution(x, weight, bias)) + skip
+    Tensor::from_dispatch(Dispatch::leaky_up_convolution(x, weight, bias, LEAKY_SLOPE)) + skip
 }
 
 /// A spatial feature transform of `x` by a map: `x · σ(scale) + offset`, both computed of the two side by side by

@@ -54,14 +54,19 @@ pub(super) fn dynamic_filter(
 }
 
 /// That of [`up_convolution`](super::up_convolution): channel `4·c + 2·dy + dx` is pixel (dy, dx) of channel c.
-pub(super) fn up_convolution(x: Tensor<4>, layer: &ConvolutionWeights, skip: Tensor<4>) -> Tensor<4> {
+pub(super) fn up_convolution(
+    x: Tensor<4>,
+    layer: &ConvolutionWeights,
+    slope: f32,
+    skip: Tensor<4>,
+) -> Tensor<4> {
     let sums = convolve(x, layer, 1);
     let [items, height, width, channels] = sums.dims();
     let spread = sums
         .reshape([items, height, width, channels / 4, 2, 2])
         .permute([0, 1, 4, 2, 5, 3])
         .reshape([items, 2 * height, 2 * width, channels / 4]);
-    leak(spread, LEAKY_SLOPE) + skip
+    leak(spread, slope) + skip
 }
 
 /// That of [`enlarged_convolution`](super::enlarged_convolution).
@@ -228,7 +233,9 @@ mod tests {
 
     #[test]
     fn enlarging_convolutions_are_those_of_the_kernels() {
-        compare!(up_convolution, |g| g.batch(6), &g.layer(6, 12, 3), g.large(3));
+        for slope in [0.2, 1.0] {
+            compare!(up_convolution, |g| g.batch(6), &g.layer(6, 12, 3), slope, g.large(3));
+        }
         compare!(enlarged_convolution, |g| g.batch(6), &g.layer(6, 3, 3), g.large(3));
     }
 

@@ -12,7 +12,7 @@ use super::architecture::Architecture;
 use super::model::{Model, Origin};
 use super::parameters::{Parameters, TensorValues};
 use crate::core::error::{Error, Result};
-use crate::io;
+use crate::io::{self, FloatWidth};
 
 /// What the metadata of a model file calls its format.
 pub const FORMAT: &str = "udc-model";
@@ -37,12 +37,16 @@ pub struct Weights {
 /// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is of another kind, damaged, or
 /// when weights are missing, left over or of another shape.
 pub fn read(path: &Path) -> Result<Weights> {
-    let file = read_file(path, &|_| true)?;
-    let in_file = |error: Error| match error {
-        Error::Format { .. } | Error::Io { .. } => error,
-        other => Error::format(path, other.to_string()),
-    };
-    interpret(file).map_err(in_file)
+    interpret(path, read_file(path, &|_| true)?)
+}
+
+/// Takes a model from the bytes of a model file; `name` is what messages call it.
+///
+/// # Errors
+/// Those of [`read`] for such a file.
+pub fn parse(bytes: &[u8], name: &str) -> Result<Weights> {
+    let name = Path::new(name);
+    interpret(name, tensors::parse(bytes, name)?)
 }
 
 /// Reads the tensors of any network's weight file whose names are wanted.
@@ -68,7 +72,16 @@ fn read_file(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<TensorFile> {
     if is_safetensors { tensors::read(path) } else { pytorch::read(path, wanted) }
 }
 
-fn interpret(file: TensorFile) -> Result<Weights> {
+/// Makes a model of what a file of this name holds.
+fn interpret(name: &Path, file: TensorFile) -> Result<Weights> {
+    let in_file = |error: Error| match error {
+        Error::Format { .. } | Error::Io { .. } => error,
+        other => Error::format(name, other.to_string()),
+    };
+    weights_of(file).map_err(in_file)
+}
+
+fn weights_of(file: TensorFile) -> Result<Weights> {
     let metadata = &file.metadata;
     check_format(metadata)?;
     let architecture = match metadata.get("architecture") {
@@ -111,6 +124,10 @@ fn check_format(metadata: &BTreeMap<String, String>) -> Result<()> {
 /// # Errors
 /// [`Error::Io`] when the file cannot be written, or exists and may not be replaced.
 pub fn write(path: &Path, weights: &Weights, overwrite: bool) -> Result<()> {
+    write_as(path, weights, FloatWidth::Single, overwrite)
+}
+
+fn write_as(path: &Path, weights: &Weights, width: FloatWidth, overwrite: bool) -> Result<()> {
     let mut metadata = BTreeMap::from([
         ("format", FORMAT.to_owned()),
         ("version", VERSION.to_string()),
@@ -121,19 +138,20 @@ pub fn write(path: &Path, weights: &Weights, overwrite: bool) -> Result<()> {
     metadata.extend(origin.kernel_bank_sha256.clone().map(|hash| ("kernel_bank_sha256", hash)));
     let metadata = metadata.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
     let tensors = weights.parameters.iter().map(|p| (p.name.clone(), p.as_tensor())).collect();
-    io::write_safetensors(path, &tensors, &metadata, overwrite)
+    io::write_safetensors(path, &tensors, &metadata, width, overwrite)
 }
 
-/// Rewrites a weight file of any readable kind as a model file.
+/// Rewrites a weight file of any readable kind as a model file with floats of a width.
 ///
 /// # Errors
-/// Those of [`read()`] and [`write()`]; [`Error::Config`] when the output is not named `.safetensors`.
-pub fn convert(input: &Path, output: &Path, overwrite: bool) -> Result<()> {
+/// Those of [`read()`] and [`write()`]; [`Error::Config`] when the output is not named `.safetensors`;
+/// [`Error::Unsupported`] naming a tensor whose values half floats do not reach.
+pub fn convert(input: &Path, output: &Path, width: FloatWidth, overwrite: bool) -> Result<()> {
     if output.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("safetensors")) {
         let reason = format!("models are written as .safetensors, which {} is not", output.display());
         return Err(Error::config("output", reason));
     }
-    write(output, &read(input)?, overwrite)
+    write_as(output, &read(input)?, width, overwrite)
 }
 
 /// What a weight file is, for people to read.
@@ -207,7 +225,8 @@ mod tests {
     fn write_raw(path: &Path, weights: &Weights, metadata: &[(&str, &str)]) {
         let own = |(key, value): &(&str, &str)| ((*key).to_owned(), (*value).to_owned());
         let tensors = weights.parameters.iter().map(|p| (p.name.clone(), p.as_tensor())).collect();
-        io::write_safetensors(path, &tensors, &metadata.iter().map(own).collect(), true).unwrap();
+        let metadata = metadata.iter().map(own).collect();
+        io::write_safetensors(path, &tensors, &metadata, FloatWidth::Single, true).unwrap();
     }
 
     fn refusal(path: &Path) -> String {
@@ -247,6 +266,7 @@ mod tests {
             (Kind::Srmdnf, Condition::ImagePsf),
             (Kind::Sftmd, Condition::ImagePsf),
             (Kind::DeUnet, Condition::Image),
+            (Kind::Guided, Condition::None),
         ];
         for (kind, condition) in kinds {
             let path = folder.path().join(format!("{kind:?}.safetensors"));
@@ -257,6 +277,77 @@ mod tests {
             let found = read(&path).unwrap();
             assert_eq!((found.architecture, found.parameters), (saved.architecture, saved.parameters));
         }
+    }
+
+    /// Half floats keep eleven bits, and do not change when they are read and written again.
+    #[test]
+    fn a_model_of_half_width_differs_by_its_rounding_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let paths = ["full", "half", "again"].map(|name| folder.path().join(format!("{name}.safetensors")));
+        let mut saved = weights();
+        saved.parameters.iter_mut().next().unwrap().values[0] = 65504.0;
+        write(&paths[0], &saved, false).unwrap();
+        convert(&paths[0], &paths[1], FloatWidth::Half, false).unwrap();
+        convert(&paths[1], &paths[2], FloatWidth::Half, false).unwrap();
+        let [full, half, again] = paths.each_ref().map(|path| std::fs::read(path).unwrap());
+        assert!(half == again);
+        // Behind the header's length and the header.
+        let [full, half] = [full, half].map(|bytes| {
+            bytes.len() as u64 - 8 - u64::from_le_bytes(*bytes.first_chunk().expect("eight bytes and more"))
+        });
+        assert_eq!((full, half), (4 * saved.architecture.parameters(), 2 * saved.architecture.parameters()));
+        let found = read(&paths[1]).unwrap();
+        assert_eq!((&found.architecture, &found.origin), (&saved.architecture, &saved.origin));
+        assert_ne!(found.parameters, saved.parameters);
+        for (found, saved) in found.parameters.iter().zip(saved.parameters.iter()) {
+            for (a, b) in found.values.iter().zip(&saved.values) {
+                // Below the smallest normal number of half floats the last bit is worth 2⁻²⁴.
+                assert!((a - b).abs() <= (b.abs() / 2048.0).max(0.5_f32.powi(25)), "{a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn weights_beyond_half_floats_are_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let paths = ["full", "half"].map(|name| folder.path().join(format!("{name}.safetensors")));
+        let mut large = weights();
+        large.parameters.iter_mut().next().unwrap().values[1] = -65520.0;
+        write(&paths[0], &large, false).unwrap();
+        let message = convert(&paths[0], &paths[1], FloatWidth::Half, false).unwrap_err().to_string();
+        assert!(message.contains("conv_11.0.weight holds -65520") && message.contains("65504"), "{message}");
+        assert!(!paths[1].exists());
+    }
+
+    #[test]
+    fn a_model_is_taken_from_bytes_as_from_its_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        write_as(&path, &weights(), FloatWidth::Half, false).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let (parsed, read) = (Model::parse(&bytes, "the model").unwrap(), read(&path).unwrap());
+        assert_eq!((parsed.architecture(), parsed.origin()), (&read.architecture, &read.origin));
+        assert_eq!(parsed.weights().parameters, read.parameters);
+        let refusal = |bytes: &[u8]| parse(bytes, "the model").unwrap_err().to_string();
+        for len in [0, 7, 8, 100, bytes.len() - 1] {
+            let message = refusal(&bytes[..len]);
+            assert!(message.starts_with("the model: is no safetensors file"), "{message}");
+        }
+    }
+
+    /// PyTorch and others keep weights in bfloat16 as well, which has 32-bit floats' range.
+    #[test]
+    fn tensors_in_bfloat16_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.safetensors");
+        let given = [1.5_f32, -3.0e38, 0.007_812_5];
+        let bytes: Vec<u8> = given.iter().flat_map(|v| half::bf16::from_f32(*v).to_le_bytes()).collect();
+        let header = r#"{"w":{"dtype":"BF16","shape":[3],"data_offsets":[0,6]}}"#;
+        let length = (header.len() as u64).to_le_bytes();
+        std::fs::write(&path, [&length[..], header.as_bytes(), &bytes].concat()).unwrap();
+        let found = read_tensors(&path, &|_| true).unwrap();
+        let expected: Vec<f32> = given.iter().map(|v| half::bf16::from_f32(*v).to_f32()).collect();
+        assert_eq!(found["w"], TensorValues { shape: vec![3], values: expected });
     }
 
     #[test]
@@ -327,7 +418,8 @@ mod tests {
 
     #[test]
     fn conversion_wants_a_safetensors_name() {
-        let message = convert(Path::new("a.pth"), Path::new("b.pth"), false).unwrap_err().to_string();
+        let (input, output) = (Path::new("a.pth"), Path::new("b.pth"));
+        let message = convert(input, output, FloatWidth::Single, false).unwrap_err().to_string();
         assert!(message.contains(".safetensors"), "{message}");
     }
 }

@@ -32,12 +32,56 @@ pub(crate) struct TensorFile {
     pub(crate) metadata: BTreeMap<String, String>,
 }
 
+/// Bytes of which any thread can read any part.
+trait Source: Sync {
+    fn size(&self) -> u64;
+
+    /// Fills `to` with the bytes from `offset` on.
+    fn read_at(&self, offset: u64, to: &mut [u8]) -> Result<()>;
+}
+
+impl Source for SharedInput {
+    fn size(&self) -> u64 {
+        self.size()
+    }
+
+    fn read_at(&self, offset: u64, to: &mut [u8]) -> Result<()> {
+        self.read_at(offset, to)
+    }
+}
+
+/// Bytes in memory.
+struct InMemory<'a>(&'a [u8]);
+
+impl Source for InMemory<'_> {
+    fn size(&self) -> u64 {
+        self.0.len() as u64
+    }
+
+    fn read_at(&self, offset: u64, to: &mut [u8]) -> Result<()> {
+        let offset = usize::try_from(offset).expect("within what is in memory");
+        to.copy_from_slice(&self.0[offset..offset + to.len()]);
+        Ok(())
+    }
+}
+
 /// Reads a safetensors file.
 ///
 /// # Errors
 /// [`Error::Io`] when it cannot be read; [`Error::Format`] when it is damaged or holds other than floats.
 pub(crate) fn read(path: &Path) -> Result<TensorFile> {
-    let file = SharedInput::open(path)?;
+    read_source(&SharedInput::open(path)?, path)
+}
+
+/// Takes tensors from the bytes of a safetensors file; `name` is what messages call it.
+///
+/// # Errors
+/// [`Error::Format`] when it is damaged or holds other than floats.
+pub(crate) fn parse(bytes: &[u8], name: &Path) -> Result<TensorFile> {
+    read_source(&InMemory(bytes), name)
+}
+
+fn read_source(file: &impl Source, path: &Path) -> Result<TensorFile> {
     let damaged = |reason: &str| {
         Error::format(path, format!("is no safetensors file, or is damaged: {reason}; copy it again"))
     };
@@ -64,7 +108,7 @@ pub(crate) fn read(path: &Path) -> Result<TensorFile> {
             let reason = format!("tensor {name} holds {:?}; expected floats", info.dtype);
             return Err(Error::format(path, reason));
         };
-        let values = read_values(&file, data, info, append, chunk)?;
+        let values = read_values(file, data, info, append, chunk)?;
         Ok((name, TensorValues { shape: info.shape.clone(), values }))
     };
     let tensors: Vec<_> = header.tensors().into_iter().collect();
@@ -74,7 +118,7 @@ pub(crate) fn read(path: &Path) -> Result<TensorFile> {
 
 /// Reads the values of a tensor, whose place is counted from `data`, a chunk at a time.
 fn read_values(
-    file: &SharedInput,
+    file: &impl Source,
     data: u64,
     info: &TensorInfo,
     append: Append,

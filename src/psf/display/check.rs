@@ -4,7 +4,7 @@ use crate::core::error::{Error, Result};
 
 use crate::psf::MAX_SIZE_PX;
 
-use super::{DisplayConfig, LayoutConfig, LayoutKind, RegionConfig, SpectrumConfig};
+use super::{DisplayConfig, IrregularityConfig, LayoutConfig, LayoutKind, RegionConfig, SpectrumConfig};
 
 impl DisplayConfig {
     /// Makes sure that every value is in its range and belongs to the kind of layout.
@@ -80,7 +80,7 @@ impl LayoutConfig {
             require("display.wiring.width-um", line.width_um, is_positive, "a positive length")?;
             require_transmittance("display.wiring.transmittance", line.transmittance)?;
         }
-        Ok(())
+        self.irregularity.map_or(Ok(()), |irregularity| irregularity.check(self.kind))
     }
 
     /// Refuses keys that the kind of layout would ignore, and asks for those that it needs.
@@ -95,6 +95,7 @@ impl LayoutConfig {
             ("blue", self.blue.is_some(), panel),
             ("openings", !self.openings.is_empty(), panel),
             ("wiring", !self.wiring.is_empty(), panel),
+            ("irregularity", self.irregularity.is_some(), panel),
             ("file", self.file.is_some(), image),
             ("pixel-size-um", self.pixel_size_um.is_some(), image),
             ("grey", self.grey.is_some(), image),
@@ -106,7 +107,7 @@ impl LayoutConfig {
         let needed: &[usize] = match self.kind {
             LayoutKind::None => &[],
             LayoutKind::Pentile | LayoutKind::Stripe => &[0],
-            LayoutKind::Image => &[7, 8],
+            LayoutKind::Image => &[8, 9],
         };
         match needed.iter().map(|&index| keys[index]).find(|(_, present, _)| !present) {
             Some((key, ..)) => {
@@ -115,6 +116,25 @@ impl LayoutConfig {
             }
             None => Ok(()),
         }
+    }
+}
+
+/// The most pixels along a side of what repeats: more would be drawn too coarsely.
+const MOST_PIXELS: usize = 16;
+
+impl IrregularityConfig {
+    fn check(&self, kind: LayoutKind) -> Result<()> {
+        let key = "display.irregularity";
+        let fits = (2..=MOST_PIXELS).contains(&self.pixels);
+        if !fits || (kind == LayoutKind::Pentile && self.pixels % 2 == 1) {
+            let even = if kind == LayoutKind::Pentile { " and even, as red and blue alternate" } else { "" };
+            let reason = format!("must be from 2 to {MOST_PIXELS}{even}, found {}", self.pixels);
+            return Err(Error::config(format!("{key}.pixels"), reason));
+        }
+        let is_jitter = |v: f64| v.is_finite() && v >= 0.0;
+        require(&format!("{key}.jitter-um"), self.jitter_um, is_jitter, "a length from 0 up")?;
+        let is_spread = |v: f64| (0.0..1.0).contains(&v);
+        require(&format!("{key}.size-spread"), self.size_spread, is_spread, "from 0 to below 1")
     }
 }
 
@@ -186,6 +206,12 @@ mod tests {
             "[spectrum]\nred = []\n",
             "[spectrum]\nred = [[0.61, 1.0]]\n",
             "[display]\nkind = \"stripe\"\npitch-um = 60\nbackground-transmittance = 1.5\n",
+            "[display]\nkind = \"none\"\nirregularity = { pixels = 4 }\n",
+            "[display]\nkind = \"stripe\"\npitch-um = 60\nirregularity = { pixels = 1 }\n",
+            "[display]\nkind = \"stripe\"\npitch-um = 60\nirregularity = { pixels = 17 }\n",
+            "[display]\nkind = \"pentile\"\npitch-um = 60\nirregularity = { pixels = 5 }\n",
+            "[display]\nkind = \"stripe\"\npitch-um = 60\nirregularity = { pixels = 4, jitter-um = -1 }\n",
+            "[display]\nkind = \"stripe\"\npitch-um = 60\nirregularity = { pixels = 4, size-spread = 1 }\n",
         ] {
             assert!(matches!(parse(text), Err(Error::Config { .. })), "{text}");
         }

@@ -1,6 +1,7 @@
 //! Where a training's samples come from: anything that can cut a crop out of an item.
 
 mod cache;
+mod examples;
 mod on_the_fly;
 mod stored;
 
@@ -10,6 +11,7 @@ use crate::core::kernel_code::KernelCode;
 use crate::core::rng::Rng;
 use crate::network::Planes;
 
+pub use examples::ExampleData;
 pub use on_the_fly::{Degrade, OnTheFlyData};
 pub use stored::StoredData;
 
@@ -44,6 +46,11 @@ pub trait TrainingData: Sync {
     /// # Errors
     /// When the item cannot be read, or is smaller than the square.
     fn patch(&self, item: usize, side: usize, rng: &mut Rng) -> Result<Patch>;
+
+    /// What a validation scores item `item` by, beside all items together.
+    fn tags(&self, _item: usize) -> &[String] {
+        &[]
+    }
 }
 
 /// A square within an image.

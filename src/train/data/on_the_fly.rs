@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use rand::RngExt as _;
 
 use super::super::config::KERNELS_KEY;
-use super::cache::ImageCache;
+use super::cache::Cache;
 use super::{Patch, TrainingData, Window};
 use crate::core::error::Result;
-use crate::core::image::{Linear, LinearImage};
+use crate::core::image::LinearImage;
 use crate::core::kernel_code::KernelBank;
 use crate::core::progress::Progress;
 use crate::core::rng::Rng;
@@ -29,7 +29,7 @@ pub struct OnTheFlyData<'a> {
     kernels: Vec<usize>,
     curve: ToneCurve,
     degrade: Box<Degrade<'a>>,
-    cache: ImageCache<Linear>,
+    cache: Cache<LinearImage>,
     /// Pixels by which clean images are larger than the frame on each side.
     margin: usize,
     /// The planes that samples carry, and what they are made by.
@@ -46,7 +46,7 @@ impl<'a> OnTheFlyData<'a> {
         cache_mib: usize,
     ) -> Self {
         let kernels = (0..bank.len()).collect();
-        let cache = ImageCache::new(cache_mib);
+        let cache = Cache::new(cache_mib);
         Self { scenes, bank, kernels, curve, degrade, cache, margin: 0, planes: None }
     }
 

@@ -1,10 +1,10 @@
 //! Samples from a dataset's files: clean and degraded image of a triplet, cut at one place.
 
 use super::super::config::KERNELS_KEY;
-use super::cache::ImageCache;
+use super::cache::Cache;
 use super::{Patch, TrainingData, Window};
 use crate::core::error::{Error, Result};
-use crate::core::image::{ToneMapped, ToneMappedImage};
+use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
 use crate::core::progress::Progress;
 use crate::core::rng::Rng;
@@ -19,7 +19,7 @@ pub struct StoredData<'a> {
     dataset: &'a Dataset,
     items: Vec<(&'a Triplet, Option<KernelCode>)>,
     curve: ToneCurve,
-    cache: ImageCache<ToneMapped>,
+    cache: Cache<ToneMappedImage>,
     /// The planes that samples carry.
     planes: &'static [Plane],
 }
@@ -37,7 +37,7 @@ impl<'a> StoredData<'a> {
         };
         let items = dataset.split(split)?.into_iter().map(with_code).collect::<Result<_>>()?;
         let curve = dataset.formation.curve()?;
-        Ok(Self { dataset, items, curve, cache: ImageCache::new(cache_mib), planes: &[] })
+        Ok(Self { dataset, items, curve, cache: Cache::new(cache_mib), planes: &[] })
     }
 
     /// Gives samples planes, made of each whole image once where there is room to keep them.

@@ -423,7 +423,7 @@ fn data_with_planes(scale: f32) -> InMemory {
 fn a_network_that_reads_planes_learns_from_them_and_restores_with_them() {
     use crate::network::weights::Weights;
     use crate::network::{Model, Origin};
-    for kind in [Kind::Guided, Kind::GuidedTensors] {
+    for kind in [Kind::AllPlanes, Kind::AllPlanesTensors] {
         let mut config = config(4, 1);
         config.architecture =
             Architecture { kind, condition: Condition::None, features: 4, ..config.architecture };
@@ -457,7 +457,7 @@ fn a_network_that_reads_planes_learns_from_them_and_restores_with_them() {
 fn data_without_the_planes_that_a_network_reads_are_refused() {
     let mut config = config(1, 1);
     config.architecture =
-        Architecture { kind: Kind::Guided, condition: Condition::None, ..config.architecture };
+        Architecture { kind: Kind::AllPlanes, condition: Condition::None, ..config.architecture };
     let mut trainer = Trainer::new(&config, None, 4, Backend::default()).unwrap();
     let message = trainer.step(&data()).unwrap_err().to_string();
     assert!(message.contains("the plane \"deconvolved\""), "{message}");

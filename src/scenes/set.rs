@@ -1,0 +1,172 @@
+//! Paints numbered natural scenes into a folder.
+
+use std::path::{Path, PathBuf};
+
+use half::f16;
+use rand::Rng as _;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::natural::{NaturalKind, paint_natural};
+use crate::core::error::{Error, Result};
+use crate::core::image::LinearImage;
+use crate::core::progress::Progress;
+use crate::core::provenance::Provenance;
+use crate::core::rng;
+use crate::io::{self, WriteOptions};
+
+/// The largest side of a scene in pixels, margin included.
+pub const MOST_PIXELS: usize = 8192;
+
+/// Natural scenes of an endless sequence, and how their files are written.
+#[derive(Clone, Debug)]
+pub struct SceneSet {
+    /// Which of the endless sequences.
+    pub seed: u64,
+    /// The scenes' places in the sequence.
+    pub numbers: Vec<usize>,
+    /// Height and width in pixels, without any margin.
+    pub size: [usize; 2],
+    /// Pixels more on each side.
+    pub margin: usize,
+    /// Extension of the files: `exr` or `npy`.
+    pub image_format: &'static str,
+    /// Whether half floats are written, to whose largest number of 65504 brighter lights are clipped.
+    pub half: bool,
+    /// Whether files that are there may be replaced.
+    pub overwrite: bool,
+}
+
+/// What a scene's provenance says.
+#[derive(Serialize)]
+struct Origin {
+    kind: &'static str,
+    /// Of the sequence.
+    seed: u64,
+    number: usize,
+    /// Of the scene: what [`natural`](super::natural::natural) paints it of.
+    scene_seed: u64,
+    size: [usize; 2],
+    /// The key by which `udc synth` finds it.
+    margin: usize,
+}
+
+/// The seed of a scene of the endless sequence that belongs to a seed, for [`natural`](super::natural::natural).
+///
+/// Sequences of different seeds have no scene in common.
+pub fn scene_seed(seed: u64, number: usize) -> u64 {
+    rng::stream(seed, &format!("natural/scene/{number}")).next_u64()
+}
+
+impl SceneSet {
+    /// Paints all scenes into `folder`, several at a time, as `<kind>-s<seed>-<number>.<format>`.
+    ///
+    /// # Errors
+    /// Those of [`check`](Self::check); [`Error::Interrupted`] after an interrupt; [`Error::Io`] when a file exists or
+    /// cannot be written.
+    pub fn run(&self, folder: &Path, progress: &Progress) -> Result<()> {
+        self.check()?;
+        if folder.exists() {
+            self.numbers.iter().try_for_each(|n| io::check_output(&self.path(folder, *n), self.overwrite))?;
+        }
+        io::create_folder(folder)?;
+        let bar = progress.bar(self.numbers.len() as u64, "scenes");
+        self.numbers.par_iter().try_for_each(|&number| {
+            progress.check()?;
+            self.write(folder, number)?;
+            bar.inc(1);
+            Ok(())
+        })?;
+        bar.finish_and_clear();
+        Ok(())
+    }
+
+    /// Checks that the scenes can be painted.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for a size or margin that is out of range.
+    pub fn check(&self) -> Result<()> {
+        let [height, width] = self.size;
+        if height.min(width) < 16 || height.max(width) > MOST_PIXELS {
+            let reason =
+                format!("{height}x{width} is out of range; give sides of 16 to {MOST_PIXELS} pixels");
+            return Err(Error::config("size", reason));
+        }
+        if self.margin > (MOST_PIXELS - height.max(width)) / 2 {
+            let reason = format!(
+                "{} on each side of {height} × {width} makes more than {MOST_PIXELS} pixels; give less",
+                self.margin
+            );
+            return Err(Error::config("margin", reason));
+        }
+        Ok(())
+    }
+
+    fn write(&self, folder: &Path, number: usize) -> Result<()> {
+        let scene_seed = scene_seed(self.seed, number);
+        let kind = NaturalKind::of_seed(scene_seed);
+        let image = paint_natural(kind, scene_seed, self.size.map(|side| side + 2 * self.margin))?.image;
+        let (seed, size, margin) = (self.seed, self.size, self.margin);
+        let origin = Origin { kind: kind.name(), seed, number, scene_seed, size, margin };
+        let provenance = Some(Provenance::new("scenes", &origin));
+        let (half, overwrite) = (self.half, self.overwrite);
+        let options = WriteOptions { half, overwrite, provenance, ..WriteOptions::default() };
+        io::write_image(&self.path(folder, number), &self.fit(image), &options)
+    }
+
+    /// The image within the range of the numbers that it is written in.
+    fn fit(&self, image: LinearImage) -> LinearImage {
+        if self.half { image.map_in_place(|value| value.min(f16::MAX.to_f32())) } else { image }
+    }
+
+    fn path(&self, folder: &Path, number: usize) -> PathBuf {
+        let kind = NaturalKind::of_seed(scene_seed(self.seed, number)).name();
+        // No `_`, which would make all of them views of one panorama to `udc synth`.
+        folder.join(format!("{kind}-s{}-{number:05}.{}", self.seed, self.image_format))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::image::Linear;
+
+    fn set(numbers: std::ops::Range<usize>, half: bool) -> SceneSet {
+        let numbers = numbers.collect();
+        SceneSet { seed: 5, numbers, size: [24, 32], margin: 4, image_format: "exr", half, overwrite: false }
+    }
+
+    #[test]
+    fn a_scene_is_the_same_alone_and_among_others() {
+        let root = tempfile::tempdir().unwrap();
+        let [all, one] = ["all", "one"].map(|name| root.path().join(name));
+        set(0..4, false).run(&all, &Progress::default()).unwrap();
+        set(2..3, false).run(&one, &Progress::default()).unwrap();
+        let path = set(2..3, false).path(&one, 2);
+        let image = io::read_image::<Linear>(&path).unwrap();
+        assert_eq!((image.height(), image.width()), (32, 40));
+        assert_eq!(image, io::read_image::<Linear>(&set(0..4, false).path(&all, 2)).unwrap());
+        let provenance = io::read_provenance(&path).unwrap().unwrap();
+        assert_eq!((provenance.margin(), &provenance.config["seed"]), (Some(4), &5.into()));
+        let again = set(2..5, false).run(&one, &Progress::default()).unwrap_err().to_string();
+        assert!(again.contains("s5-00002.exr"), "{again}");
+        assert_eq!(std::fs::read_dir(&one).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn half_floats_hold_the_brightest_lights() {
+        let planes = ndarray::Array3::from_elem((3, 2, 2), 9e5);
+        let image = LinearImage::from_planes(planes).unwrap();
+        assert_eq!(set(0..1, true).fit(image.clone()).max(), 65504.0);
+        assert_eq!(set(0..1, false).fit(image).max(), 9e5);
+    }
+
+    #[test]
+    fn refuses_sizes_that_are_out_of_range() {
+        let refused =
+            |size, margin| SceneSet { size, margin, ..set(0..1, false) }.check().unwrap_err().to_string();
+        assert!(refused([8, 64], 0).starts_with("size: 8x64"));
+        assert!(refused([64, 9000], 0).starts_with("size: 64x9000"));
+        assert!(refused([64, 8000], 97).starts_with("margin: 97"));
+    }
+}

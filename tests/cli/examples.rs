@@ -1,0 +1,82 @@
+//! `udc examples`, and a training on what it makes.
+
+use std::fs;
+use std::path::Path;
+
+use super::common::{fail, succeed};
+
+const CONFIG: &str = r#"
+iterations = 4
+log-every = 1
+[architecture]
+kind = "guided"
+condition = "none"
+features = 3
+[data]
+crop = 32
+batch = 2
+accumulate = 1
+[validation]
+every = 2
+images = 2
+crop = 48
+[checkpoint]
+every = 4
+[examples]
+count = 6
+validation-share = 0.34
+side-px = 48
+[examples.panels]
+count = 2
+validation = 1
+psf-side-px = 31
+[examples.scenes]
+procedural-share = 1.0
+"#;
+
+fn prepare(folder: &Path) {
+    fs::write(folder.join("config.toml"), CONFIG).unwrap();
+}
+
+#[test]
+fn makes_examples_that_a_network_learns_from() {
+    let folder = tempfile::tempdir().unwrap();
+    prepare(folder.path());
+    let run = |args: &[&str]| succeed(folder.path(), args);
+    let said = run(&["examples", "config.toml", "-o", "examples", "--count", "5"]);
+    assert!(said.contains("5 examples made; 1 are for validation"), "{said}");
+    let said = run(&["examples", "config.toml", "-o", "examples", "--resume"]);
+    assert!(said.contains("1 examples made, 5 were there; 2 are for validation"), "{said}");
+    let said = run(&["train", "config.toml", "--data", "examples", "-o", "run"]);
+    assert!(said.contains(" deconvolved,") && said.contains("trained for 4 iterations"), "{said}");
+    let log = fs::read_to_string(folder.path().join("run/metrics.jsonl")).unwrap();
+    let lines = log.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    let validation = lines.filter(|line| line["psnr"].is_number()).last().expect("it was validated");
+    let tags = validation["tags"].as_object().expect("examples have tags");
+    assert!(tags.contains_key("harder") || tags.contains_key("simulator"), "{validation}");
+    // What was learned from is known by its contents, and its making is not the training's to record.
+    let config = fs::read_to_string(folder.path().join("run/config.toml")).unwrap();
+    assert!(!config.contains("[examples"), "{config}");
+    run(&["train", "--data", "examples", "-o", "run", "--resume"]);
+    run(&["examples", "config.toml", "-o", "examples", "--resume", "--count", "7"]);
+    let said = fail(folder.path(), &["train", "--data", "examples", "-o", "run", "--resume"], 1);
+    assert!(said.contains("other data than the run learned from"), "{said}");
+}
+
+#[test]
+fn refuses_what_it_cannot_make_examples_of_or_in() {
+    let folder = tempfile::tempdir().unwrap();
+    prepare(folder.path());
+    let refusal = |args: &[&str]| fail(folder.path(), &[&["examples"], args].concat(), 1);
+    fs::write(folder.path().join("plain.toml"), "iterations = 3").unwrap();
+    assert!(refusal(&["plain.toml", "-o", "examples"]).contains("add a section [examples]"));
+    assert!(refusal(&["config.toml", "-o", "."]).contains("something else than examples"));
+    assert!(refusal(&["config.toml", "-o", "examples", "--count", "0"]).contains("examples.count"));
+    let panoramas = CONFIG.replace("procedural-share = 1.0", "procedural-share = 0.0");
+    fs::write(folder.path().join("panoramas.toml"), panoramas).unwrap();
+    assert!(refusal(&["panoramas.toml", "-o", "examples"]).contains("--scenes"));
+    fs::create_dir(folder.path().join("empty")).unwrap();
+    fs::write(folder.path().join("empty/examples.toml"), "format = 3").unwrap();
+    let said = fail(folder.path(), &["train", "config.toml", "--data", "empty", "-o", "run"], 1);
+    assert!(said.contains("examples.toml: line 1"), "{said}");
+}

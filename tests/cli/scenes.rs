@@ -1,0 +1,71 @@
+//! `udc scenes`.
+
+use std::path::{Path, PathBuf};
+
+use ndarray::Array3;
+use udc::core::image::Linear;
+use udc::core::psf::Psf;
+use udc::dataset::{Dataset, Split};
+use udc::io::{self, WriteOptions};
+
+use super::common::{fail, succeed};
+
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    files
+}
+
+#[test]
+fn paints_scenes_that_synth_degrades() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    let paint = ["scenes", "--count", "6", "--seed", "3", "--size", "32x40", "--margin", "4", "-o", "scenes"];
+    let said = succeed(folder, &paint);
+    assert!(said.contains("6 scenes, 32 × 40 pixels and a margin of 4"), "{said}");
+    let painted = files(&folder.join("scenes"));
+    assert_eq!(painted.len(), 6);
+    let provenance = io::read_provenance(&painted[0]).unwrap().unwrap();
+    assert_eq!((provenance.command.as_str(), &provenance.config["seed"]), ("scenes", &3.into()));
+    assert_eq!(io::read_image::<Linear>(&painted[0]).unwrap().width(), 48);
+    assert!(fail(folder, &paint, 1).contains("--overwrite"));
+
+    let energy =
+        Array3::from_shape_fn((3, 9, 9), |(_, y, x)| (-(y as f32 - 4.0).hypot(x as f32 - 4.0)).exp());
+    let psf = Psf::from_energy(energy).unwrap();
+    io::write_psf(&folder.join("psf.exr"), &psf, &WriteOptions::default()).unwrap();
+    succeed(folder, &["synth", "scenes", "--psf", "psf.exr", "--test-fraction", "0.34", "-o", "dataset"]);
+    let dataset = Dataset::open(&folder.join("dataset")).unwrap();
+    let count = |split| dataset.triplets.iter().filter(|triplet| triplet.split == split).count();
+    // Each scene is a source of its own, so that a third of six is two.
+    assert_eq!((count(Split::Train), count(Split::Test)), (4, 2));
+}
+
+#[test]
+fn parts_make_the_whole_and_other_seeds_other_scenes() {
+    let scratch = tempfile::tempdir().unwrap();
+    let paint = |folder: &str, more: &[&str]| {
+        let args = ["scenes", "--count", "3", "--size", "24", "--format", "npy", "--half", "-o", folder];
+        succeed(scratch.path(), &[&args[..], more].concat());
+    };
+    paint("whole", &[]);
+    ["1/2", "2/2"].iter().for_each(|shard| paint("parts", &["--shard", shard, "--threads", "1"]));
+    let contents = |folder: &str| {
+        let read = |path: PathBuf| (path.file_name().unwrap().to_owned(), std::fs::read(&path).unwrap());
+        files(&scratch.path().join(folder)).into_iter().map(read).collect::<Vec<_>>()
+    };
+    assert_eq!(contents("whole"), contents("parts"));
+    paint("other", &["--seed", "1"]);
+    assert!(contents("other").iter().all(|(_, bytes)| contents("whole").iter().all(|(_, old)| old != bytes)));
+}
+
+#[test]
+fn refuses_sizes_that_are_none() {
+    let scratch = tempfile::tempdir().unwrap();
+    let refused = |size: &str, code: i32| {
+        fail(scratch.path(), &["scenes", "--count", "1", "--size", size, "-o", "scenes"], code)
+    };
+    assert!(refused("large", 2).contains("expected 512 or 512x768, found `large`"));
+    assert!(refused("8x900", 1).contains("16 to 8192 pixels"));
+    assert!(!scratch.path().join("scenes").exists());
+}
