@@ -2,7 +2,7 @@
 
 use ndarray::{Array2, ArrayView2, Zip};
 
-use super::conjugate::{Preconditioner, Room, System};
+use super::conjugate::{Preconditioner, Room, System, inner};
 use super::flare::{Clipped, grown};
 use super::frame::{Blur, Frame};
 use super::noise_level::NoiseLevel;
@@ -31,6 +31,18 @@ const SMOOTHNESS: [f32; 2] = [1.5, 15.0];
 
 /// How far the steps of lamps go beside those of other pixels.
 const LAMP_BOOST: f32 = 0.3;
+
+/// Noise below which the prior gives way: a tenth of a photograph's.
+const LOW_NOISE: f32 = 2e-3;
+
+/// Noise below which a capture is a computed one.
+const NOISE_FREE: f32 = 3e-4;
+
+/// Steps to the exact inverse at most.
+const EXACT_STEPS: usize = 20;
+
+/// Relative misfit, root mean square, at which a noise-free capture is explained: 80 dB.
+const EXPLAINED: f32 = 1e-4;
 
 /// The floor of |H|² in the first inverse.
 const LEAST_POWER: f32 = 1e-4;
@@ -87,26 +99,18 @@ impl Channel {
             Array2::from_shape_fn(capture.dim(), |(y, x)| frame.contains(y, x) && capture[[y, x]] >= from);
         if !saturated.iter().any(|saturated| *saturated) {
             let inverse_brightness = local_mean(&capture, NEAR_PX).mapv(|n| 1.0 / (n + DARKNESS * alpha));
-            let smoothness = SMOOTHNESS[0] * sigma;
+            let smoothness = smoothness(SMOOTHNESS[0], sigma);
             let mut scene = frame.plane();
-            let inverse = brightness.mapv(|n| 1.0 / n);
-            blur.invert(
-                &capture,
-                &inverse,
-                |power, laplacian| 1.0 / (power + smoothness * laplacian + LEAST_POWER),
-                &mut scene,
-            );
-            Zip::from(&mut scene).and(&brightness).par_for_each(|x, n| *x = (*x * n).max(0.0));
-            return Ok(Self {
-                capture,
-                scene,
-                inverse_brightness,
-                brightness,
-                lamps: None,
-                level,
-                alpha,
-                noise,
-            });
+            if sigma <= NOISE_FREE && !frame.has_surrounding() {
+                scene = exact_inverse(&blur, &capture, &brightness, progress)?;
+            } else {
+                let inverse = brightness.mapv(|n| 1.0 / n);
+                let response =
+                    |power: f32, laplacian: f32| 1.0 / (power + smoothness * laplacian + LEAST_POWER);
+                blur.invert(&capture, &inverse, response, &mut scene);
+                Zip::from(&mut scene).and(&brightness).par_for_each(|x, n| *x = (*x * n).max(0.0));
+            }
+            return Ok(Self { capture, scene, inverse_brightness, brightness, lamps: None, level, noise });
         }
         Self::with_lamps(frame, (capture, brightness, saturated), (psf, level, alpha), (noise, progress))
     }
@@ -162,6 +166,18 @@ impl Channel {
         Ok(Self { capture, scene, inverse_brightness, brightness, lamps, level, noise })
     }
 
+    /// Rounds and steps in each: more where there is hardly any noise that would hide what they gain.
+    pub(super) fn effort(&self, frame: &Frame) -> [usize; 2] {
+        let is_low = self.noise.middle() < LOW_NOISE;
+        match (self.has_lamps(), is_low) {
+            (true, false) => [3, 8],
+            (true, true) => [4, 20],
+            (false, false) => [2, 1],
+            (false, true) if self.noise.middle() <= NOISE_FREE && !frame.has_surrounding() => [0, 0],
+            (false, true) => [3, 8],
+        }
+    }
+
     /// Whether pixels are saturated.
     pub(super) fn has_lamps(&self) -> bool {
         self.lamps.is_some()
@@ -189,7 +205,7 @@ impl Channel {
 
     /// λ of a scene with known edges.
     fn smoothness(&self) -> f32 {
-        SMOOTHNESS[1] * self.noise.middle()
+        smoothness(SMOOTHNESS[1], self.noise.middle())
     }
 
     /// The standard deviation of the scene's error.
@@ -242,4 +258,44 @@ impl Channel {
             if *saturated { LAMP_BOOST / value.max(least) } else { 0.0 }
         })))
     }
+}
+
+/// λ for a deviation of the noise.
+///
+/// # Equation
+/// `c·σ`, and `c·σ²/σ₀` below σ₀: the prior has to give way faster than noise where there is hardly any.
+fn smoothness(factor: f32, sigma: f32) -> f32 {
+    factor * sigma * (sigma / LOW_NOISE).min(1.0)
+}
+
+/// `x ← max(0, x + B(y − A x))`, B the regularised inverse, as long as that explains the capture better.
+///
+/// Where there is neither noise nor light from outside, some steps of it solve to many digits.
+fn exact_inverse(
+    blur: &Blur<'_>,
+    capture: &Array2<f32>,
+    brightness: &Array2<f32>,
+    progress: &Progress,
+) -> Result<Array2<f32>> {
+    let ones = Array2::ones(capture.dim());
+    let inverse = |power: f32, _| 1.0 / (power + LEAST_POWER);
+    let (mut scene, mut best) = (capture.clone(), (f64::INFINITY, capture.clone()));
+    let [mut residual, mut step] = [(); 2].map(|()| Array2::zeros(capture.dim()));
+    for _ in 0..EXACT_STEPS {
+        progress.check()?;
+        blur.apply(&scene, &mut residual);
+        Zip::from(&mut residual).and(capture).par_for_each(|r, y| *r = y - *r);
+        let relative = &residual / brightness;
+        let misfit = inner(&relative, &relative);
+        if misfit >= best.0 {
+            break;
+        }
+        best = (misfit, scene.clone());
+        if misfit <= f64::from(EXPLAINED).powi(2) * capture.len() as f64 {
+            break;
+        }
+        blur.invert(&residual, &ones, inverse, &mut step);
+        Zip::from(&mut scene).and(&step).par_for_each(|x, step| *x = (*x + step).max(0.0));
+    }
+    Ok(best.1)
 }

@@ -41,6 +41,11 @@ impl Frame {
         self.operator.plane_size()
     }
 
+    /// Whether light around the frame is unknown.
+    pub(super) fn has_surrounding(&self) -> bool {
+        self.plane_size() != self.size
+    }
+
     /// Whether a place of a plane is in the frame.
     pub(super) fn contains(&self, y: usize, x: usize) -> bool {
         y < self.size[0] && x < self.size[1]

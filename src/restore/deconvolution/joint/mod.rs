@@ -34,12 +34,6 @@ use conjugate::Room;
 use frame::Frame;
 use prior::Edges;
 
-/// Rounds where nothing is saturated, and where something is.
-const ROUNDS: [usize; 2] = [2, 3];
-
-/// Steps in a round where nothing is saturated, and where something is.
-const STEPS: [usize; 2] = [1, 8];
-
 /// What a capture tells of its scene.
 #[derive(Clone, Debug)]
 pub struct Solution {
@@ -59,25 +53,26 @@ pub(super) fn solve(
     let size = [image.height(), image.width()];
     let of_psf = [psf.height(), psf.width()];
     let frame = Frame::new(size, of_psf, config.border, TransformPrecision::Single);
-    let bar = progress.bar((CHANNELS * (1 + ROUNDS[1])) as u64, "deconvolving");
     let mut channels = Vec::with_capacity(CHANNELS);
     for channel in 0..CHANNELS {
         let planes = (image.channel(channel), psf.channel(channel));
         channels.push(Channel::new(&frame, planes, (config.saturation[channel], config.alpha), progress)?);
-        bar.inc(1);
     }
     let mut room = Room::new(frame.plane_size());
     let mut edges = Edges::unknown();
     let has_lamps = channels.iter().any(Channel::has_lamps);
-    for round in 0..ROUNDS[usize::from(has_lamps)] {
+    let efforts: Vec<[usize; 2]> = channels.iter().map(|channel| channel.effort(&frame)).collect();
+    let rounds = efforts.iter().map(|[rounds, _]| *rounds).max().unwrap_or(0);
+    let bar = progress.bar((CHANNELS * rounds) as u64, "deconvolving");
+    for round in 0..rounds {
         if round > 0 || !has_lamps {
             edges = edges_of(&channels);
         }
         for (index, channel) in channels.iter_mut().enumerate() {
-            let of_kind = usize::from(channel.has_lamps());
-            if round < ROUNDS[of_kind] {
+            let [rounds, steps] = efforts[index];
+            if round < rounds {
                 let psf = psf.channel(index);
-                channel.improve((&frame, psf), (&edges, STEPS[of_kind]), (&mut room, progress))?;
+                channel.improve((&frame, psf), (&edges, steps), (&mut room, progress))?;
             }
             bar.inc(1);
         }
