@@ -17,6 +17,7 @@ mod fuse;
 mod info;
 mod man;
 mod metrics;
+mod pose;
 mod psf;
 mod psf_file;
 mod report;
@@ -110,6 +111,7 @@ enum Command {
     Tonemap(tonemap::TonemapArgs),
     Train(train::TrainArgs),
     Sweep(sweep::SweepArgs),
+    Pose(pose::PoseArgs),
     Restore(restore::RestoreArgs),
     Eval(eval::EvalArgs),
     Finish(finish::FinishArgs),
@@ -287,6 +289,7 @@ impl Command {
             Self::Tonemap(args) => args.run(session),
             Self::Train(args) => args.run(session),
             Self::Sweep(args) => args.run(session),
+            Self::Pose(args) => args.run(session),
             Self::Restore(args) => args.run(session),
             Self::Eval(args) => args.run(session),
             Self::Finish(args) => args.run(session),

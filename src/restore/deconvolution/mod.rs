@@ -17,6 +17,8 @@ mod wiener;
 mod wiener_orieux;
 
 pub use joint::Solution;
+pub(super) use joint::pose::write_pose_in_words;
+pub use joint::pose::{PoseConfig, PoseEstimate, find_pose};
 use ndarray::{Array2, Array3, ArrayView2, Axis};
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,7 @@ use ndarray::{Array2, Zip};
 
 use super::conjugate::inner;
 use super::frame::{Blur, Frame};
-use super::smooth::smooth;
+use super::high_pass::HighPass;
 use crate::core::error::Result;
 use crate::core::progress::Progress;
 
@@ -40,26 +40,20 @@ pub(super) struct Clipped<'a> {
 /// The least squares whose solution is the light.
 struct Fit<'a> {
     clipped: &'a Clipped<'a>,
-    /// 1 where the capture is believed, 0 elsewhere.
-    known: Array2<f32>,
-    /// The smoothed `known`.
-    share: Array2<f32>,
-    /// `known` over the brightness.
-    weights: Array2<f32>,
+    high_pass: HighPass,
 }
 
 impl Clipped<'_> {
     /// Finds the light of saturated pixels above the level at which they saturate.
     ///
     /// # Equation
-    /// Minimises `|w·h(y − A(level·S + s))|²` over s ≥ 0 in S: w relative to the brightness, h the high pass
-    /// `r − G(M r)/G(M)` over the believed pixels M, by conjugate gradients that the exact diagonal of AᵀW²A, which is the
-    /// correlation of w² with k², makes well conditioned. A high pass that is not normalised by M would leak the saturated core
-    /// into its surroundings, and find a third of the light.
+    /// Minimises `|w·h(y − A(level·S + s))|²` over s ≥ 0 in S: w·h as in [`HighPass`], by conjugate gradients that the exact
+    /// diagonal of AᵀW²A, which is the correlation of w² with k², makes well conditioned.
     pub(super) fn measure(&self, progress: &Progress) -> Result<Array2<f32>> {
         let fit = Fit::new(self);
         let mut diagonal = self.frame.plane();
-        self.squared.transpose(&fit.weights, &fit.weights, &mut diagonal);
+        let weights = &fit.high_pass.weights;
+        self.squared.transpose(weights, weights, &mut diagonal);
         let most = diagonal.iter().fold(0.0, |most: f32, value| most.max(*value));
         let inverse = Zip::from(&diagonal).and(self.saturated).par_map_collect(|value, saturated| {
             if *saturated { 1.0 / value.max(LEAST_CURVATURE * most) } else { 0.0 }
@@ -74,29 +68,7 @@ impl<'a> Fit<'a> {
         let known = Array2::from_shape_fn(around.dim(), |(y, x)| {
             if !around[[y, x]] && clipped.frame.contains(y, x) { 1.0 } else { 0.0 }
         });
-        let mut share = known.clone();
-        smooth(&mut share, HIGH_PASS_PX);
-        share.mapv_inplace(|share| share + 1e-6);
-        let weights = Zip::from(&known).and(clipped.brightness).par_map_collect(|known, n| known / n);
-        Self { clipped, known, share, weights }
-    }
-
-    /// `w·h(r)`, in place.
-    fn pass(&self, r: &mut Array2<f32>) {
-        let mut smoothed = &*r * &self.known;
-        smooth(&mut smoothed, HIGH_PASS_PX);
-        Zip::from(r).and(&smoothed).and(&self.share).and(&self.weights).par_for_each(|r, low, share, w| {
-            *r = w * (*r - low / share);
-        });
-    }
-
-    /// `Aᵀ hᵀ(w·r)`.
-    fn back(&self, r: &Array2<f32>, out: &mut Array2<f32>) {
-        let weighted = r * &self.weights;
-        let mut smoothed = &weighted / &self.share;
-        smooth(&mut smoothed, HIGH_PASS_PX);
-        let passed = weighted - smoothed;
-        self.clipped.blur.transpose(&passed, &self.known, out);
+        Self { clipped, high_pass: HighPass::new(known, clipped.brightness, HIGH_PASS_PX) }
     }
 
     fn solve(&self, inverse: &Array2<f32>, progress: &Progress) -> Result<Array2<f32>> {
@@ -105,9 +77,9 @@ impl<'a> Fit<'a> {
         let mut residual = frame.plane();
         blur.apply(&base, &mut residual);
         Zip::from(&mut residual).and(*capture).par_for_each(|r, y| *r = y - *r);
-        self.pass(&mut residual);
+        self.high_pass.pass(&mut residual);
         let mut gradient = frame.plane();
-        self.back(&residual, &mut gradient);
+        self.high_pass.back(blur, &residual, &mut gradient);
         // From no light at all, only pixels that gain by some are free.
         let inverse =
             Zip::from(inverse).and(&gradient).par_map_collect(|p, g| if *g > 0.0 { *p } else { 0.0 });
@@ -118,7 +90,7 @@ impl<'a> Fit<'a> {
         for _ in 0..STEPS {
             progress.check()?;
             blur.apply(&direction, &mut image);
-            self.pass(&mut image);
+            self.high_pass.pass(&mut image);
             let curvature = inner(&image, &image);
             if !(slope > LEAST_SLOPE && curvature > 0.0) {
                 break;
@@ -126,7 +98,7 @@ impl<'a> Fit<'a> {
             let length = narrow(slope / curvature);
             light.scaled_add(length, &direction);
             residual.scaled_add(-length, &image);
-            self.back(&residual, &mut gradient);
+            self.high_pass.back(blur, &residual, &mut gradient);
             let turned = &inverse * &gradient;
             let next = inner(&gradient, &turned);
             let kept = narrow(next / slope);

@@ -1,0 +1,141 @@
+//! What a capture tells of the PSF's pose: lamps, and the flare around them.
+
+use ndarray::{Array2, ArrayView2, s};
+
+use super::super::super::Border;
+use super::super::conjugate::inner;
+use super::super::flare::grown;
+use super::super::frame::{Blur, Frame};
+use super::super::high_pass::HighPass;
+use super::super::smooth::local_mean;
+use crate::core::fft::TransformPrecision;
+use crate::core::saturation::saturated_from;
+
+/// The largest side of the part of a capture that is looked at.
+const LARGEST_PX: usize = 800;
+
+/// Pixels around lamps that are not believed.
+const GUARD_PX: usize = 2;
+
+/// Standard deviation of the bell that local brightness is taken over, in pixels.
+const NEAR_PX: f32 = 4.0;
+
+/// Standard deviation of the high pass, in pixels: narrower than the fit of clipped light has it, since a pose is told by the
+/// edges of orders, and the scene's detail grows with its size.
+const HIGH_PASS_PX: f32 = 4.0;
+
+/// Standard deviation of the bell that the power of what is left is averaged over, in pixels. A plain, unweighted fit has
+/// errors three times as large: busy parts of the scene drown the orders in quiet ones.
+const BUSY_PX: f32 = 4.0;
+
+/// A lamp that is not clipped is as many times brighter than the median.
+const LAMP_CONTRAST: f32 = 8.0;
+
+/// The share of the pixels that are lamps, at most, unless more are clipped.
+const LAMP_SHARE: f64 = 1e-2;
+
+/// Lamps and their surroundings in one channel of a capture.
+pub(super) struct Scene {
+    pub(super) frame: Frame,
+    /// y.
+    pub(super) capture: Array2<f32>,
+    /// Where the light of lamps is to be found.
+    pub(super) lamps: Array2<bool>,
+    /// The light that lamps have at least: the level of saturation where they are clipped.
+    pub(super) base: Array2<f32>,
+    pub(super) high_pass: HighPass,
+    /// `w·h(y)`.
+    pub(super) target: Array2<f32>,
+}
+
+impl Scene {
+    /// Looks for lamps in a channel that saturates at `level`, through a PSF of `psf` pixels; none without lamps.
+    pub(super) fn new(
+        channel: ArrayView2<'_, f32>,
+        psf: [usize; 2],
+        (level, alpha): (f32, f32),
+    ) -> Option<Self> {
+        let clipped_from = saturated_from(level);
+        let lamps_from = clipped_from.min(bright_from(channel));
+        let [top, left] = window_of_lamps(channel.mapv(|y| y >= lamps_from))?;
+        let side = |length: usize| length.min(LARGEST_PX);
+        let (height, width) = (side(channel.nrows()), side(channel.ncols()));
+        let capture = channel.slice(s![top..top + height, left..left + width]).mapv(|y| y.max(0.0));
+        let lamps = capture.mapv(|y| y >= lamps_from);
+        let base = capture.mapv(|y| if y >= clipped_from { level } else { 0.0 });
+        let brightness = local_mean(&capture, NEAR_PX).mapv(|mean| mean + alpha);
+        let known = grown(&lamps, GUARD_PX).mapv(|near| if near { 0.0 } else { 1.0 });
+        // All light that is fitted lies in the frame, and so does all that it is compared with.
+        let frame = Frame::new([height, width], psf, Border::Zero, TransformPrecision::Single);
+        let high_pass = HighPass::new(known, &brightness, HIGH_PASS_PX);
+        let target = high_pass.passed(&capture);
+        Some(Self { frame, capture, lamps, base, high_pass, target })
+    }
+
+    /// `w·h(A x)`.
+    pub(super) fn seen(&self, blur: &Blur<'_>, light: &Array2<f32>) -> Array2<f32> {
+        let mut image = self.frame.plane();
+        blur.apply(light, &mut image);
+        self.high_pass.pass(&mut image);
+        image
+    }
+
+    /// `w·h(y − A x)`.
+    pub(super) fn left(&self, blur: &Blur<'_>, light: &Array2<f32>) -> Array2<f32> {
+        &self.target - &self.seen(blur, light)
+    }
+
+    /// Makes pixels count by what is `left` unexplained around them.
+    pub(super) fn weigh(&mut self, left: &Array2<f32>) {
+        self.high_pass.weigh(left, BUSY_PX);
+        self.target = self.high_pass.passed(&self.capture);
+    }
+
+    /// Takes away what `columns`, which are orthonormal, explain.
+    pub(super) fn project_out(plane: &mut Array2<f32>, columns: &[Array2<f32>]) {
+        for column in columns {
+            let part = narrow(inner(column, plane));
+            plane.scaled_add(-part, column);
+        }
+    }
+}
+
+/// The light from which on pixels count as lamps that are not clipped.
+fn bright_from(channel: ArrayView2<'_, f32>) -> f32 {
+    let mut values: Vec<f32> = channel.iter().copied().collect();
+    values.sort_unstable_by(f32::total_cmp);
+    let last = values.len() - 1;
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a part of a length")]
+    let lamps = (last as f64 * LAMP_SHARE) as usize;
+    values[last - lamps].max(LAMP_CONTRAST * values[last / 2])
+}
+
+/// The corner of the part of the frame whose middle holds most lamps.
+fn window_of_lamps(lamps: Array2<bool>) -> Option<[usize; 2]> {
+    if !lamps.iter().any(|lamp| *lamp) {
+        return None;
+    }
+    let (height, width) = lamps.dim();
+    let starts = |whole: usize| {
+        let room = whole.saturating_sub(LARGEST_PX);
+        let count = room.div_ceil(LARGEST_PX / 4) + 1;
+        (0..count).map(move |index| room * index / (count - 1).max(1))
+    };
+    // Near the middle the flare lies in the window on all sides: a pixel counts by its distance from the border.
+    let nearness = |place: usize, start: usize, whole: usize| {
+        let side = whole.min(LARGEST_PX);
+        place.checked_sub(start).map_or(0, |at| if at < side { (at + 1).min(side - at) as u64 } else { 0 })
+    };
+    let places: Vec<(usize, usize)> =
+        lamps.indexed_iter().filter(|(_, lamp)| **lamp).map(|(place, _)| place).collect();
+    let score = |top: usize, left: usize| -> u64 {
+        places.iter().map(|(y, x)| nearness(*y, top, height) * nearness(*x, left, width)).sum()
+    };
+    let corners = starts(height).flat_map(|top| starts(width).map(move |left| [top, left]));
+    corners.max_by_key(|[top, left]| score(*top, *left))
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "planes are of 32 bits")]
+fn narrow(value: f64) -> f32 {
+    value as f32
+}

@@ -1,0 +1,117 @@
+//! A capture behind a panel that is turned and scaled tells by how much.
+
+use ndarray::{Array2, Array3};
+use rand::RngExt as _;
+
+use super::*;
+use crate::codes::MeasurementErrors;
+use crate::core::fft::{Boundary, Convolver};
+use crate::core::rng::stream;
+
+const SIDE: usize = 160;
+const LEVEL: f32 = 16.0;
+
+/// A core, spikes along the axes and orders upon them, out to 48 pixels, of a panel in a pose.
+fn panel([turn_deg, scale]: Pose2) -> Psf {
+    let (sin, cos) = turn_deg.to_radians().sin_cos();
+    let light = |y: usize, x: usize| {
+        let (dy, dx) = (y as f64 - 50.0, x as f64 - 50.0);
+        // Counter-clockwise as displayed.
+        let u = (cos * dx - sin * dy) / (1.0 + scale);
+        let v = (sin * dx + cos * dy) / (1.0 + scale);
+        let spike = |along: f64, across: f64| (-across.powi(2) / 2.0 - along.abs() / 15.0).exp();
+        let order = |a: f64, b: f64| (-((u - a).powi(2) + (v - b).powi(2)) / 3.0).exp();
+        let orders: f64 = [16.0, 32.0, 48.0]
+            .into_iter()
+            .map(|r| (order(r, 0.0) + order(-r, 0.0) + order(0.0, r) + order(0.0, -r)) * 8.0 / r)
+            .sum();
+        (-(u * u + v * v) / 2.0).exp() + 2e-3 * (spike(u, v) + spike(v, u)) + 2e-3 * orders
+    };
+    Psf::from_energy(Array3::from_shape_fn((3, 101, 101), |(_, y, x)| light(y, x) as f32)).unwrap()
+}
+
+/// A textured scene with discs of light: (row, column, radius, light).
+fn scene(lamps: &[(f64, f64, f64, f32)]) -> LinearImage {
+    let mut rng = stream(11, "walls");
+    let texture = Array2::from_shape_simple_fn((SIDE, SIDE), || rng.random::<f32>());
+    LinearImage::from_planes(Array3::from_shape_fn((3, SIDE, SIDE), |(_, y, x)| {
+        let disc = |&(cy, cx, radius, light): &(f64, f64, f64, f32)| {
+            if (y as f64 - cy).hypot(x as f64 - cx) <= radius { light } else { 0.0 }
+        };
+        let wall = if (x / 20 + y / 27) % 2 == 0 { 0.3 } else { 0.15 };
+        wall + 0.05 * texture[[y, x]] + lamps.iter().map(disc).fold(0.0, f32::max)
+    }))
+    .unwrap()
+}
+
+/// The capture of a scene, clipped at [`LEVEL`].
+fn capture(scene: &LinearImage, psf: &Psf) -> LinearImage {
+    let convolver = Convolver::new([SIDE, SIDE], [psf.height(), psf.width()], Boundary::Zero).unwrap();
+    let seen = convolver.convolve(&convolver.spectrum(scene).unwrap(), &convolver.otf(psf).unwrap());
+    LinearImage::from_planes(seen.mapv(|value| value.clamp(0.0, LEVEL))).unwrap()
+}
+
+fn search(capture: &LinearImage) -> Option<PoseEstimate> {
+    let config = PoseConfig { alpha: 0.25, saturation: [LEVEL; CHANNELS] };
+    find_pose(capture, &panel([0.0; 2]), &config, &Progress::default()).unwrap()
+}
+
+fn assert_found(lamps: &[(f64, f64, f64, f32)], pose: Pose2) {
+    let found = search(&capture(&scene(lamps), &panel(pose))).expect("the flare is strong");
+    assert!((found.turn_deg - pose[0]).abs() < 0.03, "{found:?} for {pose:?}");
+    assert!((found.scale - pose[1]).abs() < 1e-3, "{found:?} for {pose:?}");
+    let errors = [
+        (found.turn_deg - pose[0]) / found.turn_sigma_deg,
+        (found.scale - pose[1]) / found.scale_sigma,
+    ];
+    assert!(errors.iter().all(|error| error.abs() < 4.0), "{errors:?} deviations off: {found:?}");
+}
+
+const SUN: [(f64, f64, f64, f32); 1] = [(70.3, 85.6, 3.0, 5e4)];
+const LAMPS: [(f64, f64, f64, f32); 4] =
+    [(40.0, 50.0, 1.5, 900.0), (50.0, 120.0, 2.5, 500.0), (118.0, 70.0, 2.0, 700.0), (100.0, 130.0, 1.5, 1500.0)];
+
+#[test]
+fn finds_the_pose_from_a_sun() {
+    assert_found(&SUN, [0.3, 0.004]);
+}
+
+#[test]
+fn finds_the_pose_from_lamps() {
+    assert_found(&LAMPS, [0.3, 0.004]);
+    assert_found(&LAMPS, [-0.55, -0.006]);
+}
+
+#[test]
+fn finds_the_pose_from_a_lamp_that_is_not_clipped() {
+    assert_found(&[(70.0, 90.0, 0.9, 14.0), (112.0, 60.0, 0.9, 12.0)], [0.2, -0.003]);
+}
+
+#[test]
+fn a_psf_in_its_pose_stays_there() {
+    assert_found(&SUN, [0.0, 0.0]);
+}
+
+#[test]
+fn without_lamps_nothing_is_told() {
+    assert_eq!(search(&capture(&scene(&[]), &panel([0.3, 0.004]))), None);
+    let flat = LinearImage::from_planes(Array3::from_elem((3, SIDE, SIDE), LEVEL)).unwrap();
+    assert_eq!(search(&flat), None, "nothing but light");
+    let dark = LinearImage::from_planes(Array3::zeros((3, SIDE, SIDE))).unwrap();
+    assert_eq!(search(&dark), None);
+}
+
+/// Light that is clipped by a hair has no flare that could be told from the scene's detail.
+#[test]
+fn weak_flare_tells_nothing() {
+    let window = [(60.0, 80.0, 9.0, 1.2)];
+    assert_eq!(search(&capture(&scene(&window), &panel([0.3, 0.004]))), None);
+}
+
+#[test]
+fn refuses_a_saturation_that_is_no_light() {
+    let config = PoseConfig { alpha: 0.25, saturation: [1.0, 0.0, 1.0] };
+    let image = scene(&[]);
+    let error = find_pose(&image, &panel([0.0; 2]), &config, &Progress::default()).unwrap_err();
+    assert!(error.to_string().contains("saturation"), "{error}");
+}
