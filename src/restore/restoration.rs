@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::angle::{FoundAngle, find_code};
 use super::capture::{Capture, Restored};
-use super::deconvolution::{Border, DeconvolutionConfig, deconvolution_bytes, deconvolve};
+use super::deconvolution::{Border, DeconvolutionConfig, Method, deconvolution_bytes, deconvolve};
 use super::field::code_map;
 use super::guided::GuidedOptions;
 use super::highlights::{Highlights, blend_highlights};
@@ -250,8 +250,10 @@ impl Restoration {
                 let operator = NetworkOperator::new(model);
                 let mut plan = self.memory.plan_windows(size, self.tile, beside, &operator)?;
                 if !model.architecture().planes().is_empty() {
-                    let config =
-                        DeconvolutionConfig { border: self.border, ..DeconvolutionConfig::default() };
+                    let config = DeconvolutionConfig {
+                        border: self.border,
+                        ..DeconvolutionConfig::of_method(Method::Joint)
+                    };
                     plan.bytes = plan.bytes.max(self.plan_deconvolution(size, &config)?.bytes);
                 }
                 Ok(plan)
