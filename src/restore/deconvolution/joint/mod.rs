@@ -43,6 +43,8 @@ pub struct Solution {
     pub scene: LinearImage,
     /// The standard deviation of the scene's error as far as noise and the clipped flare make it, `[3, height, width]`.
     pub deviation: Array3<f32>,
+    /// The standard deviation of the noise of `log(capture + α)` in each channel, where it is of middling brightness.
+    pub relative_noise: [f32; CHANNELS],
 }
 
 /// Solves for the scene of which `image` is the convolution with `psf`, clipped at `config.saturation`.
@@ -80,6 +82,7 @@ pub(super) fn solve(
         }
     }
     drop(room);
+    let relative_noise = std::array::from_fn(|channel| channels[channel].relative_noise());
     let mut deviation = Array3::zeros((CHANNELS, size[0], size[1]));
     let mut scene = Array3::zeros((CHANNELS, size[0], size[1]));
     for (index, channel) in channels.into_iter().enumerate() {
@@ -89,7 +92,7 @@ pub(super) fn solve(
         scene.index_axis_mut(Axis(0), index).assign(&frame.cut(&channel.scene));
     }
     bar.finish_and_clear();
-    Ok(Solution { scene: LinearImage::from_planes(scene)?, deviation })
+    Ok(Solution { scene: LinearImage::from_planes(scene)?, deviation, relative_noise })
 }
 
 fn edges_of(channels: &[Channel]) -> Edges {
