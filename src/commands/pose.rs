@@ -73,7 +73,12 @@ impl PoseArgs {
             );
         };
         write_pose(&self.output, &pose, session.overwrite)?;
-        session.say(format_args!("{}: {pose}, told by {} of {}", self.output.display(), estimates.len(), files.len()))
+        session.say(format_args!(
+            "{}: {pose}, told by {} of {}",
+            self.output.display(),
+            estimates.len(),
+            files.len()
+        ))
     }
 
     fn estimate(

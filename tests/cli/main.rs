@@ -30,6 +30,7 @@ mod negatives;
 mod perceptual_weights;
 mod photograph;
 mod pictures;
+mod pose;
 mod psf_files;
 mod random_panels;
 mod raw;

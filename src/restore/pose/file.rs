@@ -41,9 +41,14 @@ pub fn read_pose(path: &Path) -> Result<Pose> {
             format!("is {format} of version {version}; this program reads {FORMAT} of version {VERSION}");
         return Err(Error::format(path, reason));
     }
-    for (key, value, furthest) in [("turn-deg", turn_deg, FURTHEST_TURN_DEG), ("scale", scale, FURTHEST_SCALE)] {
+    for (key, value, furthest) in
+        [("turn-deg", turn_deg, FURTHEST_TURN_DEG), ("scale", scale, FURTHEST_SCALE)]
+    {
         if !(value.abs() < furthest) {
-            return Err(Error::format(path, format!("{key} must be between -{furthest} and {furthest}, found {value}")));
+            return Err(Error::format(
+                path,
+                format!("{key} must be between -{furthest} and {furthest}, found {value}"),
+            ));
         }
     }
     for (key, value) in [("turn-sigma-deg", turn_sigma_deg), ("scale-sigma", scale_sigma)] {

@@ -25,9 +25,9 @@ impl<'a> LampFit<'a> {
         let mut diagonal = scene.frame.plane();
         squared.transpose(weights, weights, &mut diagonal);
         let most = diagonal.iter().fold(f32::MIN_POSITIVE, |most, value| most.max(*value));
-        let inverse = Zip::from(&diagonal).and(&scene.lamps).par_map_collect(|value, lamp| {
-            if *lamp { 1.0 / value.max(LEAST_CURVATURE * most) } else { 0.0 }
-        });
+        let inverse = Zip::from(&diagonal)
+            .and(&scene.lamps)
+            .par_map_collect(|value, lamp| if *lamp { 1.0 / value.max(LEAST_CURVATURE * most) } else { 0.0 });
         Self { inverse, progress }
     }
 

@@ -55,6 +55,10 @@ const FIRST_STEPS: usize = 4;
 const ROUNDS: usize = 8;
 const STEPS: usize = 8;
 
+/// How far the pose may still go when the search ends, in last steps: where light and pose are hard to tell apart, each is
+/// some 0.7 of the one before.
+const STEPS_TO_GO: f64 = 3.0;
+
 /// The longest Gauss–Newton step, within which derivatives hold.
 const LONGEST: Pose2 = [0.15, 0.004];
 
@@ -147,7 +151,9 @@ pub fn find_pose(
     config: &PoseConfig,
     progress: &Progress,
 ) -> Result<Option<PoseEstimate>> {
-    for (key, value) in std::iter::once(("alpha", config.alpha)).chain(config.saturation.map(|v| ("saturation", v))) {
+    for (key, value) in
+        std::iter::once(("alpha", config.alpha)).chain(config.saturation.map(|v| ("saturation", v)))
+    {
         if !(value.is_finite() && value > 0.0) {
             return Err(Error::config(key, format!("must be a positive number, found {value}")));
         }
@@ -178,6 +184,8 @@ struct Search<'a> {
     /// x.
     light: Array2<f32>,
     pose: Pose2,
+    /// The last step of the pose: large where the search ends before it has settled.
+    step: Pose2,
 }
 
 impl<'a> Search<'a> {
@@ -185,7 +193,7 @@ impl<'a> Search<'a> {
         let squared = scene.frame.squared_blur(movable.at([0.0; 2]).view())?;
         let fit = LampFit::new(&scene, &squared, progress);
         let light = scene.base.clone();
-        Ok(Self { scene, movable, fit, light, pose: [0.0; 2] })
+        Ok(Self { scene, movable, fit, light, pose: [0.0; 2], step: [0.0; 2] })
     }
 
     fn run(mut self) -> Result<Option<PoseEstimate>> {
@@ -194,14 +202,14 @@ impl<'a> Search<'a> {
         self.try_poses()?;
         for _ in 0..ROUNDS {
             self.weigh()?;
-            let step = self.step()?;
-            for (part, step) in step.into_iter().enumerate() {
-                self.pose[part] += step.clamp(-LONGEST[part], LONGEST[part]);
+            self.step = self.best_step()?;
+            for part in 0..2 {
+                self.pose[part] += self.step[part].clamp(-LONGEST[part], LONGEST[part]);
             }
             if self.pose.iter().zip(FURTHEST).any(|(part, furthest)| part.abs() > furthest) {
                 return Ok(None);
             }
-            if step.iter().zip(SETTLED).all(|(step, settled)| step.abs() < settled) {
+            if self.step.iter().zip(SETTLED).all(|(step, settled)| step.abs() < settled) {
                 break;
             }
         }
@@ -260,7 +268,7 @@ impl<'a> Search<'a> {
     }
 
     /// Improves the light, and gives the step to the best pose with it.
-    fn step(&mut self) -> Result<Pose2> {
+    fn best_step(&mut self) -> Result<Pose2> {
         let [mut q, mut r] = self.slopes()?;
         // Gram and Schmidt: turn = a·q, scale = b·q + c·r.
         let a = normalize(&mut q);
@@ -287,7 +295,10 @@ impl<'a> Search<'a> {
         let [turn, scale] = self.slopes()?;
         let untold = |slope| self.fit.unexplained((&self.scene, &blur), slope, &self.light, STEPS);
         let Some(deviations) = deviations(&[untold(turn)?, untold(scale)?], &left) else { return Ok(None) };
-        let sigma: Pose2 = std::array::from_fn(|part| (OPTIMISM * deviations[part]).hypot(LEAST_SIGMA[part]));
+        let sigma: Pose2 = std::array::from_fn(|part| {
+            let of_fit = (OPTIMISM * deviations[part]).hypot(LEAST_SIGMA[part]);
+            of_fit.hypot(STEPS_TO_GO * self.step[part])
+        });
         if sigma.iter().zip(USELESS_SIGMA).any(|(sigma, useless)| !(*sigma < useless)) {
             return Ok(None);
         }
