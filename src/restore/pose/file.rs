@@ -44,7 +44,7 @@ pub fn read_pose(path: &Path) -> Result<Pose> {
     for (key, value, furthest) in
         [("turn-deg", turn_deg, FURTHEST_TURN_DEG), ("scale", scale, FURTHEST_SCALE)]
     {
-        if !(value.abs() < furthest) {
+        if value.is_nan() || value.abs() >= furthest {
             return Err(Error::format(
                 path,
                 format!("{key} must be between -{furthest} and {furthest}, found {value}"),

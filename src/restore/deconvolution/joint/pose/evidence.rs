@@ -30,7 +30,7 @@ fn block_sums(a: &Array2<f32>, b: &Array2<f32>) -> Vec<f64> {
 pub(super) fn deviations(told: &[Array2<f32>; 2], left: &Array2<f32>) -> Option<Pose2> {
     let [tt, ts, ss] = [(0, 0), (0, 1), (1, 1)].map(|(i, j): (usize, usize)| inner(&told[i], &told[j]));
     let determinant = tt * ss - ts * ts;
-    if !(determinant > LEAST_DETERMINANT * tt * ss) {
+    if determinant.is_nan() || determinant <= LEAST_DETERMINANT * tt * ss {
         return None;
     }
     let [turns, scales] = told.each_ref().map(|told| block_sums(told, left));

@@ -55,7 +55,7 @@ impl<'a> LampFit<'a> {
                 }
             },
         );
-        self.descend((scene, blur), (columns, &inverse), &mut residual, light, steps)?;
+        self.descend((scene, blur), (columns, &inverse), (&mut residual, light), steps)?;
         Zip::from(light).and(&scene.base).par_for_each(|light, base| *light = light.max(*base));
         Ok(())
     }
@@ -70,7 +70,7 @@ impl<'a> LampFit<'a> {
     ) -> Result<Array2<f32>> {
         let shines = |inverse: &f32, light: &f32, base: &f32| if light > base { *inverse } else { 0.0 };
         let inverse = Zip::from(&self.inverse).and(light).and(&scene.base).par_map_collect(shines);
-        self.descend((scene, blur), (&[], &inverse), &mut plane, &mut scene.frame.plane(), steps)?;
+        self.descend((scene, blur), (&[], &inverse), (&mut plane, &mut scene.frame.plane()), steps)?;
         Ok(plane)
     }
 
@@ -78,8 +78,7 @@ impl<'a> LampFit<'a> {
         &self,
         (scene, blur): (&Scene, &Blur<'_>),
         (columns, inverse): (&[Array2<f32>], &Array2<f32>),
-        residual: &mut Array2<f32>,
-        light: &mut Array2<f32>,
+        (residual, light): (&mut Array2<f32>, &mut Array2<f32>),
         steps: usize,
     ) -> Result<()> {
         let mut gradient = scene.frame.plane();
