@@ -5,7 +5,7 @@
 
 use std::f32::consts::PI;
 
-use ndarray::ArrayView2;
+use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
 use rustfft::num_complex::Complex;
 
@@ -24,6 +24,9 @@ pub enum TransformPrecision {
     /// 64 bits, for planes of which the peak is far above what matters.
     Double,
 }
+
+/// Columns of a spectrum that tell the mean over all to a percent.
+const MEAN_COLUMNS: usize = 256;
 
 /// Convolves planes of one size, dark outside or periodic, with kernels of one size.
 pub struct PlaneOperator {
@@ -112,17 +115,19 @@ impl PlaneOperator {
         }))
     }
 
-    /// A x: `fill(row, samples)` writes the rows of x, which come as zeros; the result goes to `out`, row after row.
+    /// A x: `fill(row, samples)` writes the first `rows` rows of x, which come as zeros as the others are; `out`, which
+    /// may be smaller than a plane, takes the top left of the result.
     ///
     /// # Panics
-    /// When `out` is not of the planes' size, or the transfer function is of another operator.
+    /// When there are more rows, or `out` is larger, than those of the planes, or the transfer function is of another
+    /// operator.
     pub fn convolve(
         &self,
         kernel: &TransferFunction,
-        fill: impl Fn(usize, &mut [f32]) + Sync,
-        out: &mut [f32],
+        (rows, fill): (usize, impl Fn(usize, &mut [f32]) + Sync),
+        out: &mut Array2<f32>,
     ) {
-        self.multiply(kernel, Side::Convolution, &fill, out);
+        self.multiply(kernel, Side::Convolution, (rows, &fill), out);
     }
 
     /// Aᵀ x, as [`convolve`](Self::convolve).
@@ -132,10 +137,10 @@ impl PlaneOperator {
     pub fn correlate(
         &self,
         kernel: &TransferFunction,
-        fill: impl Fn(usize, &mut [f32]) + Sync,
-        out: &mut [f32],
+        (rows, fill): (usize, impl Fn(usize, &mut [f32]) + Sync),
+        out: &mut Array2<f32>,
     ) {
-        self.multiply(kernel, Side::Correlation, &fill, out);
+        self.multiply(kernel, Side::Correlation, (rows, &fill), out);
     }
 
     /// Multiplies the spectrum of x by `response(H, L)` of the transfer function H and of the Laplacian's, L ≥ 0.
@@ -146,15 +151,15 @@ impl PlaneOperator {
         &self,
         kernel: &TransferFunction,
         response: impl Fn(Complex<f32>, f32) -> Complex<f32> + Sync,
-        fill: impl Fn(usize, &mut [f32]) + Sync,
-        out: &mut [f32],
+        (rows, fill): (usize, impl Fn(usize, &mut [f32]) + Sync),
+        out: &mut Array2<f32>,
     ) {
         match (&self.transform, &kernel.0) {
             (EitherTransform::Single(transform), EitherSpectrum::Single(otf)) => {
-                self.apply(transform, otf, &fill, out, |h, laplacian| response(h, laplacian));
+                self.apply(transform, otf, (rows, &fill), out, |h, laplacian| response(h, laplacian));
             }
             (EitherTransform::Double(transform), EitherSpectrum::Double(otf)) => {
-                self.apply(transform, otf, &fill, out, |h, laplacian| {
+                self.apply(transform, otf, (rows, &fill), out, |h, laplacian| {
                     let factor = response(narrow(h), laplacian);
                     Complex::new(f64::from(factor.re), f64::from(factor.im))
                 });
@@ -166,8 +171,9 @@ impl PlaneOperator {
     /// The mean over all frequencies of `of(|H|², L)` with the weight `along_y(ky) · along_x(kx)`, kx and ky counted from 0;
     /// L is the Laplacian's transfer function.
     ///
-    /// # Panics
-    /// When the transfer function is of another operator.
+    /// # Accuracy
+    /// Of wide transforms every so many-th kx is read, [`MEAN_COLUMNS`] of them at least: a kernel that fills a part of a
+    /// plane has a transfer function that changes over several frequencies.
     pub fn mean(
         &self,
         kernel: &TransferFunction,
@@ -187,8 +193,9 @@ impl PlaneOperator {
             terms.map(|(ky, (w, l))| w * f64::from(of(power(kx * height + ky), l + of_x[kx]))).sum::<f64>()
                 * along_x[kx]
         };
-        let columns: Vec<f64> = (0..of_x.len()).into_par_iter().map(of_column).collect();
-        let weight = along_y.iter().sum::<f64>() * along_x.iter().sum::<f64>();
+        let read = || (0..of_x.len()).step_by((of_x.len() / MEAN_COLUMNS).max(1));
+        let columns: Vec<f64> = read().collect::<Vec<_>>().into_par_iter().map(of_column).collect();
+        let weight = along_y.iter().sum::<f64>() * read().map(|kx| along_x[kx]).sum::<f64>();
         columns.into_iter().sum::<f64>() / weight.max(f64::MIN_POSITIVE)
     }
 
@@ -196,21 +203,21 @@ impl PlaneOperator {
         &self,
         kernel: &TransferFunction,
         side: Side,
-        fill: &(impl Fn(usize, &mut [f32]) + Sync),
-        out: &mut [f32],
+        from: (usize, &(impl Fn(usize, &mut [f32]) + Sync)),
+        out: &mut Array2<f32>,
     ) {
         match (&self.transform, &kernel.0, side) {
             (EitherTransform::Single(transform), EitherSpectrum::Single(otf), Side::Convolution) => {
-                self.apply(transform, otf, fill, out, |h, _| h);
+                self.apply(transform, otf, from, out, |h, _| h);
             }
             (EitherTransform::Single(transform), EitherSpectrum::Single(otf), Side::Correlation) => {
-                self.apply(transform, otf, fill, out, |h, _| h.conj());
+                self.apply(transform, otf, from, out, |h, _| h.conj());
             }
             (EitherTransform::Double(transform), EitherSpectrum::Double(otf), Side::Convolution) => {
-                self.apply(transform, otf, fill, out, |h, _| h);
+                self.apply(transform, otf, from, out, |h, _| h);
             }
             (EitherTransform::Double(transform), EitherSpectrum::Double(otf), Side::Correlation) => {
-                self.apply(transform, otf, fill, out, |h, _| h.conj());
+                self.apply(transform, otf, from, out, |h, _| h.conj());
             }
             _ => panic!("the transfer function belongs to this operator"),
         }
@@ -220,13 +227,15 @@ impl PlaneOperator {
         &self,
         transform: &Transform<T>,
         otf: &[Complex<T>],
-        fill: &(impl Fn(usize, &mut [f32]) + Sync),
-        out: &mut [f32],
+        (rows, fill): (usize, &(impl Fn(usize, &mut [f32]) + Sync)),
+        out: &mut Array2<f32>,
         response: impl Fn(Complex<T>, f32) -> Complex<T> + Sync,
     ) {
         assert_eq!(otf.len(), transform.spectrum_len(), "the transfer function belongs to this operator");
         let [height, width] = self.plane_size();
-        let spectrum = transform.forward(std::slice::from_ref(&(0..height)), |row, samples| {
+        let window = Window { top: 0, left: 0, height: out.nrows(), width: out.ncols() };
+        assert!(rows <= height && window.height <= height && window.width <= width, "planes are larger");
+        let spectrum = transform.forward(std::slice::from_ref(&(0..rows)), |row, samples| {
             T::fill(&mut samples[..width], |samples| fill(row, samples));
         });
         let tall = self.rows.transform;
@@ -238,7 +247,7 @@ impl PlaneOperator {
                 *out = *x * response(*h, along_x[kx] + of_y);
             }
         };
-        transform.inverse(product, Window { top: 0, left: 0, height, width }, out);
+        transform.inverse(product, window, out.as_slice_mut().expect("planes are contiguous"));
         transform.reuse(spectrum);
     }
 

@@ -169,7 +169,7 @@ pub fn deconvolve(
 ) -> Result<LinearImage> {
     config.validate()?;
     if config.method == Method::Joint {
-        return Ok(joint::solve(image, psf, config, progress)?.scene);
+        return joint::restore(image, psf, config, progress);
     }
     let bar = progress.bar(CHANNELS as u64, "deconvolving");
     let mut restored = Array3::zeros(image.planes().dim());

@@ -1,6 +1,9 @@
 //! Estimates from a capture how noisy its light is, dark and bright.
 
-use ndarray::{Array2, ArrayView2};
+use std::ops::Range;
+
+use ndarray::{Array2, ArrayView2, s};
+use rayon::prelude::*;
 
 use super::super::noise::{BANDS, Detail, of_details};
 
@@ -9,6 +12,12 @@ const CLASSES: usize = 6;
 
 /// Pixels that a class needs for its noise to be told from its detail.
 const LEAST_PIXELS: usize = 400;
+
+/// Pixels that noise is estimated from: the median of a class of so many is known to a percent.
+const MOST_PIXELS: usize = 1 << 19;
+
+/// Rows of a strip: more than twice the taps of the widest band.
+const STRIP_ROWS: usize = 16;
 
 /// Standard deviation below which a capture counts as free of noise: 80 dB below one half of φ.
 const LEAST: f32 = 1e-4;
@@ -28,18 +37,22 @@ impl NoiseLevel {
         (alpha, saturated_from): (f32, f32),
         left: [f64; 3],
     ) -> Self {
-        let logarithm = capture.mapv(|y| (y.max(0.0) + alpha).ln());
-        let limits = limits_of_classes(&capture, &logarithm, saturated_from);
+        let strips: Vec<_> = strips(capture.nrows(), capture.ncols())
+            .into_iter()
+            .map(|rows| capture.slice(s![rows, ..]))
+            .map(|strip| (strip, strip.mapv(|y| (y.max(0.0) + alpha).ln())))
+            .collect();
+        let limits = limits_of_classes(&strips, saturated_from);
         let mut classes: Vec<[Vec<f32>; 3]> = limits.iter().map(|_| Default::default()).collect();
-        for (index, band) in BANDS.iter().enumerate() {
-            band.visit(&logarithm, |(y, x), detail| {
-                if capture[[y, x]] < saturated_from {
-                    let level = logarithm[[y, x]];
-                    let class =
-                        limits.iter().position(|(_, most)| level <= *most).unwrap_or(limits.len() - 1);
-                    classes[class][index].push(detail);
-                }
-            });
+        for (strip, logarithm) in &strips {
+            for (index, band) in BANDS.iter().enumerate() {
+                band.visit(logarithm, |place, detail| {
+                    if strip[place] < saturated_from {
+                        let class = limits.partition_point(|(_, most)| *most < logarithm[place]);
+                        classes[class.min(limits.len() - 1)][index].push(detail);
+                    }
+                });
+            }
         }
         let knots = limits.iter().zip(classes).filter(|(_, details)| details[0].len() >= LEAST_PIXELS);
         let mut knots: Vec<(f32, f32)> = knots
@@ -82,22 +95,28 @@ impl NoiseLevel {
 /// The median of the modulus of a standard normal variable.
 const MEDIAN_OF_NORMAL: f64 = 0.6745;
 
+/// The rows that noise is estimated from: all, or strips over the whole height.
+fn strips(height: usize, width: usize) -> Vec<Range<usize>> {
+    let count = (MOST_PIXELS / (STRIP_ROWS * width)).max(1);
+    if height * width <= MOST_PIXELS || count * STRIP_ROWS >= height {
+        return vec![0..height];
+    }
+    let strip = |index: usize| (2 * index + 1) * (height - STRIP_ROWS) / (2 * count);
+    (0..count).map(strip).map(|first| first..first + STRIP_ROWS).collect()
+}
+
 /// The middle and the upper end of each class of what is not saturated.
-fn limits_of_classes(
-    capture: &ArrayView2<'_, f32>,
-    logarithm: &Array2<f32>,
-    saturated_from: f32,
-) -> Vec<(f32, f32)> {
-    let mut levels: Vec<f32> = capture
+fn limits_of_classes(strips: &[(ArrayView2<'_, f32>, Array2<f32>)], saturated_from: f32) -> Vec<(f32, f32)> {
+    let mut levels: Vec<f32> = strips
         .iter()
-        .zip(logarithm)
+        .flat_map(|(strip, logarithm)| strip.iter().zip(logarithm))
         .filter(|(y, _)| **y < saturated_from)
         .map(|(_, level)| *level)
         .collect();
     if levels.is_empty() {
         return vec![(0.0, f32::MAX)];
     }
-    levels.sort_unstable_by(f32::total_cmp);
+    levels.par_sort_unstable_by(f32::total_cmp);
     let at = |part: usize| levels[(levels.len() - 1) * part / (2 * CLASSES)];
     (0..CLASSES).map(|class| (at(2 * class + 1), at(2 * class + 2))).collect()
 }

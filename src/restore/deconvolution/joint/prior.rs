@@ -9,30 +9,40 @@ use super::frame::row;
 /// Relative difference of neighbours, root mean square over the colours, from which on it is taken for an edge.
 const EDGE: f32 = 0.05;
 
+/// Writes a row of the inverse of a scene's local brightness.
+pub(super) type InverseBrightness<'a> = &'a (dyn Fn(usize, &mut [f32]) + Sync);
+
 /// How much less the difference of a pixel to its next ones counts than that within a surface, from 0 to 1; one plane for
 /// all colours, since edges are of things.
-pub(super) struct Edges(Option<Array2<f32>>);
+pub(super) struct Edges {
+    /// None: all count in full.
+    plane: Option<Array2<f32>>,
+    mean: f32,
+}
 
 impl Edges {
     /// Those of a scene of which nothing is known.
     pub(super) fn unknown() -> Self {
-        Self(None)
+        Self { plane: None, mean: 1.0 }
     }
 
-    /// Those of a scene in several colours, each with the inverse of its local brightness.
+    /// Those of a scene in several colours, each with what writes rows of the inverse of its local brightness.
     ///
     /// # Equation
     /// `e = (1 + (r/ε)²)^(−¾)`, r² the mean over the colours of `|∇x|²·v²`, forward differences: the weights of the penalty
     /// `|r|^½` beyond ε.
-    pub(super) fn of_scene(colors: &[(&Array2<f32>, &Array2<f32>)]) -> Self {
+    pub(super) fn of_scene(colors: &[(&Array2<f32>, InverseBrightness<'_>)]) -> Self {
         let (height, width) = colors.first().map_or((0, 0), |(x, _)| x.dim());
         #[expect(clippy::cast_precision_loss, reason = "three colours")]
         let share = 1.0 / (colors.len() as f32 * EDGE * EDGE);
         let mut edges = Array2::zeros((height, width));
-        edges.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(y, mut edges)| {
+        let rows = edges.axis_iter_mut(Axis(0)).into_par_iter().enumerate();
+        rows.for_each_init(Vec::new, |inverse, (y, mut edges)| {
             let edges = edges.as_slice_mut().expect("planes are contiguous");
-            for (x, inverse) in colors {
-                add_squares(edges, [row(x, y), row(x, (y + 1).min(height - 1))], row(inverse, y));
+            inverse.resize(width, 0.0);
+            for (x, inverse_brightness) in colors {
+                inverse_brightness(y, inverse);
+                add_squares(edges, [row(x, y), row(x, (y + 1).min(height - 1))], inverse);
             }
             edges.iter_mut().for_each(|e| {
                 // (1 + r²)^(−¾) by square roots.
@@ -40,26 +50,25 @@ impl Edges {
                 *e = 1.0 / (root * root.sqrt());
             });
         });
-        Self(Some(edges))
+        let mean = mean(&edges);
+        Self { plane: Some(edges), mean }
     }
 
     /// The weights, where any are known.
     pub(super) fn plane(&self) -> Option<&Array2<f32>> {
-        self.0.as_ref()
+        self.plane.as_ref()
     }
 
     /// The mean weight.
     pub(super) fn mean(&self) -> f32 {
-        let Some(edges) = &self.0 else { return 1.0 };
-        let sum = sum_of_rows(edges.nrows(), |y| row(edges, y).iter().map(|e| f64::from(*e)).sum());
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_precision_loss,
-            reason = "a mean of numbers up to 1"
-        )]
-        let mean = (sum / edges.len() as f64) as f32;
-        mean
+        self.mean
     }
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "a mean of numbers up to 1")]
+fn mean(edges: &Array2<f32>) -> f32 {
+    let sum = sum_of_rows(edges.nrows(), |y| row(edges, y).iter().map(|e| f64::from(*e)).sum());
+    (sum / edges.len() as f64) as f32
 }
 
 fn add_squares(sums: &mut [f32], [here, below]: [&[f32]; 2], inverse: &[f32]) {
@@ -82,26 +91,48 @@ pub(super) struct Prior<'a> {
 impl Prior<'_> {
     /// Adds `sign` times half the slope of the penalty at x.
     pub(super) fn add_slope(&self, x: &Array2<f32>, sign: f32, out: &mut Array2<f32>) {
-        let ones;
-        let edges = if let Edges(Some(edges)) = self.edges {
-            edges
-        } else {
-            ones = Array2::ones(x.dim());
-            &ones
-        };
+        let ones = vec![1.0; x.ncols()];
+        let edge = |y: usize| self.edges.plane().map_or(&ones[..], |edges| row(edges, y));
         let (height, scale) = (x.nrows(), sign * self.weight);
         let v = self.inverse_brightness;
         Zip::indexed(out.rows_mut()).par_for_each(|y, mut out| {
             let out = out.as_slice_mut().expect("planes are contiguous");
-            along_row(out, row(x, y), row(v, y), row(edges, y), scale);
+            along_row(out, row(x, y), row(v, y), edge(y), scale);
             if y + 1 < height {
-                across(out, [row(x, y), row(x, y + 1)], [row(v, y), row(v, y + 1)], row(edges, y), scale);
+                across(out, [row(x, y), row(x, y + 1)], [row(v, y), row(v, y + 1)], edge(y), scale);
             }
             if y > 0 {
-                across(out, [row(x, y), row(x, y - 1)], [row(v, y), row(v, y - 1)], row(edges, y - 1), scale);
+                across(out, [row(x, y), row(x, y - 1)], [row(v, y), row(v, y - 1)], edge(y - 1), scale);
             }
         });
     }
+
+    /// The penalty at x.
+    pub(super) fn energy(&self, x: &Array2<f32>) -> f64 {
+        let ones = vec![1.0; x.ncols()];
+        let (height, v) = (x.nrows(), self.inverse_brightness);
+        let energy = sum_of_rows(height, |y| {
+            let edges = self.edges.plane().map_or(&ones[..], |edges| row(edges, y));
+            let along = energy_along(row(x, y), row(v, y), edges);
+            if y + 1 == height {
+                return along;
+            }
+            along + energy_across([row(x, y), row(x, y + 1)], [row(v, y), row(v, y + 1)], edges)
+        });
+        f64::from(self.weight) * energy
+    }
+}
+
+/// `Σ e·v·v′·(x − x′)²` over the pairs of one row.
+fn energy_along(x: &[f32], v: &[f32], e: &[f32]) -> f64 {
+    let pairs = x.windows(2).zip(v.windows(2)).zip(e);
+    pairs.map(|((x, v), e)| f64::from(e * v[0] * v[1] * (x[0] - x[1]).powi(2))).sum()
+}
+
+/// `Σ e·v·v′·(x − x′)²` over the pairs of two rows.
+fn energy_across([x, below]: [&[f32]; 2], [v, w]: [&[f32]; 2], e: &[f32]) -> f64 {
+    let pairs = x.iter().zip(below).zip(v.iter().zip(w)).zip(e);
+    pairs.map(|(((x, below), (v, w)), e)| f64::from(e * v * w * (x - below).powi(2))).sum()
 }
 
 fn along_row(out: &mut [f32], x: &[f32], v: &[f32], e: &[f32], scale: f32) {

@@ -22,20 +22,23 @@ const LEAST_KNOWN: f32 = 0.05;
 /// Three boxes of 2r + 1 pixels have the variance `3·((2r + 1)² − 1)/12`; r is the one that is nearest to σ.
 pub(super) fn smooth(plane: &mut Array2<f32>, sigma_px: f32) {
     let radius = radius_of(sigma_px);
-    for _ in 0..PASSES {
-        plane.axis_iter_mut(Axis(0)).into_par_iter().for_each_init(Vec::new, |line, mut row| {
-            let row = row.as_slice_mut().expect("planes are contiguous");
+    plane.axis_iter_mut(Axis(0)).into_par_iter().for_each_init(Vec::new, |line, mut row| {
+        let row = row.as_slice_mut().expect("planes are contiguous");
+        for _ in 0..PASSES {
             line.clear();
             line.extend_from_slice(row);
             smooth_row(line, row, radius);
-        });
-    }
-    for _ in 0..PASSES {
-        plane.axis_chunks_iter_mut(Axis(1), STRIP).into_par_iter().for_each(|mut strip| {
-            let before = strip.to_owned();
-            smooth_columns(before.view(), strip.view_mut(), radius);
-        });
-    }
+        }
+    });
+    plane.axis_chunks_iter_mut(Axis(1), STRIP).into_par_iter().for_each(|mut strip| {
+        let mut from = strip.to_owned();
+        let mut to = from.clone();
+        for _ in 0..PASSES {
+            smooth_columns(from.view(), to.view_mut(), radius);
+            std::mem::swap(&mut from, &mut to);
+        }
+        strip.assign(&from);
+    });
 }
 
 /// The local mean with a bell of `sigma_px`, of those pixels alone that lie in the plane.
@@ -51,8 +54,8 @@ pub(super) fn local_mean(plane: &Array2<f32>, sigma_px: f32) -> Array2<f32> {
 
 /// Fills what is not `known` from its surroundings, from the finest bell that reaches it.
 pub(super) fn paint(plane: &mut Array2<f32>, known: &Array2<f32>) {
-    let mut holes = known.mapv(|known| known <= 0.0);
-    let seen = &*plane * known;
+    let mut holes = Zip::from(known).par_map_collect(|known| *known <= 0.0);
+    let seen = Zip::from(&*plane).and(known).par_map_collect(|value, known| value * known);
     for sigma_px in PAINTING_PX {
         if !holes.iter().any(|hole| *hole) {
             return;
@@ -60,7 +63,7 @@ pub(super) fn paint(plane: &mut Array2<f32>, known: &Array2<f32>) {
         let (mut light, mut share) = (seen.clone(), known.clone());
         smooth(&mut light, sigma_px);
         smooth(&mut share, sigma_px);
-        Zip::from(&mut *plane).and(&mut holes).and(&light).and(&share).for_each(
+        Zip::from(&mut *plane).and(&mut holes).and(&light).and(&share).par_for_each(
             |value, hole, light, share| {
                 if *hole && *share > LEAST_KNOWN {
                     (*value, *hole) = (light / share, false);
