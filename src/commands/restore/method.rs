@@ -13,7 +13,7 @@ const BORDERS: Choices<Border> = Choices(&[
     (
         "smooth",
         Border::Smooth,
-        "A scene that goes on: smoothly (wiener, wiener-orieux), or estimated (richardson-lucy, constrained)",
+        "A scene that goes on: smoothly (wiener, wiener-orieux), or estimated (richardson-lucy, constrained, joint)",
     ),
     ("periodic", Border::Periodic, "The frame again"),
     ("zero", Border::Zero, "Darkness, as in `udc synth --border zero`"),

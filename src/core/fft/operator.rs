@@ -284,3 +284,93 @@ fn narrow<T: Real>(z: Complex<T>) -> Complex<f32> {
 fn differences(length: usize, count: usize) -> Vec<f32> {
     (0..count).map(|k| 4.0 * (PI * k as f32 / length as f32).sin().powi(2)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::Convolver;
+    use super::*;
+
+    const PLANE: [usize; 2] = [19, 23];
+    const KERNEL: [usize; 2] = [7, 40];
+    const BOTH: [TransformPrecision; 2] = [TransformPrecision::Single, TransformPrecision::Double];
+
+    fn plane([height, width]: [usize; 2], seed: usize) -> Array2<f32> {
+        Array2::from_shape_fn((height, width), |(y, x)| ((y * 31 + x * 17 + seed) % 23) as f32 / 23.0)
+    }
+
+    fn kernel() -> Array2<f32> {
+        let k = plane(KERNEL, 5);
+        let sum = k.sum();
+        k / sum
+    }
+
+    fn rows(x: &Array2<f32>) -> (usize, impl Fn(usize, &mut [f32]) + Sync) {
+        (x.nrows(), |y, out: &mut [f32]| {
+            out[..x.ncols()].iter_mut().zip(x.row(y)).for_each(|(out, x)| *out = *x);
+        })
+    }
+
+    fn assert_near(a: &Array2<f32>, b: &Array2<f32>) {
+        // Sums of 280 products of numbers below 1 with a kernel of unit sum: 1e-5 is far above their rounding.
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5), "{a} is not {b}");
+    }
+
+    #[test]
+    fn convolves_and_correlates_as_the_convolver_does() {
+        for boundary in [Boundary::Zero, Boundary::Periodic] {
+            let convolver = Convolver::new(PLANE, KERNEL, boundary).unwrap();
+            let otf = convolver.kernel_spectrum(kernel().view()).unwrap();
+            let x = plane(PLANE, 1);
+            for precision in BOTH {
+                let operator = PlaneOperator::new(PLANE, KERNEL, boundary, precision);
+                let of_kernel = operator.transfer_function(kernel().view(), |k| k).unwrap();
+                let mut found = Array2::zeros(PLANE);
+                operator.convolve(&of_kernel, rows(&x), &mut found);
+                assert_near(&found, &convolver.convolve_plane(x.view(), &otf));
+                operator.correlate(&of_kernel, rows(&x), &mut found);
+                assert_near(&found, &convolver.correlate_plane(x.view(), &otf));
+            }
+        }
+    }
+
+    #[test]
+    fn a_part_of_a_plane_is_that_of_the_dark_plane_around_it() {
+        let operator = PlaneOperator::new(PLANE, KERNEL, Boundary::Periodic, TransformPrecision::Single);
+        let otf = operator.transfer_function(kernel().view(), |k| k * k).unwrap();
+        let part = plane([9, 12], 3);
+        let mut whole = Array2::zeros(PLANE);
+        whole.slice_mut(ndarray::s![..9, ..12]).assign(&part);
+        let (mut of_part, mut of_whole) = (Array2::zeros((4, 20)), Array2::zeros(PLANE));
+        operator.convolve(&otf, rows(&part), &mut of_part);
+        operator.convolve(&otf, rows(&whole), &mut of_whole);
+        assert_near(&of_part, &of_whole.slice(ndarray::s![..4, ..20]).to_owned());
+    }
+
+    /// The Laplacian of a wave is the wave times 4·sin²(π·k/N), summed over the axes.
+    #[test]
+    fn a_filter_reads_the_laplacian_of_a_wave() {
+        let size = [16, 24];
+        let wave = Array2::from_shape_fn((16, 24), |(y, x)| {
+            (2.0 * PI * (3.0 * y as f32 / 16.0 + 5.0 * x as f32 / 24.0)).cos()
+        });
+        let eigenvalue = 4.0 * ((PI * 3.0 / 16.0).sin().powi(2) + (PI * 5.0 / 24.0).sin().powi(2));
+        for precision in BOTH {
+            let operator = PlaneOperator::new(size, [3, 3], Boundary::Periodic, precision);
+            let otf = operator.transfer_function(plane([3, 3], 0).view(), |k| k).unwrap();
+            let mut found = Array2::zeros(size);
+            operator.filter(&otf, |_, laplacian| laplacian.into(), rows(&wave), &mut found);
+            assert_near(&(&found * 0.1), &(&wave * (0.1 * eigenvalue)));
+            let mean = operator.mean(&otf, |_, laplacian| laplacian, [&|_| 1.0, &|_| 1.0]);
+            // Over 13 of the 24 columns, since half a spectrum holds the two real ones once: 2 along y, 2 + 2/13 along x.
+            assert!((mean - 4.0).abs() < 0.2, "{mean}");
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "belongs to this operator")]
+    fn refuses_the_transfer_function_of_another_precision() {
+        let of = |precision| PlaneOperator::new(PLANE, KERNEL, Boundary::Zero, precision);
+        let otf = of(BOTH[0]).transfer_function(kernel().view(), |k| k).unwrap();
+        of(BOTH[1]).convolve(&otf, rows(&plane(PLANE, 1)), &mut Array2::zeros(PLANE));
+    }
+}

@@ -156,3 +156,40 @@ pub(super) fn inner(a: &Array2<f32>, b: &Array2<f32>) -> f64 {
 fn narrow(value: f64) -> f32 {
     value as f32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::prior::Edges;
+    use super::super::tests::panel_psf;
+    use super::*;
+    use crate::core::fft::TransformPrecision;
+    use crate::restore::deconvolution::Border;
+
+    /// As many steps as a system of 130 unknowns needs and to spare; half of the capture's pixels count double.
+    #[test]
+    fn solves_a_known_system() {
+        let psf = panel_psf(13);
+        let frame = Frame::new([10, 13], [13, 13], Border::Zero, TransformPrecision::Double);
+        let blur = frame.blur(psf.view()).unwrap();
+        let truth = Array2::from_shape_fn((10, 13), |(y, x)| 1.0 + ((y * 7 + x * 3) % 5) as f32);
+        let mut capture = frame.plane();
+        blur.apply(&truth, &mut capture);
+        let ones = Array2::ones((10, 13));
+        let weights = Array2::from_shape_fn((10, 13), |(_, x)| 1.0 + (x % 2) as f32);
+        let edges = Edges::unknown();
+        let system = System {
+            blur: &blur,
+            capture: capture.view(),
+            weights: &weights,
+            prior: Prior { weight: 0.0, edges: &edges, inverse_brightness: &ones },
+            preconditioner: Preconditioner { brightness: &ones, lamps: None },
+        };
+        let (mut x, mut room) = (capture.clone(), Room::new(&frame));
+        for _ in 0..3 {
+            blur.apply(&x, room.image());
+            system.descend(&mut x, 40, (&mut room, &Progress::default())).unwrap();
+        }
+        let worst = x.iter().zip(&truth).map(|(x, truth)| (x - truth).abs()).fold(0.0, f32::max);
+        assert!(worst < 1e-3, "{worst}");
+    }
+}

@@ -181,3 +181,53 @@ pub(super) fn grown(set: &Array2<bool>, steps: usize) -> Array2<bool> {
 fn narrow(value: f64) -> f32 {
     value as f32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::frame::Frame;
+    use super::super::tests::panel_psf;
+    use super::*;
+    use crate::core::fft::TransformPrecision;
+    use crate::restore::deconvolution::Border;
+
+    #[test]
+    fn the_light_of_a_lamp_a_thousand_times_above_saturation_is_found() {
+        const LEVEL: f32 = 16.0;
+        let psf = panel_psf(65);
+        let frame = Frame::new([64, 64], [65, 65], Border::Zero, TransformPrecision::Single);
+        let (blur, squared) = (frame.blur(psf.view()).unwrap(), frame.squared_blur(psf.view()).unwrap());
+        let scene = Array2::from_shape_fn((64, 64), |(y, x)| match (y, x) {
+            (30..32, 36..38) => 1000.0 * LEVEL,
+            _ => 0.2 + 0.05 * (y as f32 / 9.0).sin() * (x as f32 / 7.0).cos(),
+        });
+        let mut capture = frame.plane();
+        blur.apply(&scene, &mut capture);
+        capture.mapv_inplace(|y| y.clamp(0.0, LEVEL));
+        let saturated = capture.mapv(|y| y >= LEVEL);
+        let known = saturated.iter().filter(|saturated| !**saturated).count();
+        assert!(known > 3000, "{known} pixels of 4096 are not saturated");
+        let brightness = super::super::smooth::local_mean(&capture, 4.0) + 0.25;
+        let clipped = Clipped {
+            blur: &blur,
+            squared: &squared,
+            capture: capture.view(),
+            saturated: &saturated,
+            brightness: brightness.view(),
+            level: LEVEL,
+        };
+        let light = clipped.measure(&Progress::default()).unwrap();
+        let dark = light.iter().zip(&saturated).filter(|(_, saturated)| !**saturated);
+        assert!(dark.map(|(light, _)| *light).all(|light| light == 0.0));
+        let level: f32 = saturated.iter().map(|saturated| f32::from(u8::from(*saturated)) * LEVEL).sum();
+        let part = (light.sum() + level) / (4000.0 * LEVEL);
+        assert!((part - 1.0).abs() < 0.05, "{part}");
+    }
+
+    #[test]
+    fn a_set_grows_by_steps_along_rows_and_columns() {
+        let mut set = Array2::from_elem((5, 7), false);
+        set[[0, 3]] = true;
+        let found = grown(&set, 2);
+        assert!(found.indexed_iter().all(|((y, x), member)| *member == (y + x.abs_diff(3) <= 2)), "{found}");
+    }
+}

@@ -150,3 +150,6 @@ impl<'a> Colors<'a> {
         LinearImage::from_planes(scene)
     }
 }
+
+#[cfg(test)]
+mod tests;

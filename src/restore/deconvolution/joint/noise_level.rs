@@ -141,3 +141,57 @@ fn median(values: &mut [f32]) -> Option<f32> {
 fn narrow(value: f64) -> f32 {
     value as f32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const ALPHA: f32 = 0.25;
+
+    /// A ramp of brightness with noise of y + α that grows with it.
+    fn capture((height, width): (usize, usize), [dark, bright]: [f32; 2]) -> Array2<f32> {
+        let mut rng = rng::stream(3, "noise level");
+        Array2::from_shape_fn((height, width), |(_, x)| {
+            let part = x as f32 / width as f32;
+            let normal: f32 = StandardNormal.sample(&mut rng);
+            let sigma = dark + (bright - dark) * part;
+            (0.1 + 4.0 * part + ALPHA) * (sigma * normal).exp() - ALPHA
+        })
+    }
+
+    fn estimate(capture: &Array2<f32>) -> NoiseLevel {
+        NoiseLevel::estimate(capture.view(), (ALPHA, 16.0), [0.01, 0.03, 0.1])
+    }
+
+    /// Classes of 4000 pixels, and of every sixteenth row of a large frame, tell their median to some percent.
+    #[test]
+    fn finds_the_noise_of_dark_and_bright_light() {
+        for size in [(150, 160), (1024, 1024)] {
+            let noise = estimate(&capture(size, [0.02, 0.05]));
+            for (part, expected) in [(0.1, 0.023), (0.5, 0.035), (0.9, 0.047)] {
+                let found = noise.at(0.1 + 4.0 * part + ALPHA);
+                assert!((found / expected - 1.0).abs() < 0.15, "{size:?} at {part}: {found} of {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_known_is_no_noise() {
+        let full = Array2::from_elem((30, 30), 20.0);
+        for capture in [full, Array2::zeros((1, 1)), Array2::zeros((64, 64))] {
+            let noise = estimate(&capture);
+            assert_eq!([noise.at(0.25), noise.middle(), noise.at(100.0)], [LEAST; 3]);
+        }
+    }
+
+    #[test]
+    fn strips_are_spread_over_the_height_and_few() {
+        assert_eq!(strips(500, 1000), [0..500]);
+        let strips = strips(2448, 3264);
+        assert_eq!(strips.len() * STRIP_ROWS * 3264 / 100_000, 5);
+        assert!(strips[0].start < 200 && strips.last().unwrap().end > 2248);
+        assert!(strips.windows(2).all(|pair| pair[0].end <= pair[1].start));
+    }
+}

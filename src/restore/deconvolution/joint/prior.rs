@@ -151,3 +151,40 @@ fn across(out: &mut [f32], [here, there]: [&[f32]; 2], [v, w]: [&[f32]; 2], e: &
         out[i] += scale * e[i] * v[i] * w[i] * (here[i] - there[i]);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plane(seed: usize) -> Array2<f32> {
+        Array2::from_shape_fn((9, 11), |(y, x)| ((y * 31 + x * 17 + seed) % 23) as f32 / 23.0)
+    }
+
+    /// Of a quadratic form the difference quotient is exact but for rounding.
+    #[test]
+    fn the_slope_is_the_gradient_of_the_penalty() {
+        let (x, d, inverse_brightness) = (plane(1), plane(9), plane(4));
+        for edges in [Edges::unknown(), Edges { plane: Some(plane(6)), mean: 0.5 }] {
+            let prior = Prior { weight: 0.3, edges: &edges, inverse_brightness: &inverse_brightness };
+            let mut slope = Array2::from_elem(x.dim(), 1.0);
+            prior.add_slope(&x, 1.0, &mut slope);
+            let along = ((&slope - 1.0) * &d).sum();
+            let half_quotient = (prior.energy(&(&x + &d)) - prior.energy(&(&x - &d))) / 4.0;
+            assert!((f64::from(along) - half_quotient).abs() < 1e-4, "{along} {half_quotient}");
+        }
+    }
+
+    #[test]
+    fn edges_are_where_any_colour_has_one() {
+        let flat = Array2::from_elem((6, 8), 0.5);
+        let step = Array2::from_shape_fn((6, 8), |(_, x)| if x < 4 { 0.5 } else { 1.0 });
+        let ones = |_: usize, out: &mut [f32]| out.fill(1.0);
+        let edges = Edges::of_scene(&[(&flat, &ones), (&step, &ones), (&flat, &ones)]);
+        let plane = edges.plane().unwrap();
+        let at_step = (1.0 + 0.25 / (3.0 * EDGE * EDGE)).powf(-0.75);
+        for ((_, x), e) in plane.indexed_iter() {
+            assert!((e - if x == 3 { at_step } else { 1.0 }).abs() < 1e-5, "{x}: {e}");
+        }
+        assert!((edges.mean() - (7.0 + at_step) / 8.0).abs() < 1e-5);
+    }
+}

@@ -131,3 +131,66 @@ fn scale_of(radius: usize) -> f64 {
 fn narrow(value: f64) -> f32 {
     value as f32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plane(seed: usize) -> Array2<f32> {
+        Array2::from_shape_fn((40, 90), |(y, x)| ((y * 31 + x * 17 + seed) % 23) as f32 / 23.0)
+    }
+
+    #[test]
+    fn smoothing_is_symmetric_at_the_borders_too() {
+        let (a, b) = (plane(1), plane(7));
+        let (mut of_a, mut of_b) = (a.clone(), b.clone());
+        smooth(&mut of_a, 6.0);
+        smooth(&mut of_b, 6.0);
+        let (left, right) = ((&of_a * &b).sum(), (&a * &of_b).sum());
+        // Sums of 3600 products of 32 bits.
+        assert!((left - right).abs() < 1e-4 * left, "{left} {right}");
+    }
+
+    #[test]
+    fn a_bell_has_unit_sum_and_its_width() {
+        for sigma_px in [1.0_f32, 4.0, 6.0, 16.0] {
+            let mut bell = Array2::zeros((161, 161));
+            bell[[80, 80]] = 1.0;
+            smooth(&mut bell, sigma_px);
+            let variance: f32 = bell.indexed_iter().map(|((y, _), v)| v * (y as f32 - 80.0).powi(2)).sum();
+            // The boxes' widths are odd: a standard deviation is met to half a pixel at most.
+            assert!((bell.sum() - 1.0).abs() < 1e-4, "{sigma_px}: {}", bell.sum());
+            assert!((variance.sqrt() - sigma_px).abs() < 0.5, "{sigma_px}: {}", variance.sqrt());
+        }
+    }
+
+    #[test]
+    fn the_local_mean_of_a_constant_is_the_constant() {
+        for size in [(1, 1), (3, 50), (70, 66)] {
+            let mean = local_mean(&Array2::from_elem(size, 0.7), 4.0);
+            assert!(mean.iter().all(|v| (v - 0.7).abs() < 1e-5), "{size:?}: {mean}");
+        }
+    }
+
+    #[test]
+    fn holes_are_painted_like_their_surroundings() {
+        let truth = Array2::from_shape_fn((60, 60), |(_, x)| x as f32 / 60.0);
+        let known = Array2::from_shape_fn((60, 60), |(y, x)| {
+            f32::from((y as f32 - 30.0).hypot(x as f32 - 30.0) > 9.0)
+        });
+        let mut painted = &truth * &known;
+        paint(&mut painted, &known);
+        for ((place, painted), known) in painted.indexed_iter().zip(&known) {
+            let error = (painted - truth[place]).abs();
+            // A hole of 18 px over a ramp of 1/60 a pixel.
+            assert!(if *known > 0.0 { error < 1e-6 } else { error < 0.15 }, "{place:?}: {error}");
+        }
+    }
+
+    #[test]
+    fn what_no_bell_reaches_stays() {
+        let mut plane = Array2::from_elem((8, 8), 3.0);
+        paint(&mut plane, &Array2::zeros((8, 8)));
+        assert!(plane.iter().all(|v| *v == 3.0));
+    }
+}
