@@ -156,10 +156,10 @@ impl PlaneOperator {
     ) {
         match (&self.transform, &kernel.0) {
             (EitherTransform::Single(transform), EitherSpectrum::Single(otf)) => {
-                self.apply(transform, otf, (rows, &fill), out, |h, laplacian| response(h, laplacian));
+                self.apply((transform, otf), (rows, &fill), out, |h, laplacian| response(h, laplacian));
             }
             (EitherTransform::Double(transform), EitherSpectrum::Double(otf)) => {
-                self.apply(transform, otf, (rows, &fill), out, |h, laplacian| {
+                self.apply((transform, otf), (rows, &fill), out, |h, laplacian| {
                     let factor = response(narrow(h), laplacian);
                     Complex::new(f64::from(factor.re), f64::from(factor.im))
                 });
@@ -208,16 +208,16 @@ impl PlaneOperator {
     ) {
         match (&self.transform, &kernel.0, side) {
             (EitherTransform::Single(transform), EitherSpectrum::Single(otf), Side::Convolution) => {
-                self.apply(transform, otf, from, out, |h, _| h);
+                self.apply((transform, otf), from, out, |h, _| h);
             }
             (EitherTransform::Single(transform), EitherSpectrum::Single(otf), Side::Correlation) => {
-                self.apply(transform, otf, from, out, |h, _| h.conj());
+                self.apply((transform, otf), from, out, |h, _| h.conj());
             }
             (EitherTransform::Double(transform), EitherSpectrum::Double(otf), Side::Convolution) => {
-                self.apply(transform, otf, from, out, |h, _| h);
+                self.apply((transform, otf), from, out, |h, _| h);
             }
             (EitherTransform::Double(transform), EitherSpectrum::Double(otf), Side::Correlation) => {
-                self.apply(transform, otf, from, out, |h, _| h.conj());
+                self.apply((transform, otf), from, out, |h, _| h.conj());
             }
             _ => panic!("the transfer function belongs to this operator"),
         }
@@ -225,8 +225,7 @@ impl PlaneOperator {
 
     fn apply<T: Real>(
         &self,
-        transform: &Transform<T>,
-        otf: &[Complex<T>],
+        (transform, otf): (&Transform<T>, &[Complex<T>]),
         (rows, fill): (usize, &(impl Fn(usize, &mut [f32]) + Sync)),
         out: &mut Array2<f32>,
         response: impl Fn(Complex<T>, f32) -> Complex<T> + Sync,

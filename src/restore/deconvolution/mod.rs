@@ -200,6 +200,8 @@ pub fn solve(
 }
 
 /// Bytes that [`deconvolve`] takes, the image and the result included.
+///
+/// By [`Method::Joint`] those of an image with saturated pixels; without any it takes two thirds.
 pub fn deconvolution_bytes(image: [usize; 2], psf: [usize; 2], config: &DeconvolutionConfig) -> u64 {
     let pixels = (image[0] * image[1]) as u64;
     let (plane, grid) = match config.method {
@@ -216,7 +218,7 @@ pub fn deconvolution_bytes(image: [usize; 2], psf: [usize; 2], config: &Deconvol
         Method::WienerOrieux => (4, 6),
         Method::RichardsonLucy => (6, 3),
         Method::Constrained => (12, 4),
-        Method::Joint => (24, 4),
+        Method::Joint => return joint::bytes(pixels, of_plane, samples),
     };
     4 * (2 * CHANNELS as u64 * pixels + planes * of_plane + 2 * spectra * samples)
 }

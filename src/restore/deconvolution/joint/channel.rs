@@ -18,19 +18,21 @@ use crate::core::saturation::saturated_from;
 /// PSF, narrow enough to tell a window from its wall.
 pub(super) const NEAR_PX: f32 = 4.0;
 
-/// The part of α that is added to the brightness that differences of neighbours are relative to.
+/// The part of α that is added to the brightness that differences of neighbours are relative to: those of φ, which is what
+/// counts, would be relative to 1.
 const DARKNESS: f32 = 0.7;
 
-/// λ over the standard deviation of the noise: of a scene of which nothing is known, and of one with known edges.
+/// λ over the standard deviation of the noise: of a scene of which nothing is known, and of one with known edges; the best of
+/// powers of two around them.
 const SMOOTHNESS: [f32; 2] = [1.5, 15.0];
 
-/// Noise below which the prior gives way: a tenth of a photograph's.
+/// Noise below which the prior gives way: a tenth of a photograph's, whose 10 bits leave 2 %.
 const LOW_NOISE: f32 = 2e-3;
 
-/// Noise below which a capture is a computed one.
+/// Noise below which a capture is a computed one: 70 dB, half a step of 12 bits.
 const NOISE_FREE: f32 = 3e-4;
 
-/// The floor of |H|² in the first inverse.
+/// The floor of |H|² in the first inverse, which is at most 1/(2√ε) = 50 times the capture.
 const LEAST_POWER: f32 = 1e-4;
 
 /// What is known of a channel from without.
@@ -87,7 +89,8 @@ impl<'a> Channel<'a> {
         let pixels = Zip::from(capture).par_map_collect(|y| *y >= from);
         if pixels.iter().any(|saturated| *saturated) {
             drop(surrounded);
-            let saturated = Saturated { frame, capture, psf, pixels, level, darkness: DARKNESS * alpha };
+            let (darkness, is_computed) = (DARKNESS * alpha, noise.middle() <= NOISE_FREE);
+            let saturated = Saturated { frame, capture, psf, pixels, level, darkness, is_computed };
             let (lamps, scene) = saturated.measure(&blur, &mut brightness, progress)?;
             return Ok(Self { frame, known, scene, brightness, lamps: Some(lamps), noise });
         }
@@ -100,14 +103,19 @@ impl<'a> Channel<'a> {
     }
 
     /// Rounds and steps in each: more where there is hardly any noise that would hide what they gain.
+    ///
+    /// Of photographs with lamps, three rounds of eight steps restore the same and four of four lose 0.2 dB. A round holds other
+    /// pixels at zero than the one before, so that eight of 25 steps gain 7 to 30 dB where there is no noise, and four of 40
+    /// nothing like it.
     pub(super) fn effort(&self) -> [usize; 2] {
-        let is_low = self.noise.middle() < LOW_NOISE;
-        match (self.has_lamps(), is_low) {
-            (true, false) => [3, 8],
-            (true, true) => [4, 20],
-            (false, false) => [2, 1],
-            (false, true) if self.noise.middle() <= NOISE_FREE && !self.frame.has_surrounding() => [0, 0],
-            (false, true) => [3, 8],
+        let sigma = self.noise.middle();
+        match self.has_lamps() {
+            true if sigma <= NOISE_FREE => [8, 25],
+            true if sigma < LOW_NOISE => [4, 20],
+            true => [4, 5],
+            false if sigma <= NOISE_FREE && !self.frame.has_surrounding() => [0, 0],
+            false if sigma < LOW_NOISE => [3, 8],
+            false => [2, 1],
         }
     }
 

@@ -8,22 +8,24 @@ use super::smooth::smooth;
 use crate::core::error::Result;
 use crate::core::progress::Progress;
 
-/// Standard deviation of the high pass, which takes the smooth scene away, in pixels.
+/// Standard deviation of the high pass, in pixels: what is smoother is taken for the scene, what is finer for the spikes of
+/// flare.
 const HIGH_PASS_PX: f32 = 6.0;
 
-/// Steps of the conjugate gradients.
-const STEPS: usize = 12;
+/// Steps of the conjugate gradients: 12 fit noise, and restore frames with lamps 0.05 dB worse.
+const STEPS: usize = 6;
 
-/// Pixels around saturated ones that are not believed either.
+/// Pixels around saturated ones that are not believed either: interpolated values, and the steepest flare.
 const GUARD_PX: usize = 2;
 
-/// The part of the largest curvature below which a pixel's light is not told by the flare.
+/// The part of the largest curvature that each pixel has at least: below, light is told by rounding alone (10⁻⁷ squared,
+/// with the 10² of brightness to spare).
 const LEAST_CURVATURE: f32 = 1e-12;
 
 /// What is added to the part of a bell that lies on believed pixels, so that none is zero.
 const LEAST_SHARE: f32 = 1e-6;
 
-/// Curvatures below this part of the steepness end the iteration.
+/// The steepness that ends the iteration: there is nothing left to explain.
 const LEAST_SLOPE: f64 = 1e-12;
 
 /// A channel of a capture, and which of its pixels are saturated. All planes are of the frame's size.

@@ -7,10 +7,10 @@ use rayon::prelude::*;
 
 use super::super::noise::{BANDS, Detail, of_details};
 
-/// Classes of brightness, each of as many pixels.
+/// Classes of brightness, each of as many pixels: photon and read noise change over stops, not within one.
 const CLASSES: usize = 6;
 
-/// Pixels that a class needs for its noise to be told from its detail.
+/// Pixels that a class needs for its noise to be told from its detail: the median of so many is known to 6 %.
 const LEAST_PIXELS: usize = 400;
 
 /// Pixels that noise is estimated from: the median of a class of so many is known to a percent.
@@ -99,7 +99,7 @@ const MEDIAN_OF_NORMAL: f64 = 0.6745;
 fn strips(height: usize, width: usize) -> Vec<Range<usize>> {
     let count = (MOST_PIXELS / (STRIP_ROWS * width)).max(1);
     if height * width <= MOST_PIXELS || count * STRIP_ROWS >= height {
-        return vec![0..height];
+        return std::iter::once(0..height).collect();
     }
     let strip = |index: usize| (2 * index + 1) * (height - STRIP_ROWS) / (2 * count);
     (0..count).map(strip).map(|first| first..first + STRIP_ROWS).collect()
@@ -188,7 +188,7 @@ mod tests {
 
     #[test]
     fn strips_are_spread_over_the_height_and_few() {
-        assert_eq!(strips(500, 1000), [0..500]);
+        assert!(strips(500, 1000).into_iter().eq(std::iter::once(0..500)));
         let strips = strips(2448, 3264);
         assert_eq!(strips.len() * STRIP_ROWS * 3264 / 100_000, 5);
         assert!(strips[0].start < 200 && strips.last().unwrap().end > 2248);

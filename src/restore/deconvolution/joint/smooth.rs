@@ -13,7 +13,7 @@ const STRIP: usize = 64;
 /// Standard deviations, in pixels, of the bells that fill holes, from the finest that reaches a pixel.
 const PAINTING_PX: [f32; 6] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
-/// The part of a bell that has to lie on known pixels.
+/// The part of a bell that has to lie on known pixels: fewer tell one of them rather than a mean.
 const LEAST_KNOWN: f32 = 0.05;
 
 /// Smooths with a bell of standard deviation `sigma_px`, the plane being zero outside: a symmetric matrix.
