@@ -6,13 +6,17 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Command};
 
 use udc::dataset::Split;
+use udc::experiment::RestorationMethod;
 use udc::io::DomainTag;
 use udc::restore::deconvolution::Method;
 use udc::restore::{Highlights, Precision};
 
 /// The values that a flag takes: the name of each, the value, and what it means where the name does not tell.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Choices<T: 'static>(pub(crate) &'static [(&'static str, T, &'static str)]);
+pub(crate) struct Choices<T: 'static>(pub(crate) &'static [Choice<T>]);
+
+/// A value with its name and what it means.
+pub(crate) type Choice<T> = (&'static str, T, &'static str);
 
 /// The formats of files in an output folder, as the extensions that stand for them.
 pub(crate) const FORMATS: Choices<&str> =
@@ -46,22 +50,43 @@ pub(crate) const OUTPUT_DOMAINS: Choices<DomainTag> = Choices(&[LINEAR, TONE_MAP
 pub(crate) const SPLITS: Choices<Split> =
     Choices(&[("train", Split::Train, ""), ("test", Split::Test, ""), ("val", Split::Val, "")]);
 
+const WIENER: Choice<Method> = ("wiener", Method::Wiener, "Wiener–Hunt filter with Laplacian regularisation");
+const WIENER_ORIEUX: Choice<Method> =
+    ("wiener-orieux", Method::WienerOrieux, "The same, noise and regularisation estimated by Gibbs sampling");
+const RICHARDSON_LUCY: Choice<Method> =
+    ("richardson-lucy", Method::RichardsonLucy, "Richardson–Lucy iteration");
+const CONSTRAINED: Choice<Method> = (
+    "constrained",
+    Method::Constrained,
+    "Non-negative weighted least squares; light around the frame and saturation modelled",
+);
+const JOINT: Choice<Method> = (
+    "joint",
+    Method::Joint,
+    "The same for all colours together, with their common edges, and with the light of lamps that their flare tells",
+);
+
 /// The deconvolutions.
-pub(crate) const METHODS: Choices<Method> = Choices(&[
-    ("wiener", Method::Wiener, "Wiener–Hunt filter with Laplacian regularisation"),
-    ("wiener-orieux", Method::WienerOrieux, "The same, noise and regularisation estimated by Gibbs sampling"),
-    ("richardson-lucy", Method::RichardsonLucy, "Richardson–Lucy iteration"),
+pub(crate) const METHODS: Choices<Method> =
+    Choices(&[WIENER, WIENER_ORIEUX, RICHARDSON_LUCY, CONSTRAINED, JOINT]);
+
+/// What restores with nothing but the PSF.
+pub(crate) const RESTORATIONS: Choices<RestorationMethod> = Choices(&[
+    measured(WIENER),
+    measured(WIENER_ORIEUX),
+    measured(RICHARDSON_LUCY),
+    measured(CONSTRAINED),
+    measured(JOINT),
     (
-        "constrained",
-        Method::Constrained,
-        "Non-negative weighted least squares; light around the frame and saturation modelled",
-    ),
-    (
-        "joint",
-        Method::Joint,
-        "The same for all colours together, with their common edges, and with the light of lamps that their flare tells",
+        "guided",
+        RestorationMethod::Guided,
+        "What `udc restore` does: joint, corrected by the network for any panel",
     ),
 ]);
+
+const fn measured((name, method, help): Choice<Method>) -> Choice<RestorationMethod> {
+    (name, RestorationMethod::Deconvolution(method), help)
+}
 
 /// What becomes of saturated pixels.
 pub(crate) const HIGHLIGHTS: Choices<Highlights> = Choices(&[

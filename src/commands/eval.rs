@@ -9,17 +9,17 @@ use udc::core::metrics::Measure;
 use udc::dataset::{Dataset, KernelChoice, Split};
 use udc::experiment::{
     Candidate, Document as _, EvalConfig, Experiment, ExperimentConfig, Findings, Folders, ImagesConfig, LDR,
-    Listener, MISMATCH, REGIONS, RESULTS, Results, ResultsFolder, ToneFlags, files_of_evaluation, name_among,
+    Listener, MISMATCH, REGIONS, RESULTS, RestorationMethod, Results, ResultsFolder, ToneFlags,
+    files_of_evaluation, name_among,
 };
 use udc::io::DomainTag;
 use udc::network::Model;
 use udc::report::{self, picture};
-use udc::restore::deconvolution::Method;
 use udc::restore::{Highlights, Precision};
 
 use super::Session;
 use super::choices::DOMAINS;
-use super::choices::{HIGHLIGHTS, METHODS, PRECISIONS, SPLITS};
+use super::choices::{HIGHLIGHTS, PRECISIONS, RESTORATIONS, SPLITS};
 use super::metrics::MetricArgs;
 
 /// Measure models and deconvolutions on datasets, or restored images against ground truth
@@ -45,17 +45,17 @@ pub(crate) struct EvalArgs {
     /// Models to measure, .safetensors or .pth
     #[arg(long, value_name = "MODEL", num_args = 1.., requires = "datasets", conflicts_with = "restored")]
     model: Vec<PathBuf>,
-    /// Deconvolutions to measure, with the PSF of each image's kernel and the border that the dataset was made with, or a
+    /// Deconvolutions to measure, or the guided restoration, with the PSF of each image's kernel and the border that the dataset was made with, or a
     /// scene that goes on where it has a margin; may be repeated
     #[arg(
         long,
         value_name = "METHOD",
-        value_parser = METHODS,
+        value_parser = RESTORATIONS,
         value_delimiter = ',',
         requires = "datasets",
         conflicts_with = "restored"
     )]
-    method: Vec<Method>,
+    method: Vec<RestorationMethod>,
     /// What to do where the capture is saturated; a row for each of several [default: restored]
     #[arg(
         long,

@@ -18,6 +18,7 @@ use udc::core::progress::Progress;
 use udc::core::provenance::Provenance;
 use udc::finish::Photograph;
 use udc::io::{DomainTag, WriteOptions, check_output_domain, what_is_lost};
+use udc::network::shipped;
 use udc::restore::{
     Capture, Highlights, MemoryBudget, MethodConfig, Precision, Restoration, RestorationConfig, Restored,
 };
@@ -30,7 +31,11 @@ use files::Job;
 use kernel::KernelArgs;
 use method::MethodArgs;
 
-/// Restore degraded images, by a network or by deconvolution
+/// Restore captures of any panel, given its PSF; or by a network of your own, or by deconvolution
+///
+/// With neither --model nor --method, the capture is deconvolved, the light of lamps that the sensor clipped is measured by their
+/// flare, and a network that comes with the program corrects the result, for any panel: all it needs is the PSF, or a kernel
+/// bank with the panel's angle.
 ///
 /// A model that was trained with kernel codes needs to know the PSF: name the kernel bank with the panel's
 /// angle or with a measured PSF, or give the code itself. Deconvolution needs the PSF.
@@ -42,9 +47,11 @@ use method::MethodArgs;
 /// capture saturates, and of a DNG how it is put upright, its colour matrix and its baseline exposure. A JPEG is finished
 /// for viewing, as `udc finish` does without flags.
 #[derive(Args, Debug)]
-#[command(group = ArgGroup::new("how").required(true).args(["model", "method"]))]
+#[command(group = ArgGroup::new("how").args(["model", "method"]))]
 #[command(group = ArgGroup::new(PSF_FILES).args(["psf", "field"]).multiple(true))]
 #[command(after_help = "Examples:\n  \
+    udc restore capture.exr --psf psf.exr -o photo.jpg\n  \
+    udc restore captures/ --psf psf.exr -o restored/\n  \
     udc restore capture.exr --model model.safetensors --bank bank.safetensors --angle 3 -o restored.exr\n  \
     udc restore captures/ --model model.safetensors --bank bank.safetensors --psf psf.exr -o restored/\n  \
     udc restore --exposures 1,1/4,1/16 a.exr b.exr c.exr --method constrained --psf psf.exr -o restored.exr\n  \
@@ -58,9 +65,15 @@ pub(crate) struct RestoreArgs {
     /// Image to write; a folder for several inputs, or if the name ends in a slash
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// Network to restore with (.safetensors, or a PyTorch .pth)
+    /// Network to restore with (.safetensors, or a PyTorch .pth); `guided` is the one for any panel
     #[arg(long, value_name = "MODEL")]
     model: Option<PathBuf>,
+    /// How much of the guided network's corrections to take, from 0 (the deconvolution) to 1 [default: 1]
+    #[arg(long, value_name = "0..1", conflicts_with = "method")]
+    refine: Option<f32>,
+    /// Write lamps with the light that their flare tells, far above what saturates (guided; linear formats that hold it)
+    #[arg(long, conflicts_with = "method")]
+    true_highlights: bool,
     #[command(flatten)]
     method: MethodArgs,
     #[command(flatten)]
@@ -123,6 +136,7 @@ const FORMATS: Choices<&str> = Choices(&[
 impl RestoreArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         self.method.check()?;
+        self.check_guided()?;
         self.config(&[]).curve(None)?;
         self.raw.config()?;
         let jobs = self.jobs(session)?;
@@ -139,7 +153,37 @@ impl RestoreArgs {
 
     /// The domain that is written: the one that is asked for, or that of the capture.
     fn domain_of_output(&self, capture: &Capture) -> DomainTag {
-        self.output_domain.unwrap_or(capture.image.domain())
+        let usual = if self.true_highlights { DomainTag::Linear } else { capture.image.domain() };
+        self.output_domain.unwrap_or(usual)
+    }
+
+    /// Whether the network for any panel restores.
+    fn is_guided(&self) -> bool {
+        !self.method.is_given() && self.model.as_deref().is_none_or(|model| shipped(model).is_some())
+    }
+
+    /// Refuses what belongs to the guided restoration where something else restores.
+    fn check_guided(&self) -> Result<()> {
+        if self.is_guided() {
+            let lost = self.true_highlights && self.output_domain == Some(DomainTag::ToneMapped);
+            let reason = "--true-highlights is light above what saturates, which a tone-mapped image does not hold: leave out \
+                          --output-domain";
+            return if lost { Err(misuse("restore", reason)) } else { Ok(()) };
+        }
+        if self.model.is_none() {
+            return Ok(());
+        }
+        self.method.check_beside_model()?;
+        let flag = [("--refine", self.refine.is_some()), ("--true-highlights", self.true_highlights)];
+        match flag.into_iter().find(|(_, is_given)| *is_given) {
+            Some((flag, _)) => {
+                let reason = format!(
+                    "{flag} belongs to the guided restoration, and --model would ignore it: leave it out"
+                );
+                Err(misuse("restore", &reason))
+            }
+            None => Ok(()),
+        }
     }
 
     /// How captures are restored, as the flags say.
@@ -151,9 +195,19 @@ impl RestoreArgs {
             precision: self.precision,
             tile: self.tile,
         };
-        let deconvolution = || MethodConfig::Deconvolution(self.method.config().unwrap_or_default());
+        let method = match (self.method.config(), &self.model) {
+            (Some(config), _) => MethodConfig::Deconvolution(config),
+            (None, Some(model)) if !self.is_guided() => network(model),
+            (None, _) => MethodConfig::Guided {
+                refine: self.refine.unwrap_or(1.0),
+                true_highlights: self.true_highlights,
+                border: self.method.border(),
+                precision: self.precision,
+                tile: self.tile,
+            },
+        };
         RestorationConfig {
-            method: self.model.as_ref().map_or_else(deconvolution, network),
+            method,
             kernel: self.kernel.files(self.psf_file.options()),
             alpha: self.alpha,
             x_max: self.x_max,
@@ -166,6 +220,9 @@ impl RestoreArgs {
 /// Frames of 32-bit RGB that the queue holds beside the image in work and the pictures that are read: the file of one of
 /// these, and an image that is written, with its file.
 const QUEUED_FRAMES: u64 = 3;
+
+/// Lamps that are told of, and written to provenance: the brightest.
+const TOLD_LAMPS: usize = 16;
 
 /// The keys of a description under which the paths of a model and of a PSF stand.
 const MODEL: &str = "model";
@@ -216,12 +273,30 @@ impl<'a> Run<'a> {
             *said = line;
         }
         let restored = self.restoration.restore(capture, &self.progress)?;
+        self.tell_of_light(job, &restored);
         if let Some(angle) = &restored.angle {
             self.session.tell(format_args!("{}: {angle}", job.name()));
             let warning = angle.warning().map(|warning| format!("{}: {warning}", job.name()));
             warning.into_iter().for_each(|warning| self.session.warn(warning));
         }
         Ok(restored)
+    }
+
+    /// Tells what was found of the light of a capture.
+    fn tell_of_light(&self, job: &Job, restored: &Restored) {
+        if let Some([red, green, blue]) = restored.levels {
+            self.session.note(format_args!(
+                "{}: saturates at {red}, {green} and {blue} in red, green and blue, as its brightest pixels show; --x-max says \
+                 otherwise",
+                job.name()
+            ));
+        }
+        for lamp in restored.lamps.iter().take(TOLD_LAMPS) {
+            self.session.detail(format_args!("{}: {lamp}", job.name()));
+        }
+        if let Some(more) = restored.lamps.len().checked_sub(TOLD_LAMPS).filter(|more| *more > 0) {
+            self.session.detail(format_args!("{}: {more} fainter lamps", job.name()));
+        }
     }
 
     fn darks_sha256(&self) -> error::Result<Option<&[Option<String>]>> {
@@ -249,8 +324,8 @@ impl<'a> Run<'a> {
         described["max-memory"] = json!(self.args.max_memory);
         // Where files lay; what they are is told by their contents.
         let (key, path) = match &self.args.model {
-            Some(model) => (MODEL, Some(model.as_path())),
-            None => (PSF, self.args.kernel.psf()),
+            Some(model) if !self.args.is_guided() => (MODEL, Some(model.as_path())),
+            _ => (PSF, self.args.kernel.psf()),
         };
         described["how"][key] = json!(path.map(text_of));
         described["inputs"] = job.inputs.iter().map(|input| text_of(input)).collect();
@@ -268,7 +343,12 @@ impl<'a> Run<'a> {
     }
 
     fn write_light(&self, job: &Job, restored: Restored, domain: DomainTag) -> error::Result<()> {
-        let options = WriteOptions { provenance: Some(self.provenance(job)?), ..self.options() };
+        let mut provenance = self.provenance(job)?;
+        if !restored.lamps.is_empty() {
+            let brightest: Vec<_> = restored.lamps.iter().take(TOLD_LAMPS).collect();
+            provenance = provenance.with_found(json!({ "lamps": brightest }));
+        }
+        let options = WriteOptions { provenance: Some(provenance), ..self.options() };
         let lost = restored.info.as_ref().and_then(|info| what_is_lost(&job.output, info));
         lost.iter().for_each(|lost| self.session.note(lost));
         restored.write(&job.output, domain, &options)

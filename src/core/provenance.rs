@@ -12,6 +12,9 @@ pub struct Provenance {
     pub command: String,
     /// The configuration that it ran with, every default resolved.
     pub config: Value,
+    /// What was found on the way, such as the lamps of a capture: it follows from the configuration and the inputs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub found: Option<Value>,
 }
 
 impl Provenance {
@@ -24,7 +27,14 @@ impl Provenance {
             program: concat!("udc ", env!("CARGO_PKG_VERSION")).to_owned(),
             command: command.to_owned(),
             config: serde_json::to_value(config).expect("configurations are plain data"),
+            found: None,
         }
+    }
+
+    /// The same with what was found on the way.
+    #[must_use]
+    pub fn with_found(self, found: Value) -> Self {
+        Self { found: Some(found), ..self }
     }
 
     /// Pixels by which a scene was made larger than the frame on each side, where its origin says so.

@@ -1,5 +1,7 @@
 //! What an experiment compares: the degraded image itself, networks, deconvolutions.
 
+use std::path::Path;
+
 use super::{ComparedMethod, Cost};
 use crate::core::error::{Error, Result};
 use crate::core::image::{LinearImage, ToneMappedImage};
@@ -7,9 +9,18 @@ use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::tone::ToneCurve;
 use crate::dataset::Dataset;
-use crate::network::Model;
+use crate::network::{GUIDED, Model};
 use crate::restore::deconvolution::{self, DeconvolutionConfig};
 use crate::restore::{Capture, Highlights, KernelKnowledge, MemoryBudget, Restoration};
+
+/// A restoration that needs the PSF and no model of the user's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RestorationMethod {
+    /// The network for any panel.
+    Guided,
+    /// A deconvolution.
+    Deconvolution(deconvolution::Method),
+}
 
 /// Something that makes an image of a degraded one.
 #[derive(Clone, Debug)]
@@ -18,6 +29,8 @@ pub enum Candidate {
     Nothing,
     /// A network, by its name in tables.
     Network(String, Box<Model>, Highlights),
+    /// The network for any panel, with the kernel's PSF.
+    Guided(Highlights),
     /// A deconvolution with the kernel's PSF.
     Deconvolution(deconvolution::Method, Highlights),
 }
@@ -37,7 +50,7 @@ impl Candidate {
     /// the treatments of highlights, or with the usual one where none is named.
     pub fn list(
         models: Vec<(String, Model)>,
-        methods: &[deconvolution::Method],
+        methods: &[RestorationMethod],
         highlights: &[Highlights],
     ) -> Vec<Self> {
         let treatments = if highlights.is_empty() { &[Highlights::default()] } else { highlights };
@@ -47,7 +60,10 @@ impl Candidate {
             candidates.extend(treatments.iter().map(of));
         }
         for &method in methods {
-            candidates.extend(treatments.iter().map(|&highlights| Self::Deconvolution(method, highlights)));
+            candidates.extend(treatments.iter().map(|&highlights| match method {
+                RestorationMethod::Guided => Self::Guided(highlights),
+                RestorationMethod::Deconvolution(method) => Self::Deconvolution(method, highlights),
+            }));
         }
         candidates
     }
@@ -59,6 +75,7 @@ impl Candidate {
             Self::Network(name, _, highlights) => {
                 ComparedMethod::restored(with_highlights(name, *highlights))
             }
+            Self::Guided(highlights) => ComparedMethod::restored(with_highlights(GUIDED, *highlights)),
             Self::Deconvolution(method, highlights) => {
                 ComparedMethod::restored(with_highlights(method.name(), *highlights))
             }
@@ -67,8 +84,15 @@ impl Candidate {
 
     /// What it costs to restore images of these sizes, where that is counted.
     pub(super) fn cost(&self, sizes: &[([usize; 2], usize)]) -> Option<Cost> {
-        let Self::Network(_, model, _) = self else { return None };
-        let architecture = model.architecture();
+        let guided;
+        let architecture = match self {
+            Self::Network(_, model, _) => model.architecture(),
+            Self::Guided(_) => {
+                guided = Model::load(Path::new(GUIDED)).ok()?;
+                guided.architecture()
+            }
+            Self::Nothing | Self::Deconvolution(..) => return None,
+        };
         Some(Cost::of(architecture.parameters(), sizes, |height, width| architecture.macs(height, width)))
     }
 
@@ -79,7 +103,7 @@ impl Candidate {
             Self::Network(_, model, _) => {
                 model.architecture().reads_code() || !model.architecture().planes().is_empty()
             }
-            Self::Deconvolution(..) => true,
+            Self::Guided(_) | Self::Deconvolution(..) => true,
         }
     }
 
@@ -87,10 +111,15 @@ impl Candidate {
     pub(super) fn check(&self, dataset: &Dataset) -> Result<()> {
         let root = dataset.root.display();
         match self {
-            Self::Deconvolution(method, _) if dataset.bank.is_none() => Err(Error::Unsupported(format!(
-                "{root} has kernel codes and no PSFs, which --method {} needs; name a dataset of `udc synth`",
-                method.name()
-            ))),
+            Self::Guided(_) | Self::Deconvolution(..) if dataset.bank.is_none() => {
+                Err(Error::Unsupported(format!(
+                    "{root} has kernel codes and no PSFs, which --method {} needs; name a dataset of `udc synth`",
+                    match self {
+                        Self::Deconvolution(method, _) => method.name(),
+                        _ => GUIDED,
+                    }
+                )))
+            }
             Self::Network(name, model, _) if model.architecture().reads_code() => {
                 let (needed, found) = (model.architecture().code_dim, dataset.code_dim());
                 if needed != found {
@@ -131,6 +160,10 @@ impl Candidate {
             Self::Nothing => return Ok(curve.tone_map(degraded.image)),
             Self::Network(_, model, highlights) => {
                 (Restoration::by_network(Model::clone(model), degraded.kernel_for(model)?)?, highlights)
+            }
+            Self::Guided(highlights) => {
+                let kernel = degraded.psf().map_or(KernelKnowledge::Nothing, KernelKnowledge::of_psf);
+                (Restoration::guided(kernel)?, highlights)
             }
             Self::Deconvolution(method, highlights) => {
                 let config = DeconvolutionConfig::of_method(*method);

@@ -24,7 +24,7 @@ mod tables;
 mod tone;
 mod values;
 
-pub use candidate::Candidate;
+pub use candidate::{Candidate, RestorationMethod};
 pub use comparison::{Comparison, ImagesConfig};
 pub use document::Document;
 pub use evaluation::Evaluation;

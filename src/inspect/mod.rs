@@ -18,6 +18,7 @@ use serde::Serialize;
 use crate::core::error::Result;
 use crate::dataset::CONFIG_FILE;
 use crate::io::{PsfOptions, expand_inputs, inspect_image};
+use crate::network::shipped;
 
 pub use array::ArrayDescription;
 pub use configuration::{DisplayDescription, FieldDescription, SensorDescription, TrainingDescription};
@@ -88,6 +89,9 @@ impl fmt::Display for Inspection {
 /// when it is damaged or of no known kind; [`Error::Config`](crate::core::error::Error::Config) for a mistake in a
 /// configuration.
 pub fn inspect(path: &Path, as_psf: Option<PsfOptions>) -> Result<Inspection> {
+    if shipped(path).is_some() {
+        return ModelDescription::read(path).map(Inspection::Model);
+    }
     if run::is_checkpoint(path) {
         return CheckpointDescription::read(path).map(Inspection::Checkpoint);
     }
@@ -118,12 +122,14 @@ fn inspect_npy(path: &Path) -> Result<Inspection> {
     }
 }
 
-/// What an input stands for: itself, or the images of a folder. A dataset, a run and a checkpoint are one.
+/// What an input stands for: itself, or the images of a folder. A dataset, a run, a checkpoint and a model that the program
+/// carries are one.
 ///
 /// # Errors
 /// As [`expand_inputs`].
 pub fn subjects(input: &Path) -> Result<Vec<PathBuf>> {
-    if dataset::is_dataset(input) || run::is_run(input) || run::is_checkpoint(input) {
+    let is_one = shipped(input).is_some() || dataset::is_dataset(input) || run::is_run(input);
+    if is_one || run::is_checkpoint(input) {
         return Ok(vec![input.to_owned()]);
     }
     expand_inputs(&[input.to_owned()])

@@ -20,6 +20,7 @@ mod networks;
 pub mod operations;
 mod parameters;
 mod sftmd;
+mod shipped;
 mod srmdnf;
 mod streamed;
 #[cfg(test)]
@@ -34,3 +35,4 @@ pub use inputs::{InputTensors, Inputs, Plane, Planes};
 pub use model::{Model, Origin};
 pub use networks::Network;
 pub use parameters::{Initialisation, Parameter, Parameters, TensorValues};
+pub use shipped::{GUIDED, shipped};

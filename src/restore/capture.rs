@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use super::FoundAngle;
+use super::{FoundAngle, Lamp};
 use crate::capture::{Developed, Pictures, SCENE_BRACKET, Told, names_of};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
-use crate::core::image::{LinearImage, ToneMappedImage};
+use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
 use crate::core::tone::ToneCurve;
 use crate::finish::{Photograph, photograph};
@@ -32,6 +32,10 @@ pub struct Restored {
     pub angle: Option<FoundAngle>,
     /// φ∘C, by which the image changes between the domains.
     pub curve: ToneCurve,
+    /// The lamps whose light was measured by their flare, brightest first.
+    pub lamps: Vec<Lamp>,
+    /// What saturates each channel, where that was found in the capture.
+    pub levels: Option<[f32; CHANNELS]>,
 }
 
 /// A capture as its files were read.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::deconvolution::DeconvolutionConfig;
+use super::deconvolution::{Border, DeconvolutionConfig};
 use super::highlights::Highlights;
 use super::kernel::KernelFiles;
 use super::memory::MemoryBudget;
@@ -21,6 +21,19 @@ pub enum MethodConfig {
     Network {
         /// Its file.
         model: PathBuf,
+        /// What it multiplies.
+        precision: Precision,
+        /// Side of the tiles, where the memory does not choose it.
+        tile: Option<usize>,
+    },
+    /// The network that the program carries, which restores captures of any panel, given its PSF.
+    Guided {
+        /// The part of its corrections that is taken, from 0 to 1.
+        refine: f32,
+        /// Whether lamps get the light that their flare tells.
+        true_highlights: bool,
+        /// What lies beyond the border.
+        border: Border,
         /// What it multiplies.
         precision: Precision,
         /// Side of the tiles, where the memory does not choose it.
@@ -69,6 +82,29 @@ impl RestorationConfig {
                 notices.extend(of_kernel);
                 let restoration = Restoration::by_network(model, kernel)?.with_curve(curve).with_tile(*tile);
                 (restoration.with_files(Some(sha256?), self.kernel.bank_bytes()), notices)
+            }
+            MethodConfig::Guided { refine, true_highlights, border, precision, tile } => {
+                let (kernel, mut notices) = self.kernel.read_any_psf()?;
+                let mut restoration = Restoration::guided(kernel)?.with_border(*border).with_tile(*tile);
+                notices.extend(restoration.set_precision(*precision));
+                restoration = restoration.with_refine(*refine)?;
+                let usual = restoration.curve();
+                let curve = self.curve(Some(usual))?;
+                if curve.alpha.total_cmp(&usual.alpha).is_ne() {
+                    notices.push(Notice::Warning(format!(
+                        "the guided network was trained on images tone-mapped with --alpha {}",
+                        usual.alpha
+                    )));
+                }
+                restoration = if self.x_max.is_some() {
+                    restoration.with_curve(curve)
+                } else {
+                    restoration.with_alpha(curve.alpha)
+                };
+                if *true_highlights {
+                    restoration = restoration.with_true_highlights()?;
+                }
+                (restoration.with_files(None, self.kernel.bank_bytes()), notices)
             }
             MethodConfig::Deconvolution(config) => {
                 let curve = self.curve(None)?;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 
 use super::Notice;
-use crate::codes::{interpolate_code, project};
+use crate::codes::{interpolate_code, project, rotate};
 use crate::core::error::{Error, Result};
 use crate::core::field::FieldGrid;
 use crate::core::kernel_code::{KernelBank, KernelCode};
@@ -15,6 +15,9 @@ use crate::io::{
     PsfOptions, PsfReading, inspect_psf, is_bank_of_sha256, read_bank, read_bank_codes, read_code, read_field,
 };
 use crate::network::Model;
+
+/// Angles that differ by less are one: a ten-thousandth of a degree moves nothing by a hundredth of a pixel.
+const SAME_ANGLE_DEG: f64 = 1e-4;
 
 /// What is known of the kernel of captures.
 #[derive(Clone, Debug)]
@@ -160,6 +163,49 @@ impl KernelFiles {
         let reading = inspect_psf(path, self.psf_options)?;
         let notices = Notice::of_psf(&reading);
         Ok((KernelKnowledge::of_psf(reading.psf), notices))
+    }
+
+    /// Reads the PSF, or takes that of a bank at the panel's angle, with what is to be told of the files.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] when neither is named; those of [`read_psf`](Self::read_psf), [`read_bank`] and [`rotate`].
+    pub fn read_any_psf(&self) -> Result<(KernelKnowledge, Vec<Notice>)> {
+        let (bank, angle) = match (&self.psf, &self.bank, self.angle) {
+            (Some(_), ..) => return self.read_psf(),
+            (None, Some(bank), Some(Angle::Degrees(angle))) => (bank, angle),
+            (None, Some(_), _) => {
+                let advice = "the guided restoration needs the PSF itself: add --angle DEGREES, at which --bank has one, or \
+                              name it with --psf";
+                return Err(Error::Unsupported(advice.to_owned()));
+            }
+            (None, None, _) => {
+                let advice = "the guided restoration needs the panel's PSF: name it with --psf, or a --bank with --angle; \
+                              otherwise name a --model of your own";
+                return Err(Error::Unsupported(advice.to_owned()));
+            }
+        };
+        let kernels = read_bank(bank)?;
+        let Some(angles) = &kernels.angles_deg else {
+            let reason = format!(
+                "{} does not say at which angles its kernels are; name a PSF with --psf",
+                bank.display()
+            );
+            return Err(Error::Unsupported(reason));
+        };
+        let apart = |index: &usize| (angles[*index] - angle).abs();
+        let nearest = (0..angles.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap_or(0);
+        let psf = &kernels.psfs[nearest];
+        if apart(&nearest) < SAME_ANGLE_DEG {
+            return Ok((KernelKnowledge::of_psf(psf.clone()), Vec::new()));
+        }
+        let turned = rotate(psf, angle - angles[nearest])?;
+        let how = format!(
+            "turns the kernel of {}° in {} by {:.3}°",
+            angles[nearest],
+            bank.display(),
+            angle - angles[nearest]
+        );
+        Ok((KernelKnowledge::of_psf(turned), vec![Notice::Detail(how)]))
     }
 
     /// Bytes that a bank which is read whole takes: it is there twice, as a file and as kernels.

@@ -33,7 +33,7 @@ impl PlaneConfig {
         Ok(Self { curve, border: formation.into(), saturation: [curve.x_max; CHANNELS] })
     }
 
-    fn deconvolution(&self) -> DeconvolutionConfig {
+    pub(super) fn deconvolution(&self) -> DeconvolutionConfig {
         DeconvolutionConfig {
             border: self.border,
             alpha: self.curve.alpha,

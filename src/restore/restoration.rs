@@ -1,18 +1,19 @@
 //! Restores captures by a network or by a deconvolution, with what is known of their kernel.
 
-use std::borrow::Cow;
+use std::path::Path;
 
 use serde_json::{Value, json};
 
 use super::angle::{FoundAngle, find_code};
 use super::capture::{Capture, Restored};
-use super::deconvolution::{Border, DeconvolutionConfig, deconvolution_bytes, deconvolve};
+use super::deconvolution::{Border, DeconvolutionConfig, Method, deconvolution_bytes, deconvolve};
 use super::field::code_map;
+use super::guided::GuidedOptions;
 use super::highlights::{Highlights, blend_highlights};
 use super::kernel::KernelKnowledge;
 use super::memory::{MemoryBudget, MemoryPlan, with_threads};
 use super::network::{Conditioning, NetworkOperator};
-use super::planes::{PlaneConfig, make_planes};
+use super::notice::Notice;
 use super::precision::Precision;
 use super::tiles::restore_tiled;
 use crate::core::error::{Error, Result};
@@ -22,7 +23,7 @@ use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
 use crate::io::AnyImage;
-use crate::network::{Model, Planes};
+use crate::network::{GUIDED, Model};
 
 /// How captures are restored.
 #[derive(Clone, Debug)]
@@ -40,6 +41,8 @@ pub struct Restoration {
     tile: Option<usize>,
     /// Identity of the network's file, where it is one.
     model_sha256: Option<String>,
+    /// What is done beside the network where it is the one for any panel.
+    guided: Option<GuidedOptions>,
 }
 
 #[derive(Clone, Debug)]
@@ -69,6 +72,47 @@ impl Restoration {
         Ok(Self::new(How::Network(model), kernel, curve))
     }
 
+    /// Restores captures of any panel by the network that the program carries, given the PSF.
+    ///
+    /// What saturates a capture is what it says, else what [`with_curve`](Self::with_curve) says, else the light that its
+    /// brightest pixels share.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when the PSF is not known.
+    pub fn guided(kernel: KernelKnowledge) -> Result<Self> {
+        let model = Model::load(Path::new(GUIDED))?;
+        let restoration = Self::by_network(model, kernel)?;
+        let curve = ToneCurve { x_max: ToneCurve::default().x_max, ..restoration.curve };
+        Ok(Self { guided: Some(GuidedOptions::default()), curve, ..restoration })
+    }
+
+    /// Takes this part, from 0 to 1, of the corrections by the network for any panel: at 0, the deconvolution stays.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for another number, or another restoration than [`guided`](Self::guided).
+    pub fn with_refine(mut self, refine: f32) -> Result<Self> {
+        if !(0.0..=1.0).contains(&refine) {
+            return Err(Error::config("refine", format!("must be between 0 and 1, found {refine}")));
+        }
+        let Some(options) = &mut self.guided else {
+            return Err(Error::config("refine", "belongs to the guided restoration; leave it out"));
+        };
+        options.refine = refine;
+        Ok(self)
+    }
+
+    /// Gives lamps the light that their flare tells, far above what saturates: results are then linear.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for another restoration than [`guided`](Self::guided).
+    pub fn with_true_highlights(mut self) -> Result<Self> {
+        let Some(options) = &mut self.guided else {
+            return Err(Error::config("true-highlights", "belongs to the guided restoration; leave it out"));
+        };
+        options.true_highlights = true;
+        Ok(self)
+    }
+
     /// Restores by inverting the convolution with a PSF.
     ///
     /// # Errors
@@ -92,6 +136,7 @@ impl Restoration {
             kernel_bytes: 0,
             tile: None,
             model_sha256: None,
+            guided: None,
         }
     }
 
@@ -99,10 +144,31 @@ impl Restoration {
     #[must_use]
     pub fn with_curve(mut self, curve: ToneCurve) -> Self {
         self.curve = curve;
+        if let Some(options) = &mut self.guided {
+            options.finds_levels = false;
+        }
         if let How::Deconvolution(config) = &mut self.how {
             (config.alpha, config.saturation) = (curve.alpha, [curve.x_max; CHANNELS]);
         }
         self
+    }
+
+    /// Takes another α for the mapping of images; what saturates captures stays.
+    #[must_use]
+    pub fn with_alpha(mut self, alpha: f32) -> Self {
+        self.curve.alpha = alpha;
+        if let How::Deconvolution(config) = &mut self.how {
+            config.alpha = alpha;
+        }
+        self
+    }
+
+    /// Takes another precision for the products of a network, with what is to be told of it.
+    pub(super) fn set_precision(&mut self, precision: Precision) -> Option<Notice> {
+        let How::Network(model) = &mut self.how else { return None };
+        let (changed, notice) = precision.apply(model.clone());
+        *model = changed;
+        notice
     }
 
     /// Takes this to lie beyond the border of frames, where something is deconvolved.
@@ -143,6 +209,26 @@ impl Restoration {
         self.curve
     }
 
+    /// What lies beyond the border.
+    pub(super) fn border(&self) -> Border {
+        self.border
+    }
+
+    /// What is done where captures are saturated.
+    pub(super) fn highlights(&self) -> Highlights {
+        self.highlights
+    }
+
+    /// What is known of the kernel.
+    pub(super) fn kernel(&self) -> &KernelKnowledge {
+        &self.kernel
+    }
+
+    /// What is done beside the network for any panel, if it is that.
+    pub(super) fn guided_options(&self) -> Option<GuidedOptions> {
+        self.guided
+    }
+
     /// Packs a network's weights; the first capture that is restored or planned does it otherwise.
     pub fn prepare(&self) {
         if let How::Network(model) = &self.how {
@@ -164,8 +250,10 @@ impl Restoration {
                 let operator = NetworkOperator::new(model);
                 let mut plan = self.memory.plan_windows(size, self.tile, beside, &operator)?;
                 if !model.architecture().planes().is_empty() {
-                    let config =
-                        DeconvolutionConfig { border: self.border, ..DeconvolutionConfig::default() };
+                    let config = DeconvolutionConfig {
+                        border: self.border,
+                        ..DeconvolutionConfig::of_method(Method::Joint)
+                    };
                     plan.bytes = plan.bytes.max(self.plan_deconvolution(size, &config)?.bytes);
                 }
                 Ok(plan)
@@ -181,14 +269,19 @@ impl Restoration {
     /// [`Error::Interrupted`].
     pub fn restore(&self, capture: Capture, progress: &Progress) -> Result<Restored> {
         let plan = self.plan(capture.image.size())?;
+        match &self.how {
+            How::Network(model) if !model.architecture().planes().is_empty() => {
+                return self.restore_by_planes(model, &plan, capture, progress);
+            }
+            _ => {}
+        }
         let (curve, saturation) = (self.curve, self.saturation(&capture));
         let Capture { image, info } = capture;
         let (image, angle) = match &self.how {
             How::Network(model) => {
-                let planes = self.planes(model, &image, saturation, progress)?;
                 let image = image.into_tone_mapped(curve);
                 let (conditioning, angle) = self.conditioning(model, &image, saturation, progress)?;
-                let operator = NetworkOperator::new(model).told(conditioning)?.with_planes(planes);
+                let operator = NetworkOperator::new(model).told(conditioning)?;
                 let restored = restore_windows(&image, &plan, operator, progress)?;
                 let level = saturation.map(|white| curve.compress(saturated_from(white)));
                 (AnyImage::ToneMapped(blend_highlights(restored, &image, level, self.highlights)?), angle)
@@ -201,7 +294,7 @@ impl Restoration {
                 (AnyImage::Linear(blend_highlights(restored, &image, level, self.highlights)?), None)
             }
         };
-        Ok(Restored { image, info, angle, curve })
+        Ok(Restored { image, info, angle, curve, lamps: Vec::new(), levels: None })
     }
 
     /// The method with every setting resolved, for provenance; its files are told by their contents.
@@ -210,6 +303,8 @@ impl Restoration {
             How::Network(model) => json!({
                 "model-sha256": self.model_sha256, "code": self.kernel.describe(), "tile": self.tile,
                 "precision": Precision::of(model).name(), "highlights": self.highlights,
+                "guided": self.guided, "border": self.guided.map(|_| self.border),
+                "psf-sha256": self.guided.and(self.kernel.psf()).map(Psf::sha256),
             }),
             How::Deconvolution(config) => json!({
                 "psf-sha256": self.kernel.psf().map(Psf::sha256), "deconvolution": config,
@@ -228,7 +323,7 @@ impl Restoration {
     }
 
     /// What a network is told of the kernel, and the angle where it is searched in the image.
-    fn conditioning(
+    pub(super) fn conditioning(
         &self,
         model: &Model,
         image: &ToneMappedImage,
@@ -247,26 +342,6 @@ impl Restoration {
             }
             known => (known.example().map_or(Conditioning::None, Conditioning::Code), None),
         })
-    }
-
-    /// The planes that a network reads beside the image.
-    fn planes(
-        &self,
-        model: &Model,
-        image: &AnyImage,
-        saturation: [f32; CHANNELS],
-        progress: &Progress,
-    ) -> Result<Planes> {
-        let wanted = model.architecture().planes();
-        if wanted.is_empty() {
-            return Ok(Planes::default());
-        }
-        let config = PlaneConfig { curve: self.curve, border: self.border, saturation };
-        let capture = match image {
-            AnyImage::Linear(image) => Cow::Borrowed(image),
-            AnyImage::ToneMapped(image) => Cow::Owned(self.curve.inverse_tone_map(image)),
-        };
-        make_planes(wanted, &capture, psf_of(&self.kernel)?, &config, progress)
     }
 
     /// Floats that are kept of every pixel of an image beside the image itself: planes, and a code that changes.
@@ -289,7 +364,7 @@ impl Restoration {
     }
 }
 
-fn restore_windows(
+pub(super) fn restore_windows(
     image: &ToneMappedImage,
     plan: &MemoryPlan,
     operator: NetworkOperator<'_>,
@@ -300,6 +375,6 @@ fn restore_windows(
     with_threads(plan.threads, || restore_tiled(image, tiling, &operator, progress))
 }
 
-fn psf_of(kernel: &KernelKnowledge) -> Result<&Psf> {
+pub(super) fn psf_of(kernel: &KernelKnowledge) -> Result<&Psf> {
     kernel.psf().ok_or_else(|| Error::config("psf", "a deconvolution needs the PSF itself"))
 }

@@ -20,6 +20,7 @@ mod examples;
 mod files;
 mod finish;
 mod foreign;
+mod guided;
 mod instruction_sets;
 mod kernel_choice;
 mod margin;

@@ -13,7 +13,7 @@ const BORDERS: Choices<Border> = Choices(&[
     (
         "smooth",
         Border::Smooth,
-        "A scene that goes on: smoothly (wiener, wiener-orieux), or estimated (richardson-lucy, constrained, joint)",
+        "A scene that goes on: smoothly (wiener, wiener-orieux), or estimated (all others)",
     ),
     ("periodic", Border::Periodic, "The frame again"),
     ("zero", Border::Zero, "Darkness, as in `udc synth --border zero`"),
@@ -28,7 +28,7 @@ pub(super) struct MethodArgs {
     #[arg(long, value_name = "B", requires = "method", conflicts_with = "model")]
     balance: Option<f32>,
     /// What lies beyond the frame [default: smooth]
-    #[arg(long, value_name = "BORDER", value_parser = BORDERS, requires = "method", conflicts_with = "model")]
+    #[arg(long, value_name = "BORDER", value_parser = BORDERS)]
     border: Option<Border>,
     /// Largest number of iterations (richardson-lucy, constrained) [default: 30]
     #[arg(long, value_name = "N", requires = "method", conflicts_with = "model")]
@@ -42,6 +42,26 @@ pub(super) struct MethodArgs {
 }
 
 impl MethodArgs {
+    /// What lies beyond the frame.
+    pub(super) fn border(&self) -> Border {
+        self.border.unwrap_or_default()
+    }
+
+    /// Whether a deconvolution was asked for.
+    pub(super) fn is_given(&self) -> bool {
+        self.method.is_some()
+    }
+
+    /// Refuses what belongs to a deconvolution where a model restores.
+    pub(super) fn check_beside_model(&self) -> Result<()> {
+        if self.border.is_some() {
+            let reason = "--border belongs to a deconvolution and to the guided restoration, and --model would ignore it: leave \
+                          it out";
+            return Err(misuse("restore", reason));
+        }
+        Ok(())
+    }
+
     /// Refuses flags that the method would ignore.
     pub(super) fn check(&self) -> Result<()> {
         use Method::{Constrained, RichardsonLucy, Wiener, WienerOrieux};

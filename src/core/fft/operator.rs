@@ -156,7 +156,7 @@ impl PlaneOperator {
     ) {
         match (&self.transform, &kernel.0) {
             (EitherTransform::Single(transform), EitherSpectrum::Single(otf)) => {
-                self.apply((transform, otf), (rows, &fill), out, |h, laplacian| response(h, laplacian));
+                self.apply((transform, otf), (rows, &fill), out, &response);
             }
             (EitherTransform::Double(transform), EitherSpectrum::Double(otf)) => {
                 self.apply((transform, otf), (rows, &fill), out, |h, laplacian| {

@@ -1,5 +1,6 @@
 //! Whole experiments on a dataset of two scenes, as a user of the library makes them.
 
+use crate::experiment::RestorationMethod;
 use std::cell::RefCell;
 use std::fs;
 use std::path::Path;
@@ -90,7 +91,11 @@ fn everything() -> ExperimentConfig {
 
 fn candidates() -> Vec<Candidate> {
     let highlights = [Highlights::default(), Highlights::Keep];
-    Candidate::list(Vec::new(), &[deconvolution::Method::RichardsonLucy], &highlights)
+    Candidate::list(
+        Vec::new(),
+        &[RestorationMethod::Deconvolution(deconvolution::Method::RichardsonLucy)],
+        &highlights,
+    )
 }
 
 #[test]

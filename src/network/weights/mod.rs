@@ -11,6 +11,7 @@ use self::tensors::TensorFile;
 use super::architecture::Architecture;
 use super::model::{Model, Origin};
 use super::parameters::{Parameters, TensorValues};
+use super::shipped::shipped;
 use crate::core::error::{Error, Result};
 use crate::io::{self, FloatWidth};
 
@@ -31,13 +32,16 @@ pub struct Weights {
     pub origin: Origin,
 }
 
-/// Reads a model file (`.safetensors`) or a PyTorch checkpoint (any other extension).
+/// Reads a model file (`.safetensors`) or a PyTorch checkpoint (any other extension); [`shipped`] models by their names.
 ///
 /// # Errors
 /// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is of another kind, damaged, or
 /// when weights are missing, left over or of another shape.
 pub fn read(path: &Path) -> Result<Weights> {
-    interpret(path, read_file(path, &|_| true)?)
+    match shipped(path) {
+        Some(bytes) => interpret(path, tensors::parse(bytes, path)?),
+        None => interpret(path, read_file(path, &|_| true)?),
+    }
 }
 
 /// Takes a model from the bytes of a model file; `name` is what messages call it.

@@ -152,6 +152,11 @@ impl<'a> Channel<'a> {
         system.descend(&mut self.scene, steps, (room, progress))
     }
 
+    /// The standard deviation of the noise of `log(y + α)` where the capture is of middling brightness.
+    pub(super) fn relative_noise(&self) -> f32 {
+        self.noise.middle()
+    }
+
     /// λ of a scene with known edges.
     fn smoothness(&self) -> f32 {
         smoothness(SMOOTHNESS[1], self.noise.middle())

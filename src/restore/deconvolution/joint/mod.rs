@@ -42,6 +42,8 @@ pub struct Solution {
     pub scene: LinearImage,
     /// The standard deviation of the scene's error as far as noise and the clipped flare make it, `[3, height, width]`.
     pub deviation: Array3<f32>,
+    /// The standard deviation of the noise of `log(capture + α)` in each channel, where it is of middling brightness.
+    pub relative_noise: [f32; CHANNELS],
 }
 
 /// Estimates the scene of which `image` is the convolution with `psf`, clipped at `config.saturation`.
@@ -65,7 +67,8 @@ pub(super) fn solve(
     let frame = frame_of(image, psf, config);
     let colors = Colors::start(&frame, (image, psf), config, progress)?.restore(progress)?;
     let deviation = colors.deviation()?;
-    Ok(Solution { scene: colors.scene()?, deviation })
+    let relative_noise = std::array::from_fn(|channel| colors.channels[channel].relative_noise());
+    Ok(Solution { scene: colors.scene()?, deviation, relative_noise })
 }
 
 fn frame_of(image: &LinearImage, psf: &Psf, config: &DeconvolutionConfig) -> Frame {
@@ -77,8 +80,8 @@ fn frame_of(image: &LinearImage, psf: &Psf, config: &DeconvolutionConfig) -> Fra
 pub(super) fn bytes(frame: u64, plane: u64, samples: u64) -> u64 {
     // The image; the flare and certainty of each channel, W and A x, the inverse diagonal, a plane of bits or two.
     let of_frame = CHANNELS as u64 * 3 + 4;
-    // Scene, D and 1/n of each channel; the gradient, the direction, what they are turned to, 1/n, edges.
-    let of_plane = CHANNELS as u64 * 3 + 5;
+    // Scene, D and 1/n of each channel; the gradient, the direction, what they are turned to, 1/n, edges, what is held.
+    let of_plane = CHANNELS as u64 * 3 + 6;
     // The transfer function, for a while that of squares, a spectrum, and what stands between rows and columns.
     let of_samples = 4;
     4 * (of_frame * frame + of_plane * plane + of_samples * samples)

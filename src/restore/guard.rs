@@ -1,0 +1,127 @@
+//! Keeps a network's corrections to what the capture allows.
+
+use ndarray::{Array3, Axis, Zip};
+
+use super::deconvolution::Border;
+use crate::core::error::Result;
+use crate::core::fft::{Boundary, Convolver};
+use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
+use crate::core::psf::Psf;
+use crate::core::saturation::saturated_from;
+use crate::core::tone::ToneCurve;
+
+/// How far a correction may move the blurred scene, in standard deviations of the capture's noise: what noise and a PSF that is
+/// a little off leave open.
+const MOST_DEVIATIONS: f64 = 3.0;
+
+/// What is known of a capture that corrections have to agree with.
+pub(super) struct Guard<'a> {
+    pub(super) capture: &'a LinearImage,
+    pub(super) psf: &'a Psf,
+    pub(super) border: Border,
+    pub(super) curve: ToneCurve,
+    pub(super) saturation: [f32; CHANNELS],
+    /// The standard deviation of the noise of `log(y + α)`.
+    pub(super) noise: [f32; CHANNELS],
+}
+
+impl Guard<'_> {
+    /// Takes as much of the correction from `deconvolved` to `restored` as the capture allows, and of that the part `refine`.
+    ///
+    /// # Equation
+    /// `d + ρ·t·(r − d)` in the tone-mapped domain, `t = min(1, 3σ/q)` for each channel, q the root mean square over the
+    /// unsaturated pixels of `A(r − d)/(y + α)` in linear light: a correction within the noise is believed as a whole, one
+    /// that contradicts a capture without noise is not.
+    ///
+    /// # Errors
+    /// Never for images of one size.
+    pub(super) fn refine(
+        &self,
+        deconvolved: &ToneMappedImage,
+        restored: ToneMappedImage,
+        refine: f32,
+    ) -> Result<ToneMappedImage> {
+        let moved = self.moved(deconvolved, &restored)?;
+        let mut planes = restored.into_planes();
+        for channel in 0..CHANNELS {
+            let allowed = MOST_DEVIATIONS * f64::from(self.noise[channel]);
+            #[expect(clippy::cast_possible_truncation, reason = "a share")]
+            let share = refine * (allowed / moved[channel].max(f64::MIN_POSITIVE)).min(1.0) as f32;
+            let deconvolved = deconvolved.channel(channel);
+            if share < 1.0 {
+                let plane = planes.index_axis_mut(Axis(0), channel);
+                Zip::from(plane).and(deconvolved).par_for_each(|r, d| *r = d + share * (*r - d));
+            }
+        }
+        ToneMappedImage::from_planes(planes)
+    }
+
+    /// q of each channel.
+    fn moved(&self, deconvolved: &ToneMappedImage, restored: &ToneMappedImage) -> Result<[f64; CHANNELS]> {
+        let mut difference = Array3::zeros(restored.planes().dim());
+        let curve = self.curve;
+        Zip::from(&mut difference).and(&restored.planes()).and(&deconvolved.planes()).par_for_each(
+            |out, r, d| {
+                *out = curve.expand(*r) - curve.expand(*d);
+            },
+        );
+        let boundary = match self.border {
+            Border::Zero => Boundary::Zero,
+            Border::Periodic => Boundary::Periodic,
+            Border::Smooth => Boundary::Replicate,
+        };
+        let size = [restored.height(), restored.width()];
+        let convolver = Convolver::new(size, [self.psf.height(), self.psf.width()], boundary)?;
+        let difference = LinearImage::from_planes(difference)?;
+        let blurred = convolver.convolve(&convolver.spectrum(&difference)?, &convolver.otf(self.psf)?);
+        Ok(std::array::from_fn(|channel| {
+            let from = saturated_from(self.saturation[channel]);
+            let values = blurred.index_axis(Axis(0), channel);
+            let (mut sum, mut count) = (0.0, 0_u32);
+            for (moved, y) in values.iter().zip(self.capture.channel(channel)) {
+                if *y < from {
+                    sum += f64::from(moved / (y.max(0.0) + curve.alpha)).powi(2);
+                    count += 1;
+                }
+            }
+            (sum / f64::from(count.max(1))).sqrt()
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn guard<'a>(capture: &'a LinearImage, psf: &'a Psf, noise: f32) -> Guard<'a> {
+        let curve = ToneCurve { alpha: 0.25, x_max: 4.0 };
+        Guard { capture, psf, border: Border::Zero, curve, saturation: [4.0; 3], noise: [noise; 3] }
+    }
+
+    /// A network that adds a hundredth to everything.
+    fn refined(noise: f32, refine: f32) -> (f32, f32) {
+        let capture = LinearImage::from_planes(Array3::from_elem((3, 16, 16), 0.5)).unwrap();
+        let psf = Psf::from_energy(Array3::ones((3, 1, 1))).unwrap();
+        let guard = guard(&capture, &psf, noise);
+        let deconvolved = guard.curve.tone_map(&capture);
+        let restored = deconvolved.map_values(|v| v + 0.01);
+        let refined = guard.refine(&deconvolved, restored, refine).unwrap();
+        (deconvolved.as_slice()[0], refined.as_slice()[0])
+    }
+
+    #[test]
+    fn a_correction_within_the_noise_is_taken_and_one_that_contradicts_the_capture_is_not() {
+        let (before, after) = refined(0.05, 1.0);
+        assert!((after - before - 0.01).abs() < 1e-6, "{before} {after}");
+        let (before, after) = refined(1e-4, 1.0);
+        assert!((after - before).abs() < 2e-4, "{before} {after}");
+    }
+
+    #[test]
+    fn half_of_a_correction_is_half_of_it_and_none_is_the_deconvolution() {
+        let (before, after) = refined(0.05, 0.5);
+        assert!((after - before - 0.005).abs() < 1e-6, "{before} {after}");
+        let (before, after) = refined(0.05, 0.0);
+        assert_eq!(before, after);
+    }
+}

@@ -1,0 +1,120 @@
+//! Restores a capture by a network that corrects what a deconvolution with the PSF makes of it.
+
+use ndarray::{Array3, Zip};
+use serde::Serialize;
+
+use super::capture::{Capture, Restored};
+use super::deconvolution::solve;
+use super::guard::Guard;
+use super::highlights::blend_highlights;
+use super::lamps::find_lamps;
+use super::levels::find_levels;
+use super::memory::MemoryPlan;
+use super::network::NetworkOperator;
+use super::planes::{PlaneConfig, planes_of};
+use super::restoration::{Restoration, psf_of, restore_windows};
+use crate::core::error::Result;
+use crate::core::image::{CHANNELS, LinearImage};
+use crate::core::progress::Progress;
+use crate::core::saturation::saturated_from;
+use crate::core::tone::ToneCurve;
+use crate::io::AnyImage;
+use crate::network::{Model, Plane};
+
+/// What a restoration by the network for any panel does beside the network.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct GuidedOptions {
+    /// The part of the network's corrections that is taken.
+    pub(super) refine: f32,
+    /// Whether lamps keep the light that their flare tells, far above what saturates.
+    pub(super) true_highlights: bool,
+    /// Whether the light at which captures saturate is looked for in them, unless they say it.
+    pub(super) finds_levels: bool,
+}
+
+impl Default for GuidedOptions {
+    fn default() -> Self {
+        Self { refine: 1.0, true_highlights: false, finds_levels: true }
+    }
+}
+
+impl Restoration {
+    /// Restores a capture by a network that reads planes, which are made of its PSF.
+    pub(super) fn restore_by_planes(
+        &self,
+        model: &Model,
+        plan: &MemoryPlan,
+        capture: Capture,
+        progress: &Progress,
+    ) -> Result<Restored> {
+        let Capture { image, info } = capture;
+        let (image, saturation, found) =
+            self.light_and_levels(image, info.as_ref().and_then(|info| info.saturation));
+        let curve = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..self.curve() };
+        let planes = PlaneConfig { curve, border: self.border(), saturation };
+        let psf = psf_of(self.kernel())?;
+        let solution = solve(&image, psf, &planes.deconvolution(), progress)?;
+        let lamps = find_lamps(&image, &solution.scene, saturation);
+        let options = self.guided_options();
+        let light = options.filter(|options| options.true_highlights).map(|_| solution.scene.clone());
+        let noise = solution.relative_noise;
+        let planes = planes_of(model.architecture().planes(), &image, Some(solution), &planes)?;
+        let tone_mapped = curve.tone_map(&image);
+        let (conditioning, angle) = self.conditioning(model, &tone_mapped, saturation, progress)?;
+        let operator = NetworkOperator::new(model).told(conditioning)?.with_planes(planes.clone());
+        let mut restored = restore_windows(&tone_mapped, plan, operator, progress)?;
+        if let (Some(options), Some(deconvolved)) = (options, planes.get(Plane::Deconvolved)) {
+            let guard = Guard { capture: &image, psf, border: self.border(), curve, saturation, noise };
+            restored = guard.refine(deconvolved, restored, options.refine)?;
+        }
+        let level = saturation.map(|white| curve.compress(saturated_from(white)));
+        let restored = blend_highlights(restored, &tone_mapped, level, self.highlights())?;
+        let image = match light {
+            Some(light) => {
+                AnyImage::Linear(with_light(curve.inverse_tone_map(&restored), &image, &light, saturation)?)
+            }
+            None => AnyImage::ToneMapped(restored),
+        };
+        Ok(Restored { image, info, angle, curve, lamps, levels: found })
+    }
+
+    /// The light of a capture, what saturates each channel, and whether that was found in the capture itself.
+    fn light_and_levels(
+        &self,
+        image: AnyImage,
+        known: Option<[f32; CHANNELS]>,
+    ) -> (LinearImage, [f32; CHANNELS], Option<[f32; CHANNELS]>) {
+        let image: LinearImage = image.into_linear(self.curve());
+        let usual = self.curve().x_max;
+        let finds_levels = self.guided_options().is_some_and(|options| options.finds_levels);
+        match known {
+            Some(levels) => (image, levels.map(|level| level.min(usual)), None),
+            None if finds_levels => {
+                let (levels, count) = find_levels(&image, usual);
+                (image, levels, (count > 0).then_some(levels))
+            }
+            None => (image, [usual; CHANNELS], None),
+        }
+    }
+}
+
+/// A restored scene with the light of lamps where the capture is saturated.
+fn with_light(
+    restored: LinearImage,
+    capture: &LinearImage,
+    light: &LinearImage,
+    saturation: [f32; CHANNELS],
+) -> Result<LinearImage> {
+    let mut planes: Array3<f32> = restored.into_planes();
+    for (channel, mut plane) in planes.outer_iter_mut().enumerate() {
+        let from = saturated_from(saturation[channel]);
+        let pixels = Zip::from(&mut plane).and(capture.channel(channel)).and(light.channel(channel));
+        pixels.par_for_each(|restored, captured, light| {
+            if *captured >= from {
+                *restored = restored.max(*light);
+            }
+        });
+    }
+    LinearImage::from_planes(planes)
+}

@@ -1,0 +1,130 @@
+//! Tells of the lamps of a capture, whose light the sensor clipped: where they are and how bright.
+
+use std::fmt;
+
+use ndarray::Array2;
+use serde::Serialize;
+
+use crate::core::image::{CHANNELS, LinearImage};
+use crate::core::saturation::saturated_from;
+
+/// A connected area of saturated pixels, and the light that its flare tells.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Lamp {
+    /// Row and column of the middle of its light.
+    pub position: [f64; 2],
+    /// Pixels that are saturated in some channel.
+    pub pixels: usize,
+    /// The light of its brightest pixel in red, green and blue, in multiples of what saturates the channel.
+    pub times_saturation: [f32; CHANNELS],
+    /// The sum of its light in each channel.
+    pub light: [f64; CHANNELS],
+}
+
+/// Finds the lamps of a capture in the light of its scene, brightest first.
+pub(super) fn find_lamps(
+    capture: &LinearImage,
+    scene: &LinearImage,
+    saturation: [f32; CHANNELS],
+) -> Vec<Lamp> {
+    let (height, width) = (capture.height(), capture.width());
+    let from = saturation.map(saturated_from);
+    let (captured, light) = (capture.planes(), scene.planes());
+    let mut todo = Array2::from_shape_fn((height, width), |(y, x)| {
+        (0..CHANNELS).any(|channel| captured[[channel, y, x]] >= from[channel])
+    });
+    let (mut lamps, mut area) = (Vec::new(), Vec::new());
+    for start in 0..height * width {
+        let start = (start / width, start % width);
+        if !std::mem::take(&mut todo[start]) {
+            continue;
+        }
+        area.clear();
+        area.push(start);
+        let mut next = 0;
+        while let Some(&(y, x)) = area.get(next) {
+            next += 1;
+            for y in y.saturating_sub(1)..=(y + 1).min(height - 1) {
+                for x in x.saturating_sub(1)..=(x + 1).min(width - 1) {
+                    if std::mem::take(&mut todo[[y, x]]) {
+                        area.push((y, x));
+                    }
+                }
+            }
+        }
+        let value = |channel: usize, (y, x): (usize, usize)| light[[channel, y, x]];
+        lamps.push(Lamp::of_area(&area, value, saturation));
+    }
+    lamps.sort_by(|a, b| b.total().total_cmp(&a.total()));
+    lamps
+}
+
+impl Lamp {
+    fn of_area(
+        area: &[(usize, usize)],
+        value: impl Fn(usize, (usize, usize)) -> f32,
+        saturation: [f32; CHANNELS],
+    ) -> Self {
+        let mut lamp =
+            Self { position: [0.0; 2], pixels: area.len(), times_saturation: [0.0; 3], light: [0.0; 3] };
+        for &place in area {
+            for channel in 0..CHANNELS {
+                let light = value(channel, place);
+                lamp.light[channel] += f64::from(light);
+                let times = light / saturation[channel];
+                lamp.times_saturation[channel] = lamp.times_saturation[channel].max(times);
+                lamp.position[0] += f64::from(light) * place.0 as f64;
+                lamp.position[1] += f64::from(light) * place.1 as f64;
+            }
+        }
+        let total = lamp.total().max(f64::MIN_POSITIVE);
+        lamp.position = lamp.position.map(|moment| moment / total);
+        lamp
+    }
+
+    fn total(&self) -> f64 {
+        self.light.iter().sum()
+    }
+}
+
+impl fmt::Display for Lamp {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [y, x] = self.position;
+        let [red, green, blue] = self.times_saturation;
+        write!(
+            f,
+            "lamp at row {y:.0}, column {x:.0}: {} saturated pixels, up to {red:.1}, {green:.1} and {blue:.1} times saturation \
+             in red, green and blue",
+            self.pixels
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array3;
+
+    #[test]
+    fn lamps_are_told_apart_and_the_brightest_comes_first() {
+        let mut light = Array3::from_elem((3, 12, 20), 0.1);
+        light[[1, 2, 3]] = 40.0;
+        light[[0, 3, 4]] = 20.0;
+        light[[2, 8, 15]] = 800.0;
+        let scene = LinearImage::from_planes(light).unwrap();
+        let capture = scene.map_values(|v| v.min(4.0));
+        let lamps = find_lamps(&capture, &scene, [4.0; 3]);
+        assert_eq!(lamps.iter().map(|lamp| lamp.pixels).collect::<Vec<_>>(), [1, 2]);
+        assert_eq!(lamps[0].times_saturation[2], 200.0);
+        assert!((lamps[0].position[0] - 8.0).abs() < 0.01 && (lamps[0].position[1] - 15.0).abs() < 0.01);
+        assert_eq!(lamps[1].times_saturation[..2], [5.0, 10.0]);
+        assert!(lamps[0].to_string().starts_with("lamp at row 8, column 15: 1 saturated pixels"));
+    }
+
+    #[test]
+    fn a_capture_without_saturated_pixels_has_no_lamps() {
+        let image = LinearImage::from_planes(Array3::from_elem((3, 4, 4), 0.5)).unwrap();
+        assert!(find_lamps(&image, &image, [1.0; 3]).is_empty());
+    }
+}

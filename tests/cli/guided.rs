@@ -1,0 +1,156 @@
+//! `udc restore` without a model and without a method: the network for any panel.
+
+use std::path::Path;
+
+use ndarray::Array3;
+use udc::core::fft::{Boundary, Convolver};
+use udc::core::image::{Linear, LinearImage};
+use udc::core::psf::Psf;
+use udc::core::tone::ToneCurve;
+use udc::io::{self, WriteOptions};
+
+use super::common::{fail, succeed, udc};
+use super::restore::scratch;
+
+const SATURATION: f32 = 4.0;
+
+/// A core, a halo and four orders, as of a panel with a square grid.
+fn psf() -> Psf {
+    let energy = |(_, y, x): (usize, usize, usize)| {
+        let spot = |cy: f32, cx: f32| (-((y as f32 - cy).powi(2) + (x as f32 - cx).powi(2)) / 2.0).exp();
+        let orders = spot(20.0, 6.0) + spot(20.0, 34.0) + spot(6.0, 20.0) + spot(34.0, 20.0);
+        spot(20.0, 20.0) + 0.03 * orders
+    };
+    Psf::from_energy(Array3::from_shape_fn((3, 41, 41), energy)).unwrap()
+}
+
+/// A pattern with a lamp a hundred times above saturation.
+fn scene() -> LinearImage {
+    let value = |(c, y, x): (usize, usize, usize)| {
+        if y.abs_diff(40) < 3 && x.abs_diff(44) < 3 {
+            100.0 * SATURATION
+        } else {
+            0.3 + 0.1 * ((c + y / 9 + x / 7) % 3) as f32
+        }
+    };
+    LinearImage::from_planes(Array3::from_shape_fn((3, 80, 88), value)).unwrap()
+}
+
+/// Writes the capture of the scene through the PSF, and the PSF.
+fn write_capture(folder: &Path) {
+    let (scene, psf) = (scene(), psf());
+    let convolver = Convolver::new([80, 88], [41, 41], Boundary::Replicate).unwrap();
+    let seen = convolver.convolve(&convolver.spectrum(&scene).unwrap(), &convolver.otf(&psf).unwrap());
+    let capture = LinearImage::from_planes(seen.mapv(|light| light.min(SATURATION))).unwrap();
+    io::write_image(&folder.join("capture.exr"), &capture, &WriteOptions::default()).unwrap();
+    io::write_psf(&folder.join("psf.exr"), &psf, &WriteOptions::default()).unwrap();
+}
+
+/// The mean error of tone-mapped values where the scene is not saturated.
+fn error(path: &Path) -> f32 {
+    let curve = ToneCurve::new(0.25, SATURATION).unwrap();
+    let (image, scene) = (io::read_image::<Linear>(path).unwrap(), scene());
+    let errors: Vec<f32> = image
+        .as_slice()
+        .iter()
+        .zip(scene.as_slice())
+        .filter(|(_, truth)| **truth < SATURATION)
+        .map(|(value, truth)| (curve.compress(*value) - curve.compress(*truth)).abs())
+        .collect();
+    errors.iter().sum::<f32>() / errors.len() as f32
+}
+
+#[test]
+fn the_psf_alone_restores_a_capture_and_finds_its_lamp_and_its_level() {
+    let scratch = tempfile::tempdir().unwrap();
+    write_capture(scratch.path());
+    let output =
+        udc(scratch.path(), &["restore", "capture.exr", "--psf", "psf.exr", "-o", "restored.exr", "-v"]);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("lamp at row 40, column 44"), "{said}");
+    assert!(said.contains("saturates at 4, 4 and 4"), "{said}");
+    let (before, after) =
+        (error(&scratch.path().join("capture.exr")), error(&scratch.path().join("restored.exr")));
+    assert!(after < 0.5 * before, "{after} of {before}");
+    let provenance = io::read_provenance(&scratch.path().join("restored.exr")).unwrap().unwrap();
+    let lamp = &provenance.found.unwrap()["lamps"][0];
+    let times = lamp["times-saturation"][1].as_f64().unwrap();
+    assert!((30.0..300.0).contains(&times), "{times} times saturation");
+    succeed(
+        scratch.path(),
+        &["restore", "capture.exr", "--psf", "psf.exr", "-o", "photo.jpg", "--model", "guided"],
+    );
+    assert!(scratch.path().join("photo.jpg").is_file());
+}
+
+#[test]
+fn true_highlights_are_far_above_saturation_and_others_are_not() {
+    let scratch = tempfile::tempdir().unwrap();
+    write_capture(scratch.path());
+    let brightest = |flags: &[&str], name: &str| {
+        let call = ["restore", "capture.exr", "--psf", "psf.exr", "--x-max", "4", "-o", name];
+        succeed(scratch.path(), &[&call[..], flags].concat());
+        let image = io::read_image::<Linear>(&scratch.path().join(name)).unwrap();
+        image.as_slice().iter().fold(0.0f32, |most, value| most.max(*value))
+    };
+    assert!(brightest(&[], "restored.exr") <= SATURATION * 1.001);
+    assert!(brightest(&["--true-highlights"], "true.exr") > 20.0 * SATURATION);
+    let call = ["restore", "capture.exr", "--psf", "psf.exr", "--true-highlights", "-o", "t.exr"];
+    let message = fail(scratch.path(), &[&call[..], &["--output-domain", "tone-mapped"]].concat(), 2);
+    assert!(message.contains("--true-highlights"), "{message}");
+}
+
+#[test]
+fn without_refinement_the_joint_deconvolution_stays() {
+    let scratch = tempfile::tempdir().unwrap();
+    write_capture(scratch.path());
+    let restore = |flags: &[&str], name: &str| {
+        let call = ["restore", "capture.exr", "--psf", "psf.exr", "--x-max", "4", "-o", name];
+        succeed(scratch.path(), &[&call[..], flags].concat());
+        io::read_image::<Linear>(&scratch.path().join(name)).unwrap()
+    };
+    let (plain, joint) =
+        (restore(&["--refine", "0"], "plain.exr"), restore(&["--method", "joint"], "joint.exr"));
+    for (plain, joint) in plain.as_slice().iter().zip(joint.as_slice()) {
+        // There and back through φ, which flattens bright light.
+        let most = 1e-5 * (1.0 + joint.min(SATURATION) / 0.25).powi(2);
+        assert!((plain - joint.min(SATURATION)).abs() <= most, "{plain} {joint}");
+    }
+}
+
+#[test]
+fn the_kernel_of_a_bank_at_an_angle_restores_too() {
+    let scratch = scratch();
+    let call = ["restore", "scene.exr", "--bank", "bank.safetensors", "-o"];
+    let at =
+        |angle: &str, name: &str| succeed(scratch.path(), &[&call[..], &[name, "--angle", angle]].concat());
+    at("4", "a.exr");
+    at("5.5", "b.exr");
+    let read = |name: &str| io::read_image::<Linear>(&scratch.path().join(name)).unwrap();
+    assert_ne!(read("a.exr"), read("b.exr"));
+}
+
+#[test]
+fn what_the_guided_restoration_lacks_or_would_ignore_is_named() {
+    let scratch = scratch();
+    for (flags, code, expected) in [
+        (&[][..], 1, "name it with --psf"),
+        (&["--bank", "bank.safetensors"], 1, "add --angle"),
+        (&["--psf", "psf.exr", "--refine", "1.5"], 1, "between 0 and 1"),
+        (&["--psf", "psf.exr", "--method", "wiener", "--refine", "0.5"], 2, "--refine"),
+        (&["--model", "other.safetensors", "--refine", "0.5"], 2, "belongs to the guided restoration"),
+        (&["--model", "other.safetensors", "--border", "zero"], 2, "--border"),
+    ] {
+        let message = fail(scratch.path(), &[&["restore", "scene.exr", "-o", "o.exr"], flags].concat(), code);
+        assert!(message.contains(expected), "{flags:?}: {message}");
+    }
+    assert!(!scratch.path().join("o.exr").exists());
+}
+
+#[test]
+fn info_describes_the_network_for_any_panel() {
+    let scratch = tempfile::tempdir().unwrap();
+    let said = succeed(scratch.path(), &["info", "guided"]);
+    assert!(said.contains("guided") && said.contains("deconvolved, noise, saturated"), "{said}");
+}
