@@ -355,14 +355,10 @@ impl TrainConfig {
         let (optimizer, perceptual) = (&self.optimizer, self.loss.perceptual.weight);
         let is_share = |value: f64| (0.0..1.0).contains(&value);
         let is_positive = |value: f64| value > 0.0 && value.is_finite();
+        let floor = self.loss.relative_floor;
         let ranges = [
             ("loss.l1", self.loss.l1, is_positive(self.loss.l1), "positive"),
-            (
-                "loss.relative-floor",
-                self.loss.relative_floor,
-                (0.0..=1.0).contains(&self.loss.relative_floor),
-                "between 0 and 1",
-            ),
+            ("loss.relative-floor", floor, (0.0..=1.0).contains(&floor), "between 0 (off) and 1"),
             (
                 "loss.perceptual.weight",
                 perceptual,
