@@ -172,7 +172,7 @@ impl PlaneOperator {
     /// L is the Laplacian's transfer function.
     ///
     /// # Accuracy
-    /// Of wide transforms every so many-th kx is read, [`MEAN_COLUMNS`] of them at least: a kernel that fills a part of a
+    /// Of wide transforms every so many-th kx is read, 256 of them at least: a kernel that fills a part of a
     /// plane has a transfer function that changes over several frequencies.
     pub fn mean(
         &self,
