@@ -76,7 +76,7 @@ impl<'a> Panel<'a> {
     /// Whatever its neighbours are, each kind of region draws from a stream of its own.
     fn moves(&self, what: &str) -> Moves {
         let open = |config: &IrregularityConfig| {
-            (config.clone(), stream(config.seed, &format!("display/irregularity/{what}")))
+            (*config, stream(config.seed, &format!("display/irregularity/{what}")))
         };
         Moves { irregularity: self.layout.irregularity.as_ref().map(open) }
     }

@@ -43,10 +43,10 @@ impl Guard<'_> {
     ) -> Result<ToneMappedImage> {
         let moved = self.moved(deconvolved, &restored)?;
         let mut planes = restored.into_planes();
-        for channel in 0..CHANNELS {
-            let allowed = MOST_DEVIATIONS * f64::from(self.noise[channel]);
+        for (channel, (moved, noise)) in moved.into_iter().zip(self.noise).enumerate() {
+            let allowed = MOST_DEVIATIONS * f64::from(noise);
             #[expect(clippy::cast_possible_truncation, reason = "a share")]
-            let share = refine * (allowed / moved[channel].max(f64::MIN_POSITIVE)).min(1.0) as f32;
+            let share = refine * (allowed / moved.max(f64::MIN_POSITIVE)).min(1.0) as f32;
             let deconvolved = deconvolved.channel(channel);
             if share < 1.0 {
                 let plane = planes.index_axis_mut(Axis(0), channel);

@@ -69,10 +69,10 @@ impl Lamp {
         let mut lamp =
             Self { position: [0.0; 2], pixels: area.len(), times_saturation: [0.0; 3], light: [0.0; 3] };
         for &place in area {
-            for channel in 0..CHANNELS {
+            for (channel, saturation) in saturation.into_iter().enumerate() {
                 let light = value(channel, place);
                 lamp.light[channel] += f64::from(light);
-                let times = light / saturation[channel];
+                let times = light / saturation;
                 lamp.times_saturation[channel] = lamp.times_saturation[channel].max(times);
                 lamp.position[0] += f64::from(light) * place.0 as f64;
                 lamp.position[1] += f64::from(light) * place.1 as f64;

@@ -152,6 +152,10 @@ impl DataConfig {
 pub struct LossConfig {
     /// Weight of the mean absolute difference between restored and clean crop, both tone-mapped.
     pub l1: f64,
+    /// Where above 0, that difference counts relative to itself, sample by sample, down to this: easy samples, whose errors are
+    /// small, teach as much as hard ones.
+    #[serde(skip_serializing_if = "is_off")]
+    pub relative_floor: f64,
     /// The distance of VGG-19's features of the two.
     pub perceptual: PerceptualConfig,
 }
@@ -159,8 +163,13 @@ pub struct LossConfig {
 impl Default for LossConfig {
     /// The first alone: the second needs a file of weights.
     fn default() -> Self {
-        Self { l1: 1.0, perceptual: PerceptualConfig::default() }
+        Self { l1: 1.0, relative_floor: 0.0, perceptual: PerceptualConfig::default() }
     }
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands references over")]
+fn is_off(value: &f64) -> bool {
+    *value <= 0.0
 }
 
 /// The part of the loss that compares features of VGG-19, conv5_4.
@@ -346,8 +355,10 @@ impl TrainConfig {
         let (optimizer, perceptual) = (&self.optimizer, self.loss.perceptual.weight);
         let is_share = |value: f64| (0.0..1.0).contains(&value);
         let is_positive = |value: f64| value > 0.0 && value.is_finite();
+        let floor = self.loss.relative_floor;
         let ranges = [
             ("loss.l1", self.loss.l1, is_positive(self.loss.l1), "positive"),
+            ("loss.relative-floor", floor, (0.0..=1.0).contains(&floor), "between 0 (off) and 1"),
             (
                 "loss.perceptual.weight",
                 perceptual,

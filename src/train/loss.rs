@@ -14,6 +14,8 @@ use crate::perceptual::PerceptualLoss;
 pub(super) struct Loss {
     /// Weight of the mean absolute difference.
     l1: f64,
+    /// What that difference is relative to at least, where it is relative.
+    relative_floor: Option<f64>,
     /// Weight and network of the perceptual distance.
     perceptual: Option<(f64, Arc<PerceptualLoss>)>,
 }
@@ -34,19 +36,21 @@ impl Loss {
         }
         let load = || PerceptualLoss::load(Path::new(file), *distance).map(Arc::new);
         let perceptual = if *weight > 0.0 { Some((*weight, load()?)) } else { None };
-        Ok(Self { l1: config.l1, perceptual })
+        let relative_floor = (config.relative_floor > 0.0).then_some(config.relative_floor);
+        Ok(Self { l1: config.l1, relative_floor, perceptual })
     }
 
     /// A loss with a network that was not read from a file.
     #[cfg(test)]
     pub(super) fn with_perceptual(l1: f64, weight: f64, perceptual: PerceptualLoss) -> Self {
-        Self { l1, perceptual: Some((weight, Arc::new(perceptual))) }
+        Self { l1, relative_floor: None, perceptual: Some((weight, Arc::new(perceptual))) }
     }
 
     /// Computes the loss of a batch, and a tensor of one number with the same gradient.
     ///
     /// # Equation
-    /// `w₁ · mean |restored − clean| + w₂ · d(VGG(restored), VGG(clean))`, means over all values.
+    /// `w₁ · mean |restored − clean| + w₂ · d(VGG(restored), VGG(clean))`, means over all values; with a floor f, the first is
+    /// `w₁ · mean ln(1 + e/f)`, e the mean absolute difference of each item: the error in decibels where it is above f.
     ///
     /// # Errors
     /// Those of [`PerceptualLoss::value_and_gradient`].
@@ -54,7 +58,12 @@ impl Loss {
     /// # Panics
     /// Never: the network computes in 32-bit floats.
     pub(super) fn of(&self, restored: Tensor<4>, clean: Tensor<4>) -> Result<(f64, Tensor<1>)> {
-        let l1 = mean((restored.clone() - clean.clone()).abs()).mul_scalar(self.l1);
+        let difference = (restored.clone() - clean.clone()).abs();
+        let difference = match self.relative_floor {
+            None => mean(difference),
+            Some(floor) => mean(of_items(difference).mul_scalar(1.0 / floor).add_scalar(1.0).log()),
+        };
+        let l1 = difference.mul_scalar(self.l1);
         let value = f64::from(l1.clone().into_scalar::<f32>());
         let Some((weight, perceptual)) = &self.perceptual else { return Ok((value, l1)) };
         let [items, channels, height, width] = restored.dims();
@@ -71,7 +80,37 @@ impl Loss {
     }
 }
 
+/// The mean of each item, `[item, 1, 1, 1]`.
+fn of_items(x: Tensor<4>) -> Tensor<4> {
+    (1..4).rev().fold(x, |x, axis| x.mean_dim(axis))
+}
+
 /// Axis by axis: Burn sums many values at once in an order that differs from run to run.
 fn mean(x: Tensor<4>) -> Tensor<1> {
     (0..4).rev().fold(x, |x, axis| x.mean_dim(axis)).reshape([1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use burn::tensor::Device;
+
+    /// Two items, one with errors of 0.3 and one with errors of 0.01.
+    #[test]
+    fn relative_to_itself_a_small_error_teaches_as_much_as_a_large_one() {
+        let device = Device::default().autodiff();
+        let errors = [0.3_f32, 0.3, 0.01, 0.01];
+        let restored =
+            Tensor::<4>::from_data(TensorData::new(errors.to_vec(), [2, 1, 1, 2]), &device).require_grad();
+        let clean = Tensor::zeros([2, 1, 1, 2], &device);
+        let config = LossConfig { relative_floor: 0.001, ..LossConfig::default() };
+        let (value, loss) = Loss::new(&config).unwrap().of(restored.clone(), clean).unwrap();
+        let expected = 0.5 * ((1.0 + 300.0_f64).ln() + (1.0 + 10.0_f64).ln());
+        assert!((value - expected).abs() < 1e-4, "{value} {expected}");
+        let gradient = restored.grad(&loss.backward()).unwrap().into_data().try_into_vec::<f32>().unwrap();
+        for (gradient, error) in gradient.iter().zip(errors) {
+            let expected = 0.25 / (error + 0.001);
+            assert!((gradient / expected - 1.0).abs() < 1e-3, "{gradient} {expected}");
+        }
+    }
 }

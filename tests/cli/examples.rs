@@ -50,8 +50,8 @@ fn makes_examples_that_a_network_learns_from() {
     let said = run(&["train", "config.toml", "--data", "examples", "-o", "run"]);
     assert!(said.contains(" deconvolved,") && said.contains("trained for 4 iterations"), "{said}");
     let log = fs::read_to_string(folder.path().join("run/metrics.jsonl")).unwrap();
-    let lines = log.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
-    let validation = lines.filter(|line| line["psnr"].is_number()).last().expect("it was validated");
+    let mut lines = log.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    let validation = lines.rfind(|line| line["psnr"].is_number()).expect("it was validated");
     let tags = validation["tags"].as_object().expect("examples have tags");
     assert!(tags.contains_key("harder") || tags.contains_key("simulator"), "{validation}");
     // What was learned from is known by its contents, and its making is not the training's to record.

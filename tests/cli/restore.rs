@@ -194,9 +194,13 @@ fn deconvolves_by_every_method() {
     let truth = middle(truth);
     let quality = |image: &ToneMappedImage| psnr(image, &truth, &MetricDefinition::float()).unwrap();
     let before = quality(&middle(seen));
-    for (method, gain) in
-        [("wiener", 2.9), ("wiener-orieux", 6.3), ("richardson-lucy", 5.5), ("constrained", 8.0)]
-    {
+    for (method, gain) in [
+        ("wiener", 2.9),
+        ("wiener-orieux", 6.3),
+        ("richardson-lucy", 5.5),
+        ("constrained", 8.0),
+        ("joint", 8.0),
+    ] {
         let output = format!("{method}.exr");
         succeed(
             scratch.path(),
@@ -219,10 +223,10 @@ fn refuses_flags_that_the_method_would_ignore() {
         fail(scratch.path(), &[&common[..], how, flags].concat(), code)
     };
     let belongings: [(&[&str], &[&str], &str); 4] = [
-        (&["--iterations", "3"], &["wiener", "wiener-orieux"], "richardson-lucy and constrained"),
-        (&["--seed", "1"], &["wiener", "richardson-lucy", "constrained"], "wiener-orieux"),
-        (&["--balance", "3"], &["wiener-orieux", "richardson-lucy", "constrained"], "wiener"),
-        (&["--mask-saturated"], &["richardson-lucy", "constrained"], "wiener and wiener-orieux"),
+        (&["--iterations", "3"], &["wiener", "wiener-orieux", "joint"], "richardson-lucy and constrained"),
+        (&["--seed", "1"], &["wiener", "richardson-lucy", "constrained", "joint"], "wiener-orieux"),
+        (&["--balance", "3"], &["wiener-orieux", "richardson-lucy", "constrained", "joint"], "wiener"),
+        (&["--mask-saturated"], &["richardson-lucy", "constrained", "joint"], "wiener and wiener-orieux"),
     ];
     let (model, code) = (model(), code());
     let network = ["--model", &model, "--code", &code];
@@ -240,7 +244,7 @@ fn refuses_flags_that_the_method_would_ignore() {
 #[test]
 fn gives_the_same_bytes_with_one_and_two_threads() {
     let scratch = scratch();
-    for method in ["wiener-orieux", "constrained"] {
+    for method in ["wiener-orieux", "constrained", "joint"] {
         let bytes = |threads: &str| {
             let output = format!("{method}-{threads}.npy");
             let common = ["restore", "scene.exr", "--method", method, "--psf", "psf.exr"];

@@ -5,7 +5,7 @@
 
 use std::f32::consts::PI;
 
-use ndarray::ArrayView2;
+use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
 use rustfft::num_complex::Complex;
 
@@ -24,6 +24,9 @@ pub enum TransformPrecision {
     /// 64 bits, for planes of which the peak is far above what matters.
     Double,
 }
+
+/// Columns of a spectrum that tell the mean over all to a percent.
+const MEAN_COLUMNS: usize = 256;
 
 /// Convolves planes of one size, dark outside or periodic, with kernels of one size.
 pub struct PlaneOperator {
@@ -112,17 +115,19 @@ impl PlaneOperator {
         }))
     }
 
-    /// A x: `fill(row, samples)` writes the rows of x, which come as zeros; the result goes to `out`, row after row.
+    /// A x: `fill(row, samples)` writes the first `rows` rows of x, which come as zeros as the others are; `out`, which
+    /// may be smaller than a plane, takes the top left of the result.
     ///
     /// # Panics
-    /// When `out` is not of the planes' size, or the transfer function is of another operator.
+    /// When there are more rows, or `out` is larger, than those of the planes, or the transfer function is of another
+    /// operator.
     pub fn convolve(
         &self,
         kernel: &TransferFunction,
-        fill: impl Fn(usize, &mut [f32]) + Sync,
-        out: &mut [f32],
+        (rows, fill): (usize, impl Fn(usize, &mut [f32]) + Sync),
+        out: &mut Array2<f32>,
     ) {
-        self.multiply(kernel, Side::Convolution, &fill, out);
+        self.multiply(kernel, Side::Convolution, (rows, &fill), out);
     }
 
     /// Aᵀ x, as [`convolve`](Self::convolve).
@@ -132,10 +137,10 @@ impl PlaneOperator {
     pub fn correlate(
         &self,
         kernel: &TransferFunction,
-        fill: impl Fn(usize, &mut [f32]) + Sync,
-        out: &mut [f32],
+        (rows, fill): (usize, impl Fn(usize, &mut [f32]) + Sync),
+        out: &mut Array2<f32>,
     ) {
-        self.multiply(kernel, Side::Correlation, &fill, out);
+        self.multiply(kernel, Side::Correlation, (rows, &fill), out);
     }
 
     /// Multiplies the spectrum of x by `response(H, L)` of the transfer function H and of the Laplacian's, L ≥ 0.
@@ -146,15 +151,15 @@ impl PlaneOperator {
         &self,
         kernel: &TransferFunction,
         response: impl Fn(Complex<f32>, f32) -> Complex<f32> + Sync,
-        fill: impl Fn(usize, &mut [f32]) + Sync,
-        out: &mut [f32],
+        (rows, fill): (usize, impl Fn(usize, &mut [f32]) + Sync),
+        out: &mut Array2<f32>,
     ) {
         match (&self.transform, &kernel.0) {
             (EitherTransform::Single(transform), EitherSpectrum::Single(otf)) => {
-                self.apply(transform, otf, &fill, out, |h, laplacian| response(h, laplacian));
+                self.apply((transform, otf), (rows, &fill), out, &response);
             }
             (EitherTransform::Double(transform), EitherSpectrum::Double(otf)) => {
-                self.apply(transform, otf, &fill, out, |h, laplacian| {
+                self.apply((transform, otf), (rows, &fill), out, |h, laplacian| {
                     let factor = response(narrow(h), laplacian);
                     Complex::new(f64::from(factor.re), f64::from(factor.im))
                 });
@@ -166,8 +171,9 @@ impl PlaneOperator {
     /// The mean over all frequencies of `of(|H|², L)` with the weight `along_y(ky) · along_x(kx)`, kx and ky counted from 0;
     /// L is the Laplacian's transfer function.
     ///
-    /// # Panics
-    /// When the transfer function is of another operator.
+    /// # Accuracy
+    /// Of wide transforms every so many-th kx is read, 256 of them at least: a kernel that fills a part of a
+    /// plane has a transfer function that changes over several frequencies.
     pub fn mean(
         &self,
         kernel: &TransferFunction,
@@ -187,8 +193,9 @@ impl PlaneOperator {
             terms.map(|(ky, (w, l))| w * f64::from(of(power(kx * height + ky), l + of_x[kx]))).sum::<f64>()
                 * along_x[kx]
         };
-        let columns: Vec<f64> = (0..of_x.len()).into_par_iter().map(of_column).collect();
-        let weight = along_y.iter().sum::<f64>() * along_x.iter().sum::<f64>();
+        let read = || (0..of_x.len()).step_by((of_x.len() / MEAN_COLUMNS).max(1));
+        let columns: Vec<f64> = read().collect::<Vec<_>>().into_par_iter().map(of_column).collect();
+        let weight = along_y.iter().sum::<f64>() * read().map(|kx| along_x[kx]).sum::<f64>();
         columns.into_iter().sum::<f64>() / weight.max(f64::MIN_POSITIVE)
     }
 
@@ -196,21 +203,21 @@ impl PlaneOperator {
         &self,
         kernel: &TransferFunction,
         side: Side,
-        fill: &(impl Fn(usize, &mut [f32]) + Sync),
-        out: &mut [f32],
+        from: (usize, &(impl Fn(usize, &mut [f32]) + Sync)),
+        out: &mut Array2<f32>,
     ) {
         match (&self.transform, &kernel.0, side) {
             (EitherTransform::Single(transform), EitherSpectrum::Single(otf), Side::Convolution) => {
-                self.apply(transform, otf, fill, out, |h, _| h);
+                self.apply((transform, otf), from, out, |h, _| h);
             }
             (EitherTransform::Single(transform), EitherSpectrum::Single(otf), Side::Correlation) => {
-                self.apply(transform, otf, fill, out, |h, _| h.conj());
+                self.apply((transform, otf), from, out, |h, _| h.conj());
             }
             (EitherTransform::Double(transform), EitherSpectrum::Double(otf), Side::Convolution) => {
-                self.apply(transform, otf, fill, out, |h, _| h);
+                self.apply((transform, otf), from, out, |h, _| h);
             }
             (EitherTransform::Double(transform), EitherSpectrum::Double(otf), Side::Correlation) => {
-                self.apply(transform, otf, fill, out, |h, _| h.conj());
+                self.apply((transform, otf), from, out, |h, _| h.conj());
             }
             _ => panic!("the transfer function belongs to this operator"),
         }
@@ -218,15 +225,16 @@ impl PlaneOperator {
 
     fn apply<T: Real>(
         &self,
-        transform: &Transform<T>,
-        otf: &[Complex<T>],
-        fill: &(impl Fn(usize, &mut [f32]) + Sync),
-        out: &mut [f32],
+        (transform, otf): (&Transform<T>, &[Complex<T>]),
+        (rows, fill): (usize, &(impl Fn(usize, &mut [f32]) + Sync)),
+        out: &mut Array2<f32>,
         response: impl Fn(Complex<T>, f32) -> Complex<T> + Sync,
     ) {
         assert_eq!(otf.len(), transform.spectrum_len(), "the transfer function belongs to this operator");
         let [height, width] = self.plane_size();
-        let spectrum = transform.forward(std::slice::from_ref(&(0..height)), |row, samples| {
+        let window = Window { top: 0, left: 0, height: out.nrows(), width: out.ncols() };
+        assert!(rows <= height && window.height <= height && window.width <= width, "planes are larger");
+        let spectrum = transform.forward(std::slice::from_ref(&(0..rows)), |row, samples| {
             T::fill(&mut samples[..width], |samples| fill(row, samples));
         });
         let tall = self.rows.transform;
@@ -238,7 +246,7 @@ impl PlaneOperator {
                 *out = *x * response(*h, along_x[kx] + of_y);
             }
         };
-        transform.inverse(product, Window { top: 0, left: 0, height, width }, out);
+        transform.inverse(product, window, out.as_slice_mut().expect("planes are contiguous"));
         transform.reuse(spectrum);
     }
 
@@ -274,4 +282,94 @@ fn narrow<T: Real>(z: Complex<T>) -> Complex<f32> {
 #[expect(clippy::cast_precision_loss, reason = "sides of images are far below 2²⁴")]
 fn differences(length: usize, count: usize) -> Vec<f32> {
     (0..count).map(|k| 4.0 * (PI * k as f32 / length as f32).sin().powi(2)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Convolver;
+    use super::*;
+
+    const PLANE: [usize; 2] = [19, 23];
+    const KERNEL: [usize; 2] = [7, 40];
+    const BOTH: [TransformPrecision; 2] = [TransformPrecision::Single, TransformPrecision::Double];
+
+    fn plane([height, width]: [usize; 2], seed: usize) -> Array2<f32> {
+        Array2::from_shape_fn((height, width), |(y, x)| ((y * 31 + x * 17 + seed) % 23) as f32 / 23.0)
+    }
+
+    fn kernel() -> Array2<f32> {
+        let k = plane(KERNEL, 5);
+        let sum = k.sum();
+        k / sum
+    }
+
+    fn rows(x: &Array2<f32>) -> (usize, impl Fn(usize, &mut [f32]) + Sync) {
+        (x.nrows(), |y, out: &mut [f32]| {
+            out[..x.ncols()].iter_mut().zip(x.row(y)).for_each(|(out, x)| *out = *x);
+        })
+    }
+
+    fn assert_near(a: &Array2<f32>, b: &Array2<f32>) {
+        // Sums of 280 products of numbers below 1 with a kernel of unit sum: 1e-5 is far above their rounding.
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5), "{a} is not {b}");
+    }
+
+    #[test]
+    fn convolves_and_correlates_as_the_convolver_does() {
+        for boundary in [Boundary::Zero, Boundary::Periodic] {
+            let convolver = Convolver::new(PLANE, KERNEL, boundary).unwrap();
+            let otf = convolver.kernel_spectrum(kernel().view()).unwrap();
+            let x = plane(PLANE, 1);
+            for precision in BOTH {
+                let operator = PlaneOperator::new(PLANE, KERNEL, boundary, precision);
+                let of_kernel = operator.transfer_function(kernel().view(), |k| k).unwrap();
+                let mut found = Array2::zeros(PLANE);
+                operator.convolve(&of_kernel, rows(&x), &mut found);
+                assert_near(&found, &convolver.convolve_plane(x.view(), &otf));
+                operator.correlate(&of_kernel, rows(&x), &mut found);
+                assert_near(&found, &convolver.correlate_plane(x.view(), &otf));
+            }
+        }
+    }
+
+    #[test]
+    fn a_part_of_a_plane_is_that_of_the_dark_plane_around_it() {
+        let operator = PlaneOperator::new(PLANE, KERNEL, Boundary::Periodic, TransformPrecision::Single);
+        let otf = operator.transfer_function(kernel().view(), |k| k * k).unwrap();
+        let part = plane([9, 12], 3);
+        let mut whole = Array2::zeros(PLANE);
+        whole.slice_mut(ndarray::s![..9, ..12]).assign(&part);
+        let (mut of_part, mut of_whole) = (Array2::zeros((4, 20)), Array2::zeros(PLANE));
+        operator.convolve(&otf, rows(&part), &mut of_part);
+        operator.convolve(&otf, rows(&whole), &mut of_whole);
+        assert_near(&of_part, &of_whole.slice(ndarray::s![..4, ..20]).to_owned());
+    }
+
+    /// The Laplacian of a wave is the wave times 4·sin²(π·k/N), summed over the axes.
+    #[test]
+    fn a_filter_reads_the_laplacian_of_a_wave() {
+        let size = [16, 24];
+        let wave = Array2::from_shape_fn((16, 24), |(y, x)| {
+            (2.0 * PI * (3.0 * y as f32 / 16.0 + 5.0 * x as f32 / 24.0)).cos()
+        });
+        let eigenvalue = 4.0 * ((PI * 3.0 / 16.0).sin().powi(2) + (PI * 5.0 / 24.0).sin().powi(2));
+        for precision in BOTH {
+            let operator = PlaneOperator::new(size, [3, 3], Boundary::Periodic, precision);
+            let otf = operator.transfer_function(plane([3, 3], 0).view(), |k| k).unwrap();
+            let mut found = Array2::zeros(size);
+            operator.filter(&otf, |_, laplacian| laplacian.into(), rows(&wave), &mut found);
+            assert_near(&(&found * 0.1), &(&wave * (0.1 * eigenvalue)));
+            let mean = operator.mean(&otf, |_, laplacian| laplacian, [&|_| 1.0, &|_| 1.0]);
+            // Over 13 of the 24 columns, since half a spectrum holds the two real ones once: 2 along y, 2 + 2/13 along x.
+            assert!((mean - 4.0).abs() < 0.2, "{mean}");
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "belongs to this operator")]
+    fn refuses_the_transfer_function_of_another_precision() {
+        let of = |precision| PlaneOperator::new(PLANE, KERNEL, Boundary::Zero, precision);
+        let otf = of(BOTH[0]).transfer_function(kernel().view(), |k| k).unwrap();
+        of(BOTH[1]).convolve(&otf, rows(&plane(PLANE, 1)), &mut Array2::zeros(PLANE));
+    }
 }

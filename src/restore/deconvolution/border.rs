@@ -2,7 +2,8 @@
 
 use std::f32::consts::PI;
 
-use ndarray::{Array2, ArrayView1, ArrayView2, ArrayViewMut1, Axis, s};
+use ndarray::{Array2, ArrayView2, Axis, Zip, s};
+use rayon::prelude::*;
 
 use super::Border;
 use crate::core::fft::fast_length;
@@ -30,25 +31,39 @@ pub(super) fn extend(plane: ArrayView2<'_, f32>, size: [usize; 2], border: Borde
     if border == Border::Zero {
         return extended;
     }
-    for mut row in extended.slice_mut(s![..height, ..]).axis_iter_mut(Axis(0)) {
-        let (known, unknown) = row.view_mut().split_at(Axis(0), width);
-        fade(known.view(), unknown);
-    }
-    for mut column in extended.axis_iter_mut(Axis(1)) {
-        let (known, unknown) = column.view_mut().split_at(Axis(0), height);
-        fade(known.view(), unknown);
-    }
+    let (mut known, mut below) = extended.view_mut().split_at(Axis(0), height);
+    let around = Around::new(width, size[1] - width);
+    known.axis_iter_mut(Axis(0)).into_par_iter().for_each(|row| {
+        let (known, mut unknown) = row.split_at(Axis(0), width);
+        for (value, (weight, behind, before)) in unknown.iter_mut().zip(&around.0) {
+            *value = (1.0 - weight) * known[*behind] + weight * known[*before];
+        }
+    });
+    let around = Around::new(height, size[0] - height);
+    below.axis_iter_mut(Axis(0)).into_par_iter().zip(&around.0).for_each(
+        |(row, (weight, behind, before))| {
+            Zip::from(row).and(known.row(*behind)).and(known.row(*before)).for_each(
+                |value, behind, before| {
+                    *value = (1.0 - weight) * behind + weight * before;
+                },
+            );
+        },
+    );
     extended
 }
 
-#[expect(clippy::cast_precision_loss, reason = "borders are short")]
-fn fade(known: ArrayView1<'_, f32>, mut unknown: ArrayViewMut1<'_, f32>) {
-    let (len, gap) = (known.len(), unknown.len());
-    for (i, value) in unknown.iter_mut().enumerate() {
-        let weight = 0.5 - 0.5 * (PI * (i as f32 + 0.5) / gap as f32).cos();
-        let behind = known[len - 1 - mirrored(i, len)];
-        let before = known[mirrored(gap - 1 - i, len)];
-        *value = (1.0 - weight) * behind + weight * before;
+/// Of each place behind a line: how far it has faded, the place of the line that is mirrored there from behind, and that
+/// from before.
+struct Around(Vec<(f32, usize, usize)>);
+
+impl Around {
+    #[expect(clippy::cast_precision_loss, reason = "borders are short")]
+    fn new(len: usize, gap: usize) -> Self {
+        let of_place = |i: usize| {
+            let weight = 0.5 - 0.5 * (PI * (i as f32 + 0.5) / gap as f32).cos();
+            (weight, len - 1 - mirrored(i, len), mirrored(gap - 1 - i, len))
+        };
+        Self((0..gap).map(of_place).collect())
     }
 }
 

@@ -2,7 +2,8 @@
 //!
 //! [`Method::Wiener`] and [`Method::WienerOrieux`] are the linear filters of the literature,
 //! [`Method::RichardsonLucy`] the multiplicative iteration; [`Method::Constrained`] solves the inverse problem
-//! of an under-display camera as it is: non-negative light, the frame's border, saturated pixels.
+//! of an under-display camera as it is: non-negative light, the frame's border, saturated pixels; [`Method::Joint`] the same
+//! for all colours together, with the light of saturated pixels, faster.
 
 mod border;
 mod constrained;
@@ -110,7 +111,7 @@ pub struct DeconvolutionConfig {
     pub mask_saturated: bool,
     /// The seed of the random numbers (`wiener-orieux`).
     pub seed: u64,
-    /// α of the tone mapping, which says how much dark pixels count (`constrained`).
+    /// α of the tone mapping, which says how much dark pixels count (`constrained`, `joint`).
     pub alpha: f32,
     /// The value of a full photosite in each channel, of which [`saturated_from`] takes the saturated share.
     pub saturation: [f32; CHANNELS],
@@ -171,7 +172,7 @@ pub fn deconvolve(
 ) -> Result<LinearImage> {
     config.validate()?;
     if config.method == Method::Joint {
-        return Ok(joint::solve(image, psf, config, progress)?.scene);
+        return joint::restore(image, psf, config, progress);
     }
     let bar = progress.bar(CHANNELS as u64, "deconvolving");
     let mut restored = Array3::zeros(image.planes().dim());
@@ -201,6 +202,8 @@ pub fn solve(
 }
 
 /// Bytes that [`deconvolve`] takes, the image and the result included.
+///
+/// By [`Method::Joint`] those of an image with saturated pixels; without any it takes two thirds.
 pub fn deconvolution_bytes(image: [usize; 2], psf: [usize; 2], config: &DeconvolutionConfig) -> u64 {
     let pixels = (image[0] * image[1]) as u64;
     let (plane, grid) = match config.method {
@@ -217,7 +220,7 @@ pub fn deconvolution_bytes(image: [usize; 2], psf: [usize; 2], config: &Deconvol
         Method::WienerOrieux => (4, 6),
         Method::RichardsonLucy => (6, 3),
         Method::Constrained => (12, 4),
-        Method::Joint => (24, 4),
+        Method::Joint => return joint::bytes(pixels, of_plane, samples),
     };
     4 * (2 * CHANNELS as u64 * pixels + planes * of_plane + 2 * spectra * samples)
 }
@@ -245,8 +248,15 @@ mod tests {
 
     use super::*;
 
+    /// Those that restore each colour for itself.
     const METHODS: [Method; 4] =
         [Method::Wiener, Method::WienerOrieux, Method::RichardsonLucy, Method::Constrained];
+
+    /// The same light in all colours.
+    fn gray(plane: &Array2<f32>) -> Array3<f32> {
+        let (height, width) = plane.dim();
+        plane.broadcast((CHANNELS, height, width)).unwrap().to_owned()
+    }
 
     /// A core in a halo with half of the light.
     fn psf() -> Array2<f32> {
@@ -261,13 +271,13 @@ mod tests {
     /// One pixel differs from the others in no capture of evenly lit paper: a percent is rounding and to spare.
     #[test]
     fn an_evenly_lit_frame_stays_even() {
-        let paper = Array2::from_elem((40, 56), 0.5);
-        for method in METHODS {
+        let paper = LinearImage::from_planes(Array3::from_elem((3, 40, 56), 0.5)).unwrap();
+        let psf = Psf::from_energy(gray(&psf())).unwrap();
+        for method in METHODS.into_iter().chain([Method::Joint]) {
             for border in [Border::Smooth, Border::Periodic] {
                 let config = DeconvolutionConfig { border, ..DeconvolutionConfig::of_method(method) };
-                let restored =
-                    deconvolve_plane(paper.view(), psf().view(), &config, 0, &Progress::default()).unwrap();
-                for value in restored {
+                let restored = deconvolve(&paper, &psf, &config, &Progress::default()).unwrap();
+                for value in restored.planes() {
                     assert!((value - 0.5).abs() < 0.005, "{method:?}, {border:?}: {value}");
                 }
             }
@@ -280,7 +290,7 @@ mod tests {
     fn red_is_not_saturated_where_green_would_be() {
         let plane = Array3::from_shape_fn((3, 40, 40), |(_, _, x)| if x < 20 { 0.3 } else { 1.5 });
         let image = LinearImage::from_planes(plane).unwrap();
-        let psf = Psf::from_energy(Array3::from_shape_fn((3, 31, 31), |(_, y, x)| psf()[[y, x]])).unwrap();
+        let psf = Psf::from_energy(gray(&psf())).unwrap();
         let restored = |method, saturation| {
             let mask_saturated = true;
             let config =
@@ -307,5 +317,9 @@ mod tests {
             let found = deconvolve_plane(frame.view(), psf().view(), &config, 0, &progress);
             assert!(matches!(found, Err(Error::Interrupted)), "{method:?}: {found:?}");
         }
+        let frame = LinearImage::from_planes(gray(&frame)).unwrap();
+        let psf = Psf::from_energy(gray(&psf())).unwrap();
+        let found = deconvolve(&frame, &psf, &DeconvolutionConfig::of_method(Method::Joint), &progress);
+        assert!(matches!(found, Err(Error::Interrupted)), "{found:?}");
     }
 }

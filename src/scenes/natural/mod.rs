@@ -104,7 +104,7 @@ impl NaturalKind {
 /// Linear irradiance from 0 to 10⁶, a fifth of the values at most above 16.
 ///
 /// # Errors
-/// [`Error::Shape`](crate::core::error::Error::Shape) when a side is zero.
+/// [`Error::Shape`] when a side is zero.
 pub fn natural(seed: u64, size: [usize; 2]) -> Result<PaintedScene> {
     paint_natural(NaturalKind::of_seed(seed), seed, size)
 }

@@ -1,6 +1,6 @@
 //! The convolution of a frame with one channel of a PSF, on planes that may go on around the frame.
 
-use ndarray::{Array2, ArrayView2, s};
+use ndarray::{Array2, ArrayView2, ArrayViewMut2, s};
 
 use rustfft::num_complex::Complex32;
 
@@ -46,9 +46,9 @@ impl Frame {
         self.plane_size() != self.size
     }
 
-    /// Whether a place of a plane is in the frame.
-    pub(super) fn contains(&self, y: usize, x: usize) -> bool {
-        y < self.size[0] && x < self.size[1]
+    /// Height and width of the frame.
+    pub(super) fn size(&self) -> [usize; 2] {
+        self.size
     }
 
     /// Continues a frame into its surrounding, as a first guess.
@@ -60,6 +60,12 @@ impl Frame {
     pub(super) fn cut<'p>(&self, plane: &'p Array2<f32>) -> ArrayView2<'p, f32> {
         let [height, width] = self.size;
         plane.slice(s![..height, ..width])
+    }
+
+    /// The frame in a plane, to be changed.
+    pub(super) fn cut_mut<'p>(&self, plane: &'p mut Array2<f32>) -> ArrayViewMut2<'p, f32> {
+        let [height, width] = self.size;
+        plane.slice_mut(s![..height, ..width])
     }
 
     /// Prepares a channel of the PSF.
@@ -79,26 +85,29 @@ impl Frame {
 }
 
 impl Blur<'_> {
-    /// A x.
+    /// A x, on the plane or on the frame alone, as large as `out` is; x may be of the frame's size, dark around it.
     pub(super) fn apply(&self, x: &Array2<f32>, out: &mut Array2<f32>) {
-        self.frame.operator.convolve(&self.otf, rows_of(x), slice_of(out));
+        self.frame.operator.convolve(&self.otf, rows_of(x), out);
     }
 
-    /// Aᵀ (w·y).
-    pub(super) fn transpose(&self, y: &Array2<f32>, weights: &Array2<f32>, out: &mut Array2<f32>) {
-        self.frame.operator.correlate(&self.otf, products_of(y, weights), slice_of(out));
+    /// Aᵀ y, as [`apply`](Self::apply).
+    pub(super) fn transpose(&self, y: &Array2<f32>, out: &mut Array2<f32>) {
+        self.frame.operator.correlate(&self.otf, rows_of(y), out);
     }
 
-    /// `F⁻¹ H̄·response F (w·x)`: an inverse of the convolution.
+    /// `F⁻¹ H̄·response F (x/d)`: an inverse of the convolution.
     pub(super) fn invert(
         &self,
         x: &Array2<f32>,
-        weights: &Array2<f32>,
+        divisors: &Array2<f32>,
         response: impl Fn(f32, f32) -> f32 + Sync,
         out: &mut Array2<f32>,
     ) {
+        let fill = |y: usize, samples: &mut [f32]| {
+            samples.iter_mut().zip(row(x, y)).zip(row(divisors, y)).for_each(|((out, x), d)| *out = x / d);
+        };
         let response = |h: Complex32, laplacian: f32| h.conj() * response(h.norm_sqr(), laplacian);
-        self.frame.operator.filter(&self.otf, response, products_of(x, weights), slice_of(out));
+        self.frame.operator.filter(&self.otf, response, (x.nrows(), fill), out);
     }
 
     /// The parts of a scene's detail that are left in each of the bands that noise is estimated from.
@@ -124,28 +133,20 @@ impl Blur<'_> {
         response: impl Fn(f32, f32) -> f32 + Sync,
         out: &mut Array2<f32>,
     ) {
+        let fill = |y: usize, samples: &mut [f32]| {
+            samples.iter_mut().zip(row(x, y)).zip(row(weights, y)).for_each(|((out, x), w)| *out = x * w);
+        };
         let response = |h: Complex32, laplacian: f32| response(h.norm_sqr(), laplacian).into();
-        self.frame.operator.filter(&self.otf, response, products_of(x, weights), slice_of(out));
+        self.frame.operator.filter(&self.otf, response, (x.nrows(), fill), out);
     }
 }
 
-fn rows_of(x: &Array2<f32>) -> impl Fn(usize, &mut [f32]) + Sync {
-    move |y, samples| samples.copy_from_slice(row(x, y))
-}
-
-fn products_of(x: &Array2<f32>, weights: &Array2<f32>) -> impl Fn(usize, &mut [f32]) + Sync {
-    move |y, samples| {
-        samples.iter_mut().zip(row(x, y)).zip(row(weights, y)).for_each(|((out, x), w)| *out = x * w);
-    }
+fn rows_of(x: &Array2<f32>) -> (usize, impl Fn(usize, &mut [f32]) + Sync) {
+    (x.nrows(), move |y, samples: &mut [f32]| samples[..x.ncols()].copy_from_slice(row(x, y)))
 }
 
 /// A row of a plane.
 pub(super) fn row(plane: &Array2<f32>, y: usize) -> &[f32] {
     let width = plane.ncols();
     &plane.as_slice().expect("planes are contiguous")[y * width..(y + 1) * width]
-}
-
-/// A plane, row after row.
-pub(super) fn slice_of(plane: &mut Array2<f32>) -> &mut [f32] {
-    plane.as_slice_mut().expect("planes are contiguous")
 }

@@ -77,7 +77,7 @@ impl HighPass {
         let mut smoothed = &weighted / &self.share;
         smooth(&mut smoothed, self.width_px);
         let passed = weighted - smoothed;
-        blur.transpose(&passed, &self.known, out);
+        blur.transpose(&(passed * &self.known), out);
     }
 }
 

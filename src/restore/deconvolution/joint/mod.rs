@@ -14,9 +14,11 @@
 
 mod channel;
 mod conjugate;
+mod exact;
 mod flare;
 mod frame;
 mod high_pass;
+mod lamps;
 mod noise_level;
 pub(super) mod pose;
 mod prior;
@@ -31,10 +33,9 @@ use crate::core::fft::TransformPrecision;
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
-use channel::Channel;
-use conjugate::Room;
+use channel::{Channel, Known, Workspace};
 use frame::Frame;
-use prior::Edges;
+use prior::{Edges, InverseBrightness};
 
 /// What a capture tells of its scene.
 #[derive(Clone, Debug)]
@@ -47,56 +48,126 @@ pub struct Solution {
     pub relative_noise: [f32; CHANNELS],
 }
 
-/// Solves for the scene of which `image` is the convolution with `psf`, clipped at `config.saturation`.
+/// Estimates the scene of which `image` is the convolution with `psf`, clipped at `config.saturation`.
+pub(super) fn restore(
+    image: &LinearImage,
+    psf: &Psf,
+    config: &DeconvolutionConfig,
+    progress: &Progress,
+) -> Result<LinearImage> {
+    let frame = frame_of(image, psf, config);
+    Colors::start(&frame, (image, psf), config, progress)?.restore(progress)?.scene()
+}
+
+/// As [`restore`], with what is known of the errors.
 pub(super) fn solve(
     image: &LinearImage,
     psf: &Psf,
     config: &DeconvolutionConfig,
     progress: &Progress,
 ) -> Result<Solution> {
-    let size = [image.height(), image.width()];
-    let of_psf = [psf.height(), psf.width()];
-    let frame = Frame::new(size, of_psf, config.border, TransformPrecision::Single);
-    let mut channels = Vec::with_capacity(CHANNELS);
-    for channel in 0..CHANNELS {
-        let planes = (image.channel(channel), psf.channel(channel));
-        channels.push(Channel::new(&frame, planes, (config.saturation[channel], config.alpha), progress)?);
-    }
-    let mut room = Room::new(frame.plane_size());
-    let mut edges = Edges::unknown();
-    let has_lamps = channels.iter().any(Channel::has_lamps);
-    let efforts: Vec<[usize; 2]> = channels.iter().map(|channel| channel.effort(&frame)).collect();
-    let rounds = efforts.iter().map(|[rounds, _]| *rounds).max().unwrap_or(0);
-    let bar = progress.bar((CHANNELS * rounds) as u64, "deconvolving");
-    for round in 0..rounds {
-        if round > 0 || !has_lamps {
-            edges = edges_of(&channels);
-        }
-        for (index, channel) in channels.iter_mut().enumerate() {
-            let [rounds, steps] = efforts[index];
-            if round < rounds {
-                let psf = psf.channel(index);
-                channel.improve((&frame, psf), (&edges, steps), (&mut room, progress))?;
-            }
-            bar.inc(1);
-        }
-    }
-    drop(room);
-    let relative_noise = std::array::from_fn(|channel| channels[channel].relative_noise());
-    let mut deviation = Array3::zeros((CHANNELS, size[0], size[1]));
-    let mut scene = Array3::zeros((CHANNELS, size[0], size[1]));
-    for (index, channel) in channels.into_iter().enumerate() {
-        let blur = frame.blur(psf.channel(index))?;
-        let of_channel = channel.deviation(&blur, &edges);
-        deviation.index_axis_mut(Axis(0), index).assign(&frame.cut(&of_channel));
-        scene.index_axis_mut(Axis(0), index).assign(&frame.cut(&channel.scene));
-    }
-    bar.finish_and_clear();
-    Ok(Solution { scene: LinearImage::from_planes(scene)?, deviation, relative_noise })
+    let frame = frame_of(image, psf, config);
+    let colors = Colors::start(&frame, (image, psf), config, progress)?.restore(progress)?;
+    let deviation = colors.deviation()?;
+    let relative_noise = std::array::from_fn(|channel| colors.channels[channel].relative_noise());
+    Ok(Solution { scene: colors.scene()?, deviation, relative_noise })
 }
 
-fn edges_of(channels: &[Channel]) -> Edges {
-    let colors: Vec<_> =
-        channels.iter().map(|channel| (&channel.scene, &channel.inverse_brightness)).collect();
-    Edges::of_scene(&colors)
+fn frame_of(image: &LinearImage, psf: &Psf, config: &DeconvolutionConfig) -> Frame {
+    let (size, of_psf) = ([image.height(), image.width()], [psf.height(), psf.width()]);
+    Frame::new(size, of_psf, config.border, TransformPrecision::Single)
 }
+
+/// Bytes of an image with saturated pixels in work, by the pixels of the frame and of a plane and the samples of a transform.
+pub(super) fn bytes(frame: u64, plane: u64, samples: u64) -> u64 {
+    // The image; the flare and certainty of each channel, W and A x, the inverse diagonal, three of bits, and what
+    // stands between.
+    let of_frame = CHANNELS as u64 * 3 + 5;
+    // Scene, D and 1/n of each channel; the gradient, the direction, what they are turned to, 1/n, edges, what is held,
+    // and what is still mapped of the first scene.
+    let of_plane = CHANNELS as u64 * 3 + 7;
+    // The transfer function, for a while that of squares, a spectrum, and what stands between rows and columns.
+    let of_samples = 4;
+    4 * (of_frame * frame + of_plane * plane + of_samples * samples)
+}
+
+/// All channels in work.
+struct Colors<'a> {
+    frame: &'a Frame,
+    channels: Vec<Channel<'a>>,
+    edges: Edges,
+}
+
+impl<'a> Colors<'a> {
+    fn start(
+        frame: &'a Frame,
+        (image, psf): (&'a LinearImage, &'a Psf),
+        config: &DeconvolutionConfig,
+        progress: &Progress,
+    ) -> Result<Self> {
+        let of_channel = |channel| Known {
+            capture: image.channel(channel),
+            psf: psf.channel(channel),
+            level: config.saturation[channel],
+            alpha: config.alpha,
+        };
+        let channels = (0..CHANNELS).map(|channel| Channel::new(frame, of_channel(channel), progress));
+        Ok(Self { frame, channels: channels.collect::<Result<_>>()?, edges: Edges::unknown() })
+    }
+
+    fn restore(mut self, progress: &Progress) -> Result<Self> {
+        let has_lamps = self.channels.iter().any(Channel::has_lamps);
+        let efforts: Vec<[usize; 2]> = self.channels.iter().map(Channel::effort).collect();
+        let rounds = efforts.iter().map(|[rounds, _]| *rounds).max().unwrap_or(0);
+        let bar = progress.bar((CHANNELS * rounds) as u64, "deconvolving");
+        let mut workspace = Workspace::new(self.frame);
+        for round in 0..rounds {
+            if round > 0 || !has_lamps {
+                self.find_edges();
+            }
+            for (channel, [rounds, steps]) in self.channels.iter_mut().zip(&efforts) {
+                if round < *rounds {
+                    channel.improve((&self.edges, *steps), &mut workspace, progress)?;
+                }
+                bar.inc(1);
+            }
+        }
+        bar.finish_and_clear();
+        Ok(self)
+    }
+
+    fn find_edges(&mut self) {
+        // The old ones go before the new ones are made.
+        self.edges = Edges::unknown();
+        let inverses: Vec<_> = self
+            .channels
+            .iter()
+            .map(|channel| move |y: usize, out: &mut [f32]| channel.write_inverse_brightness(y, out))
+            .collect();
+        let scenes = self.channels.iter().map(|channel| &channel.scene);
+        let colors: Vec<_> =
+            scenes.zip(&inverses).map(|(scene, inverse)| (scene, inverse as InverseBrightness<'_>)).collect();
+        self.edges = Edges::of_scene(&colors);
+    }
+
+    fn deviation(&self) -> Result<Array3<f32>> {
+        let [height, width] = self.frame.size();
+        let mut deviation = Array3::zeros((CHANNELS, height, width));
+        for (channel, mut out) in self.channels.iter().zip(deviation.axis_iter_mut(Axis(0))) {
+            out.assign(&channel.deviation(&self.edges)?);
+        }
+        Ok(deviation)
+    }
+
+    fn scene(self) -> Result<LinearImage> {
+        let [height, width] = self.frame.size();
+        let mut scene = Array3::zeros((CHANNELS, height, width));
+        for (channel, mut out) in self.channels.into_iter().zip(scene.axis_iter_mut(Axis(0))) {
+            out.assign(&self.frame.cut(&channel.scene));
+        }
+        LinearImage::from_planes(scene)
+    }
+}
+
+#[cfg(test)]
+mod tests;

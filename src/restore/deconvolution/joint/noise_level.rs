@@ -1,14 +1,23 @@
 //! Estimates from a capture how noisy its light is, dark and bright.
 
-use ndarray::{Array2, ArrayView2};
+use std::ops::Range;
+
+use ndarray::{Array2, ArrayView2, s};
+use rayon::prelude::*;
 
 use super::super::noise::{BANDS, Detail, of_details};
 
-/// Classes of brightness, each of as many pixels.
+/// Classes of brightness, each of as many pixels: photon and read noise change over stops, not within one.
 const CLASSES: usize = 6;
 
-/// Pixels that a class needs for its noise to be told from its detail.
+/// Pixels that a class needs for its noise to be told from its detail: the median of so many is known to 6 %.
 const LEAST_PIXELS: usize = 400;
+
+/// Pixels that noise is estimated from: the median of a class of so many is known to a percent.
+const MOST_PIXELS: usize = 1 << 19;
+
+/// Rows of a strip: more than twice the taps of the widest band.
+const STRIP_ROWS: usize = 16;
 
 /// Standard deviation below which a capture counts as free of noise: 80 dB below one half of φ.
 const LEAST: f32 = 1e-4;
@@ -28,18 +37,22 @@ impl NoiseLevel {
         (alpha, saturated_from): (f32, f32),
         left: [f64; 3],
     ) -> Self {
-        let logarithm = capture.mapv(|y| (y.max(0.0) + alpha).ln());
-        let limits = limits_of_classes(&capture, &logarithm, saturated_from);
+        let strips: Vec<_> = strips(capture.nrows(), capture.ncols())
+            .into_iter()
+            .map(|rows| capture.slice(s![rows, ..]))
+            .map(|strip| (strip, strip.mapv(|y| (y.max(0.0) + alpha).ln())))
+            .collect();
+        let limits = limits_of_classes(&strips, saturated_from);
         let mut classes: Vec<[Vec<f32>; 3]> = limits.iter().map(|_| Default::default()).collect();
-        for (index, band) in BANDS.iter().enumerate() {
-            band.visit(&logarithm, |(y, x), detail| {
-                if capture[[y, x]] < saturated_from {
-                    let level = logarithm[[y, x]];
-                    let class =
-                        limits.iter().position(|(_, most)| level <= *most).unwrap_or(limits.len() - 1);
-                    classes[class][index].push(detail);
-                }
-            });
+        for (strip, logarithm) in &strips {
+            for (index, band) in BANDS.iter().enumerate() {
+                band.visit(logarithm, |place, detail| {
+                    if strip[place] < saturated_from {
+                        let class = limits.partition_point(|(_, most)| *most < logarithm[place]);
+                        classes[class.min(limits.len() - 1)][index].push(detail);
+                    }
+                });
+            }
         }
         let knots = limits.iter().zip(classes).filter(|(_, details)| details[0].len() >= LEAST_PIXELS);
         let mut knots: Vec<(f32, f32)> = knots
@@ -82,22 +95,28 @@ impl NoiseLevel {
 /// The median of the modulus of a standard normal variable.
 const MEDIAN_OF_NORMAL: f64 = 0.6745;
 
+/// The rows that noise is estimated from: all, or strips over the whole height.
+fn strips(height: usize, width: usize) -> Vec<Range<usize>> {
+    let count = (MOST_PIXELS / (STRIP_ROWS * width)).max(1);
+    if height * width <= MOST_PIXELS || count * STRIP_ROWS >= height {
+        return std::iter::once(0..height).collect();
+    }
+    let strip = |index: usize| (2 * index + 1) * (height - STRIP_ROWS) / (2 * count);
+    (0..count).map(strip).map(|first| first..first + STRIP_ROWS).collect()
+}
+
 /// The middle and the upper end of each class of what is not saturated.
-fn limits_of_classes(
-    capture: &ArrayView2<'_, f32>,
-    logarithm: &Array2<f32>,
-    saturated_from: f32,
-) -> Vec<(f32, f32)> {
-    let mut levels: Vec<f32> = capture
+fn limits_of_classes(strips: &[(ArrayView2<'_, f32>, Array2<f32>)], saturated_from: f32) -> Vec<(f32, f32)> {
+    let mut levels: Vec<f32> = strips
         .iter()
-        .zip(logarithm)
+        .flat_map(|(strip, logarithm)| strip.iter().zip(logarithm))
         .filter(|(y, _)| **y < saturated_from)
         .map(|(_, level)| *level)
         .collect();
     if levels.is_empty() {
         return vec![(0.0, f32::MAX)];
     }
-    levels.sort_unstable_by(f32::total_cmp);
+    levels.par_sort_unstable_by(f32::total_cmp);
     let at = |part: usize| levels[(levels.len() - 1) * part / (2 * CLASSES)];
     (0..CLASSES).map(|class| (at(2 * class + 1), at(2 * class + 2))).collect()
 }
@@ -121,4 +140,58 @@ fn median(values: &mut [f32]) -> Option<f32> {
 #[expect(clippy::cast_possible_truncation, reason = "planes are of 32 bits")]
 fn narrow(value: f64) -> f32 {
     value as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const ALPHA: f32 = 0.25;
+
+    /// A ramp of brightness with noise of y + α that grows with it.
+    fn capture((height, width): (usize, usize), [dark, bright]: [f32; 2]) -> Array2<f32> {
+        let mut rng = rng::stream(3, "noise level");
+        Array2::from_shape_fn((height, width), |(_, x)| {
+            let part = x as f32 / width as f32;
+            let normal: f32 = StandardNormal.sample(&mut rng);
+            let sigma = dark + (bright - dark) * part;
+            (0.1 + 4.0 * part + ALPHA) * (sigma * normal).exp() - ALPHA
+        })
+    }
+
+    fn estimate(capture: &Array2<f32>) -> NoiseLevel {
+        NoiseLevel::estimate(capture.view(), (ALPHA, 16.0), [0.01, 0.03, 0.1])
+    }
+
+    /// Classes of 4000 pixels, and of every sixteenth row of a large frame, tell their median to some percent.
+    #[test]
+    fn finds_the_noise_of_dark_and_bright_light() {
+        for size in [(150, 160), (1024, 1024)] {
+            let noise = estimate(&capture(size, [0.02, 0.05]));
+            for (part, expected) in [(0.1, 0.023), (0.5, 0.035), (0.9, 0.047)] {
+                let found = noise.at(0.1 + 4.0 * part + ALPHA);
+                assert!((found / expected - 1.0).abs() < 0.15, "{size:?} at {part}: {found} of {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_known_is_no_noise() {
+        let full = Array2::from_elem((30, 30), 20.0);
+        for capture in [full, Array2::zeros((1, 1)), Array2::zeros((64, 64))] {
+            let noise = estimate(&capture);
+            assert_eq!([noise.at(0.25), noise.middle(), noise.at(100.0)], [LEAST; 3]);
+        }
+    }
+
+    #[test]
+    fn strips_are_spread_over_the_height_and_few() {
+        assert!(strips(500, 1000).into_iter().eq(std::iter::once(0..500)));
+        let strips = strips(2448, 3264);
+        assert_eq!(strips.len() * STRIP_ROWS * 3264 / 100_000, 5);
+        assert!(strips[0].start < 200 && strips.last().unwrap().end > 2248);
+        assert!(strips.windows(2).all(|pair| pair[0].end <= pair[1].start));
+    }
 }

@@ -6,33 +6,44 @@ use rayon::prelude::*;
 use super::super::objective::sum_of_rows;
 use super::frame::row;
 
-/// Relative difference of neighbours, root mean square over the colours, from which on it is taken for an edge.
+/// Relative difference of neighbours, root mean square over the colours, from which on it is taken for an edge:
+/// more than noise leaves of a surface, less than most outlines have.
 const EDGE: f32 = 0.05;
+
+/// Writes a row of the inverse of a scene's local brightness.
+pub(super) type InverseBrightness<'a> = &'a (dyn Fn(usize, &mut [f32]) + Sync);
 
 /// How much less the difference of a pixel to its next ones counts than that within a surface, from 0 to 1; one plane for
 /// all colours, since edges are of things.
-pub(super) struct Edges(Option<Array2<f32>>);
+pub(super) struct Edges {
+    /// None: all count in full.
+    plane: Option<Array2<f32>>,
+    mean: f32,
+}
 
 impl Edges {
     /// Those of a scene of which nothing is known.
     pub(super) fn unknown() -> Self {
-        Self(None)
+        Self { plane: None, mean: 1.0 }
     }
 
-    /// Those of a scene in several colours, each with the inverse of its local brightness.
+    /// Those of a scene in several colours, each with what writes rows of the inverse of its local brightness.
     ///
     /// # Equation
     /// `e = (1 + (r/ε)²)^(−¾)`, r² the mean over the colours of `|∇x|²·v²`, forward differences: the weights of the penalty
     /// `|r|^½` beyond ε.
-    pub(super) fn of_scene(colors: &[(&Array2<f32>, &Array2<f32>)]) -> Self {
+    pub(super) fn of_scene(colors: &[(&Array2<f32>, InverseBrightness<'_>)]) -> Self {
         let (height, width) = colors.first().map_or((0, 0), |(x, _)| x.dim());
         #[expect(clippy::cast_precision_loss, reason = "three colours")]
         let share = 1.0 / (colors.len() as f32 * EDGE * EDGE);
         let mut edges = Array2::zeros((height, width));
-        edges.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(y, mut edges)| {
+        let rows = edges.axis_iter_mut(Axis(0)).into_par_iter().enumerate();
+        rows.for_each_init(Vec::new, |inverse, (y, mut edges)| {
             let edges = edges.as_slice_mut().expect("planes are contiguous");
-            for (x, inverse) in colors {
-                add_squares(edges, [row(x, y), row(x, (y + 1).min(height - 1))], row(inverse, y));
+            inverse.resize(width, 0.0);
+            for (x, inverse_brightness) in colors {
+                inverse_brightness(y, inverse);
+                add_squares(edges, [row(x, y), row(x, (y + 1).min(height - 1))], inverse);
             }
             edges.iter_mut().for_each(|e| {
                 // (1 + r²)^(−¾) by square roots.
@@ -40,26 +51,25 @@ impl Edges {
                 *e = 1.0 / (root * root.sqrt());
             });
         });
-        Self(Some(edges))
+        let mean = mean(&edges);
+        Self { plane: Some(edges), mean }
     }
 
     /// The weights, where any are known.
     pub(super) fn plane(&self) -> Option<&Array2<f32>> {
-        self.0.as_ref()
+        self.plane.as_ref()
     }
 
     /// The mean weight.
     pub(super) fn mean(&self) -> f32 {
-        let Some(edges) = &self.0 else { return 1.0 };
-        let sum = sum_of_rows(edges.nrows(), |y| row(edges, y).iter().map(|e| f64::from(*e)).sum());
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_precision_loss,
-            reason = "a mean of numbers up to 1"
-        )]
-        let mean = (sum / edges.len() as f64) as f32;
-        mean
+        self.mean
     }
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "a mean of numbers up to 1")]
+fn mean(edges: &Array2<f32>) -> f32 {
+    let sum = sum_of_rows(edges.nrows(), |y| row(edges, y).iter().map(|e| f64::from(*e)).sum());
+    (sum / edges.len() as f64) as f32
 }
 
 fn add_squares(sums: &mut [f32], [here, below]: [&[f32]; 2], inverse: &[f32]) {
@@ -82,26 +92,48 @@ pub(super) struct Prior<'a> {
 impl Prior<'_> {
     /// Adds `sign` times half the slope of the penalty at x.
     pub(super) fn add_slope(&self, x: &Array2<f32>, sign: f32, out: &mut Array2<f32>) {
-        let ones;
-        let edges = if let Edges(Some(edges)) = self.edges {
-            edges
-        } else {
-            ones = Array2::ones(x.dim());
-            &ones
-        };
+        let ones = vec![1.0; x.ncols()];
+        let edge = |y: usize| self.edges.plane().map_or(&ones[..], |edges| row(edges, y));
         let (height, scale) = (x.nrows(), sign * self.weight);
         let v = self.inverse_brightness;
         Zip::indexed(out.rows_mut()).par_for_each(|y, mut out| {
             let out = out.as_slice_mut().expect("planes are contiguous");
-            along_row(out, row(x, y), row(v, y), row(edges, y), scale);
+            along_row(out, row(x, y), row(v, y), edge(y), scale);
             if y + 1 < height {
-                across(out, [row(x, y), row(x, y + 1)], [row(v, y), row(v, y + 1)], row(edges, y), scale);
+                across(out, [row(x, y), row(x, y + 1)], [row(v, y), row(v, y + 1)], edge(y), scale);
             }
             if y > 0 {
-                across(out, [row(x, y), row(x, y - 1)], [row(v, y), row(v, y - 1)], row(edges, y - 1), scale);
+                across(out, [row(x, y), row(x, y - 1)], [row(v, y), row(v, y - 1)], edge(y - 1), scale);
             }
         });
     }
+
+    /// The penalty at x.
+    pub(super) fn energy(&self, x: &Array2<f32>) -> f64 {
+        let ones = vec![1.0; x.ncols()];
+        let (height, v) = (x.nrows(), self.inverse_brightness);
+        let energy = sum_of_rows(height, |y| {
+            let edges = self.edges.plane().map_or(&ones[..], |edges| row(edges, y));
+            let along = energy_along(row(x, y), row(v, y), edges);
+            if y + 1 == height {
+                return along;
+            }
+            along + energy_across([row(x, y), row(x, y + 1)], [row(v, y), row(v, y + 1)], edges)
+        });
+        f64::from(self.weight) * energy
+    }
+}
+
+/// `Σ e·v·v′·(x − x′)²` over the pairs of one row.
+fn energy_along(x: &[f32], v: &[f32], e: &[f32]) -> f64 {
+    let pairs = x.windows(2).zip(v.windows(2)).zip(e);
+    pairs.map(|((x, v), e)| f64::from(e * v[0] * v[1] * (x[0] - x[1]).powi(2))).sum()
+}
+
+/// `Σ e·v·v′·(x − x′)²` over the pairs of two rows.
+fn energy_across([x, below]: [&[f32]; 2], [v, w]: [&[f32]; 2], e: &[f32]) -> f64 {
+    let pairs = x.iter().zip(below).zip(v.iter().zip(w)).zip(e);
+    pairs.map(|(((x, below), (v, w)), e)| f64::from(e * v * w * (x - below).powi(2))).sum()
 }
 
 fn along_row(out: &mut [f32], x: &[f32], v: &[f32], e: &[f32], scale: f32) {
@@ -118,5 +150,42 @@ fn along_row(out: &mut [f32], x: &[f32], v: &[f32], e: &[f32], scale: f32) {
 fn across(out: &mut [f32], [here, there]: [&[f32]; 2], [v, w]: [&[f32]; 2], e: &[f32], scale: f32) {
     for i in 0..out.len() {
         out[i] += scale * e[i] * v[i] * w[i] * (here[i] - there[i]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plane(seed: usize) -> Array2<f32> {
+        Array2::from_shape_fn((9, 11), |(y, x)| ((y * 31 + x * 17 + seed) % 23) as f32 / 23.0)
+    }
+
+    /// Of a quadratic form the difference quotient is exact but for rounding.
+    #[test]
+    fn the_slope_is_the_gradient_of_the_penalty() {
+        let (x, d, inverse_brightness) = (plane(1), plane(9), plane(4));
+        for edges in [Edges::unknown(), Edges { plane: Some(plane(6)), mean: 0.5 }] {
+            let prior = Prior { weight: 0.3, edges: &edges, inverse_brightness: &inverse_brightness };
+            let mut slope = Array2::from_elem(x.dim(), 1.0);
+            prior.add_slope(&x, 1.0, &mut slope);
+            let along = ((&slope - 1.0) * &d).sum();
+            let half_quotient = (prior.energy(&(&x + &d)) - prior.energy(&(&x - &d))) / 4.0;
+            assert!((f64::from(along) - half_quotient).abs() < 1e-4, "{along} {half_quotient}");
+        }
+    }
+
+    #[test]
+    fn edges_are_where_any_colour_has_one() {
+        let flat = Array2::from_elem((6, 8), 0.5);
+        let step = Array2::from_shape_fn((6, 8), |(_, x)| if x < 4 { 0.5 } else { 1.0 });
+        let ones = |_: usize, out: &mut [f32]| out.fill(1.0);
+        let edges = Edges::of_scene(&[(&flat, &ones), (&step, &ones), (&flat, &ones)]);
+        let plane = edges.plane().unwrap();
+        let at_step = (1.0 + 0.25 / (3.0 * EDGE * EDGE)).powf(-0.75);
+        for ((_, x), e) in plane.indexed_iter() {
+            assert!((e - if x == 3 { at_step } else { 1.0 }).abs() < 1e-5, "{x}: {e}");
+        }
+        assert!((edges.mean() - (7.0 + at_step) / 8.0).abs() < 1e-5);
     }
 }

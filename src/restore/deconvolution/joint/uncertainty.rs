@@ -1,12 +1,13 @@
 //! How far a scene may be off: noise through the regularised inverse, and flare that was taken away.
 
-use ndarray::{Array2, Zip};
+use ndarray::Array2;
 
-use super::frame::Blur;
+use super::frame::{Blur, Frame};
 use super::prior::Edges;
-use super::smooth::smooth;
+use super::smooth::local_mean;
 
-/// Edge weights that the gain of noise is computed for, as squares of multiples of 1/8.
+/// Edge weights that the gain of noise is computed for, as squares of multiples of 1/8: the gain changes by less than a tenth
+/// from one to the next.
 const KNOTS: usize = 9;
 
 /// Standard deviation of the bell that edge weights are averaged over: noise of a pixel is spread over its neighbours.
@@ -44,13 +45,12 @@ impl NoiseGain {
         self.0[knot] + (self.0[knot + 1] - self.0[knot]) * part
     }
 
-    /// The gain in each pixel.
-    pub(super) fn plane(&self, edges: &Edges, size: [usize; 2]) -> Array2<f32> {
-        let Some(edges) = edges.plane() else { return Array2::from_elem(size, self.at(1.0)) };
-        let mut weights = edges.clone();
-        smooth(&mut weights, EDGE_PX);
-        Zip::from(&mut weights).par_for_each(|weight| *weight = self.at(*weight));
-        weights
+    /// The gain in each pixel of the frame.
+    pub(super) fn plane(&self, edges: &Edges, frame: &Frame) -> Array2<f32> {
+        let Some(edges) = edges.plane() else { return Array2::from_elem(frame.size(), self.at(1.0)) };
+        let mut gains = local_mean(&frame.cut(edges).as_standard_layout().into_owned(), EDGE_PX);
+        gains.par_mapv_inplace(|weight| self.at(weight));
+        gains
     }
 }
 

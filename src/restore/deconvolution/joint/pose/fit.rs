@@ -23,7 +23,7 @@ impl<'a> LampFit<'a> {
     pub(super) fn new(scene: &Scene, squared: &Blur<'_>, progress: &'a Progress) -> Self {
         let weights = &scene.high_pass.weights;
         let mut diagonal = scene.frame.plane();
-        squared.transpose(weights, weights, &mut diagonal);
+        squared.transpose(&(weights * weights), &mut diagonal);
         let most = diagonal.iter().fold(f32::MIN_POSITIVE, |most, value| most.max(*value));
         let inverse = Zip::from(&diagonal)
             .and(&scene.lamps)

@@ -1,0 +1,136 @@
+//! What there is where a capture is saturated: the light that its flare tells, and how far pixels are believed.
+
+use ndarray::{Array2, ArrayView2, Zip};
+
+use super::flare::{Clipped, grown, inverse_diagonal};
+use super::frame::{Blur, Frame};
+use super::smooth::{local_mean, paint};
+use crate::core::error::Result;
+use crate::core::progress::Progress;
+
+/// Pixels around saturated ones whose values are not believed: interpolation mixes clipped values in. In a computed capture,
+/// where there are none, leaving them out costs 3 dB.
+const GUARD_PX: usize = 1;
+
+/// The part of the largest curvature that a lamp's pixel has at least; 10⁻¹² restores the same.
+const LEAST_CURVATURE: f32 = 1e-9;
+
+/// How far the steps of lamps go beside those of other pixels: 0.3 converges more slowly, 1 misleads where there is noise
+/// (0.1 dB each).
+const LAMP_STEP: f32 = 0.6;
+
+/// The part of the flare that was taken away that may be wrong: PSFs are measured to some percent.
+const FLARE_DOUBT: f32 = 0.03;
+
+/// The part of a lamp's light that may be wrong: where it is bright, its neighbours share it by little more than a guess.
+const LAMP_DOUBT: f32 = 0.2;
+
+/// The saturated pixels of a channel; planes are of the frame's size unless told.
+pub(super) struct Lamps {
+    saturated: Array2<bool>,
+    /// 1/n: the inverse of the brightness of the scene without its lamps, zero at saturated pixels; a whole plane.
+    pub(super) inverse_brightness: Array2<f32>,
+    /// 1/D² where the capture is known, −1/D² of saturated pixels, which are lower bounds, zero next to those.
+    certainty: Array2<f32>,
+    /// The capture's part that comes from saturated pixels.
+    flare: Array2<f32>,
+    level: f32,
+}
+
+/// A channel of a capture with saturated pixels, before anything is known of them.
+pub(super) struct Saturated<'a> {
+    pub(super) frame: &'a Frame,
+    pub(super) capture: ArrayView2<'a, f32>,
+    pub(super) psf: ArrayView2<'a, f32>,
+    pub(super) pixels: Array2<bool>,
+    /// The light at which pixels are saturated.
+    pub(super) level: f32,
+    /// What is added to the scene's brightness that differences of neighbours are relative to.
+    pub(super) darkness: f32,
+    /// Whether the capture is a computed one, without noise.
+    pub(super) is_computed: bool,
+}
+
+impl Saturated<'_> {
+    /// Measures the light of saturated pixels; returns the first scene with them. `brightness` is D, and becomes zero at
+    /// saturated pixels.
+    pub(super) fn measure(
+        self,
+        blur: &Blur<'_>,
+        brightness: &mut Array2<f32>,
+        progress: &Progress,
+    ) -> Result<(Lamps, Array2<f32>)> {
+        let Self { frame, capture, psf, pixels: saturated, level, darkness, is_computed } = self;
+        let of_frame = frame.cut(brightness);
+        let squared = &frame.squared_blur(psf)?;
+        let clipped = Clipped { blur, squared, capture, saturated: &saturated, brightness: of_frame, level };
+        let mut light = clipped.measure(progress)?;
+        Zip::from(&mut light).and(&saturated).par_for_each(|light, saturated| {
+            if *saturated {
+                *light += level;
+            }
+        });
+        let guarded = grown(&saturated, if is_computed { 0 } else { GUARD_PX });
+        let certainty =
+            Zip::from(&saturated).and(&guarded).and(of_frame).par_map_collect(|saturated, guarded, n| {
+                let inverse = 1.0 / (n * n);
+                if *saturated {
+                    -inverse
+                } else if *guarded {
+                    0.0
+                } else {
+                    inverse
+                }
+            });
+        let mut flare = Array2::zeros(frame.size());
+        blur.apply(&light, &mut flare);
+        let mut scene = rest(frame, capture, &flare, &guarded);
+        let mut inverse_brightness = local_mean(&scene, super::channel::NEAR_PX);
+        inverse_brightness.par_mapv_inplace(|mean| 1.0 / (mean + darkness));
+        let places = Zip::from(&saturated).and(&light).and(frame.cut_mut(&mut scene));
+        places.and(frame.cut_mut(&mut inverse_brightness)).and(frame.cut_mut(brightness)).par_for_each(
+            |saturated, light, x, inverse, n| {
+                if *saturated {
+                    (*x, *inverse, *n) = (*light, 0.0, 0.0);
+                }
+            },
+        );
+        Ok((Lamps { saturated, inverse_brightness, certainty, flare, level }, scene))
+    }
+}
+
+/// The capture without the flare, painted over where that hid it, on a whole plane.
+fn rest(
+    frame: &Frame,
+    capture: ArrayView2<'_, f32>,
+    flare: &Array2<f32>,
+    hidden: &Array2<bool>,
+) -> Array2<f32> {
+    let mut rest = Zip::from(flare).and(capture).par_map_collect(|flare, y| (y - flare).max(0.0));
+    paint(&mut rest, &Zip::from(hidden).par_map_collect(|hidden| if *hidden { 0.0 } else { 1.0 }));
+    frame.surround(rest.view())
+}
+
+impl Lamps {
+    /// W: where a saturated pixel is brighter than what the scene explains, `image`, no more is known of it.
+    pub(super) fn weights(&self, image: &Array2<f32>, weights: &mut Array2<f32>) {
+        Zip::from(weights).and(&self.certainty).and(image).par_for_each(|weight, certainty, image| {
+            *weight = if *certainty < 0.0 && *image < self.level { -certainty } else { certainty.max(0.0) };
+        });
+    }
+
+    /// The inverse of the diagonal of the normal matrix at saturated pixels.
+    pub(super) fn preconditioner(&self, squared: &Blur<'_>, weights: &Array2<f32>) -> Array2<f32> {
+        let mut inverse = inverse_diagonal(squared, weights, &self.saturated, LEAST_CURVATURE);
+        inverse.par_mapv_inplace(|inverse| LAMP_STEP * inverse);
+        inverse
+    }
+
+    /// Adds the doubt about the flare to that of noise, and replaces it by that about the light of lamps.
+    pub(super) fn doubt(&self, scene: ArrayView2<'_, f32>, deviation: &mut Array2<f32>) {
+        let parts = Zip::from(deviation).and(&self.flare).and(&self.saturated).and(scene);
+        parts.par_for_each(|deviation, flare, saturated, scene| {
+            *deviation = if *saturated { LAMP_DOUBT * scene } else { deviation.hypot(FLARE_DOUBT * flare) };
+        });
+    }
+}

@@ -1,0 +1,152 @@
+use super::*;
+use crate::core::rng;
+use crate::core::tone::ToneCurve;
+use crate::restore::deconvolution::{Border, Method, deconvolve};
+use ndarray::Array2;
+use rand_distr::{Distribution, StandardNormal};
+
+const SIZE: usize = 96;
+
+/// A sharp core with the orders of a grating and a faint halo.
+pub(super) fn panel_psf(side: usize) -> Array2<f32> {
+    let centre = side / 2;
+    let k = Array2::from_shape_fn((side, side), |(y, x)| {
+        let (dy, dx) = (y as f32 - centre as f32, x as f32 - centre as f32);
+        let is_order = y.abs_diff(centre) % 8 == 0 && x.abs_diff(centre) % 8 == 0;
+        let order = if is_order { 1e-3 } else { 1e-5 };
+        (-(dy * dy + dx * dx) / 0.8).exp() + order * (-dy.hypot(dx) / 12.0).exp()
+    });
+    let sum = k.sum();
+    k / sum
+}
+
+fn psf() -> Psf {
+    let plane = panel_psf(65);
+    Psf::from_energy(Array3::from_shape_fn((3, 65, 65), |(_, y, x)| plane[[y, x]])).unwrap()
+}
+
+fn image(light: impl Fn(usize, usize, usize) -> f32, size: [usize; 2]) -> LinearImage {
+    LinearImage::from_planes(Array3::from_shape_fn((3, size[0], size[1]), |(c, y, x)| light(c, y, x)))
+        .unwrap()
+}
+
+/// A room with a window and a lamp.
+fn room(lamp: f32) -> LinearImage {
+    let light = |c: usize, y: usize, x: usize| match (y, x) {
+        (20..40, 50..80) => 1.5 + 0.2 * c as f32,
+        (60..63, 30..33) => lamp,
+        _ => 0.2 + 0.05 * ((y as f32 / 9.0).sin() + (x as f32 / (7.0 + c as f32)).cos()),
+    };
+    image(light, [SIZE, SIZE])
+}
+
+/// The capture of a scene with relative noise, clipped at `level`.
+fn capture(scene: &LinearImage, sigma: f32, level: f32) -> LinearImage {
+    let frame = Frame::new([SIZE, SIZE], [65, 65], Border::Zero, TransformPrecision::Double);
+    let blur = frame.blur(panel_psf(65).slice(ndarray::s![.., ..])).unwrap();
+    let mut rng = rng::stream(4, "joint");
+    let mut planes = scene.planes().to_owned();
+    for mut plane in planes.axis_iter_mut(Axis(0)) {
+        let mut seen = frame.plane();
+        blur.apply(&plane.to_owned(), &mut seen);
+        seen.mapv_inplace(|y| {
+            let normal: f32 = StandardNormal.sample(&mut rng);
+            (y + sigma * (y + 0.25) * normal).clamp(0.0, level)
+        });
+        plane.assign(&seen);
+    }
+    LinearImage::from_planes(planes).unwrap()
+}
+
+fn config(method: Method, border: Border, level: f32) -> DeconvolutionConfig {
+    DeconvolutionConfig { border, saturation: [level; 3], ..DeconvolutionConfig::of_method(method) }
+}
+
+fn psnr(a: &LinearImage, b: &LinearImage, most: f32) -> f64 {
+    let tone = ToneCurve::default();
+    let error = |(a, b): (&f32, &f32)| f64::from(tone.compress(a.min(most)) - tone.compress(b.min(most)));
+    let (a, b) = (a.planes(), b.planes());
+    let sum: f64 = a.iter().zip(&b).map(error).map(|error| error.powi(2)).sum();
+    -10.0 * (sum / a.len() as f64).log10()
+}
+
+#[test]
+fn inverts_noise_free_captures_exactly() {
+    let scene = room(100.0);
+    let seen = capture(&scene, 0.0, 500.0);
+    let config = config(Method::Joint, Border::Zero, 500.0);
+    let restored = deconvolve(&seen, &psf(), &config, &Progress::default()).unwrap();
+    let quality = psnr(&restored, &scene, 500.0);
+    assert!(quality > 60.0, "{quality}");
+}
+
+/// With and without light around the frame that is not known.
+#[test]
+fn beats_constrained_where_a_lamp_saturates() {
+    let scene = room(4000.0);
+    let seen = capture(&scene, 0.02, 16.0);
+    for border in [Border::Zero, Border::Smooth] {
+        let of = |method| {
+            let config = config(method, border, 16.0);
+            psnr(&deconvolve(&seen, &psf(), &config, &Progress::default()).unwrap(), &scene, 16.0)
+        };
+        let (joint, constrained) = (of(Method::Joint), of(Method::Constrained));
+        assert!(joint > constrained + 1.0, "{border:?}: {joint}, constrained {constrained}");
+    }
+}
+
+/// Median for median, so that the few pixels at edges do not count.
+#[test]
+fn tells_its_error() {
+    let scene =
+        image(|c, y, x| 0.5 + 0.3 * ((y + c) as f32 / 15.0).sin() * (x as f32 / 20.0).cos(), [SIZE; 2]);
+    let seen = capture(&scene, 0.03, 500.0);
+    let config = config(Method::Joint, Border::Zero, 500.0);
+    let Solution { scene: restored, deviation, relative_noise } =
+        solve(&seen, &psf(), &config, &Progress::default()).unwrap();
+    assert!(relative_noise.iter().all(|noise| (0.02..0.04).contains(noise)), "{relative_noise:?} of 0.03");
+    let mut ratios: Vec<f32> = (&restored.planes() - &scene.planes())
+        .iter()
+        .zip(&deviation)
+        .map(|(error, deviation)| error.abs() / deviation)
+        .collect();
+    ratios.sort_unstable_by(f32::total_cmp);
+    let ratio = ratios[ratios.len() / 2] / 0.6745;
+    assert!((1.0 / 1.5..1.5).contains(&ratio), "errors are {ratio} times as large as told");
+}
+
+#[test]
+fn lamps_are_told_to_be_less_certain() {
+    let config = config(Method::Joint, Border::Zero, 16.0);
+    let seen = capture(&room(4000.0), 0.02, 16.0);
+    let Solution { scene, deviation, .. } = solve(&seen, &psf(), &config, &Progress::default()).unwrap();
+    assert!(scene.planes()[[0, 61, 31]] > 16.0, "{}", scene.planes()[[0, 61, 31]]);
+    assert!(deviation[[0, 61, 31]] > 20.0 * deviation[[0, 10, 10]]);
+}
+
+/// PSFs larger than the image, nothing but saturated pixels, no light, one light, steps: all give finite light.
+#[test]
+fn whatever_comes_in_light_comes_out() {
+    let captures = [
+        image(|_, _, _| 0.5, [1, 1]),
+        image(|_, _, _| 16.0, [1, 1]),
+        image(|_, _, _| 0.0, [9, 12]),
+        image(|_, _, _| 0.7, [12, 9]),
+        image(|_, _, _| 16.0, [20, 24]),
+        image(|_, _, x| if x < 12 { 16.0 } else { 0.0 }, [20, 24]),
+        image(|c, y, x| if c == 1 && y + x == 5 { 16.0 } else { 1e-6 }, [20, 24]),
+        image(|_, y, x| if (y, x) == (3, 4) { 1e6 } else { 0.0 }, [7, 70]),
+        image(|_, y, x| if (y + x) % 2 == 0 { -0.1 } else { 0.3 }, [33, 17]),
+    ];
+    for (index, capture) in captures.iter().enumerate() {
+        for border in [Border::Smooth, Border::Periodic, Border::Zero] {
+            let config = config(Method::Joint, border, 16.0);
+            let Solution { scene, deviation, .. } =
+                solve(capture, &psf(), &config, &Progress::default()).unwrap();
+            assert_eq!(scene.planes().dim(), capture.planes().dim());
+            let is_light = |light: &f32| light.is_finite() && *light >= 0.0;
+            assert!(scene.planes().iter().all(is_light), "{index}, {border:?}: {:?}", scene.planes());
+            assert!(deviation.iter().all(is_light), "{index}, {border:?}: {deviation:?}");
+        }
+    }
+}
