@@ -20,7 +20,8 @@ use udc::finish::Photograph;
 use udc::io::{DomainTag, WriteOptions, check_output_domain, what_is_lost};
 use udc::network::shipped;
 use udc::restore::{
-    Capture, Highlights, MemoryBudget, MethodConfig, Precision, Restoration, RestorationConfig, Restored,
+    Capture, Highlights, MemoryBudget, MethodConfig, PoseSource, Precision, Restoration, RestorationConfig,
+    Restored,
 };
 
 use super::bracket::BracketArgs;
@@ -74,6 +75,9 @@ pub(crate) struct RestoreArgs {
     /// Write lamps with the light that their flare tells, far above what saturates (guided; linear formats that hold it)
     #[arg(long, conflicts_with = "method")]
     true_highlights: bool,
+    /// Pose of the panel, a file of `udc pose`; `psf` takes the PSF as it is [default: what the flare of each capture tells]
+    #[arg(long, value_name = "POSE|psf", conflicts_with = "method", value_parser = parse_pose)]
+    pose: Option<PoseSource>,
     #[command(flatten)]
     method: MethodArgs,
     #[command(flatten)]
@@ -174,7 +178,11 @@ impl RestoreArgs {
             return Ok(());
         }
         self.method.check_beside_model()?;
-        let flag = [("--refine", self.refine.is_some()), ("--true-highlights", self.true_highlights)];
+        let flag = [
+            ("--refine", self.refine.is_some()),
+            ("--true-highlights", self.true_highlights),
+            ("--pose", self.pose.is_some()),
+        ];
         match flag.into_iter().find(|(_, is_given)| *is_given) {
             Some((flag, _)) => {
                 let reason = format!(
@@ -201,6 +209,7 @@ impl RestoreArgs {
             (None, _) => MethodConfig::Guided {
                 refine: self.refine.unwrap_or(1.0),
                 true_highlights: self.true_highlights,
+                pose: self.pose.clone().unwrap_or_default(),
                 border: self.method.border(),
                 precision: self.precision,
                 tile: self.tile,
@@ -215,6 +224,11 @@ impl RestoreArgs {
             memory: MemoryBudget { limit_bytes: self.max_memory, queued_frames, ..MemoryBudget::default() },
         }
     }
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "parsers of flags may fail")]
+fn parse_pose(text: &str) -> Result<PoseSource, String> {
+    Ok(if text == "psf" { PoseSource::Psf } else { PoseSource::File(text.into()) })
 }
 
 /// Frames of 32-bit RGB that the queue holds beside the image in work and the pictures that are read: the file of one of
@@ -290,6 +304,9 @@ impl<'a> Run<'a> {
                  otherwise",
                 job.name()
             ));
+        }
+        if let Some(pose) = &restored.pose {
+            self.session.note(format_args!("{}: the flare moves the PSF: {pose}", job.name()));
         }
         for lamp in restored.lamps.iter().take(TOLD_LAMPS) {
             self.session.detail(format_args!("{}: {lamp}", job.name()));

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{FoundAngle, Lamp};
+use super::{FoundAngle, Lamp, PoseEstimate};
 use crate::capture::{Developed, Pictures, SCENE_BRACKET, Told, names_of};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
@@ -36,6 +36,8 @@ pub struct Restored {
     pub lamps: Vec<Lamp>,
     /// What saturates each channel, where that was found in the capture.
     pub levels: Option<[f32; CHANNELS]>,
+    /// By how much the PSF was moved, where the flare of the capture tells it.
+    pub pose: Option<PoseEstimate>,
 }
 
 /// A capture as its files were read.

@@ -7,6 +7,7 @@ use super::highlights::Highlights;
 use super::kernel::KernelFiles;
 use super::memory::MemoryBudget;
 use super::notice::Notice;
+use super::pose::read_pose;
 use super::precision::Precision;
 use super::restoration::Restoration;
 use crate::core::error::Result;
@@ -32,6 +33,8 @@ pub enum MethodConfig {
         refine: f32,
         /// Whether lamps get the light that their flare tells.
         true_highlights: bool,
+        /// Where the panel stands.
+        pose: PoseSource,
         /// What lies beyond the border.
         border: Border,
         /// What it multiplies.
@@ -41,6 +44,18 @@ pub enum MethodConfig {
     },
     /// A deconvolution with the PSF of the kernel files; α and saturation are those of the curve.
     Deconvolution(DeconvolutionConfig),
+}
+
+/// What tells how the panel stands against its PSF.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum PoseSource {
+    /// The flare of each capture.
+    #[default]
+    Capture,
+    /// The PSF itself.
+    Psf,
+    /// A file of `udc pose`.
+    File(PathBuf),
 }
 
 /// A restoration before its files are read.
@@ -83,11 +98,16 @@ impl RestorationConfig {
                 let restoration = Restoration::by_network(model, kernel)?.with_curve(curve).with_tile(*tile);
                 (restoration.with_files(Some(sha256?), self.kernel.bank_bytes()), notices)
             }
-            MethodConfig::Guided { refine, true_highlights, border, precision, tile } => {
+            MethodConfig::Guided { refine, true_highlights, pose, border, precision, tile } => {
                 let (kernel, mut notices) = self.kernel.read_any_psf()?;
                 let mut restoration = Restoration::guided(kernel)?.with_border(*border).with_tile(*tile);
                 notices.extend(restoration.set_precision(*precision));
                 restoration = restoration.with_refine(*refine)?;
+                restoration = match pose {
+                    PoseSource::Capture => restoration,
+                    PoseSource::Psf => restoration.with_pose(None)?,
+                    PoseSource::File(path) => restoration.with_pose(Some(&read_pose(path)?))?,
+                };
                 let usual = restoration.curve();
                 let curve = self.curve(Some(usual))?;
                 if curve.alpha.total_cmp(&usual.alpha).is_ne() {

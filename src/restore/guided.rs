@@ -1,5 +1,7 @@
 //! Restores a capture by a network that corrects what a deconvolution with the PSF makes of it.
 
+use std::borrow::Cow;
+
 use ndarray::{Array3, Zip};
 use serde::Serialize;
 
@@ -13,9 +15,11 @@ use super::memory::MemoryPlan;
 use super::network::NetworkOperator;
 use super::planes::{PlaneConfig, planes_of};
 use super::restoration::{Restoration, psf_of, restore_windows};
+use super::{Pose, PoseConfig, PoseEstimate, find_pose};
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::progress::Progress;
+use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
 use crate::io::AnyImage;
@@ -31,11 +35,20 @@ pub(super) struct GuidedOptions {
     pub(super) true_highlights: bool,
     /// Whether the light at which captures saturate is looked for in them, unless they say it.
     pub(super) finds_levels: bool,
+    /// Whether the PSF's pose is looked for in each capture.
+    pub(super) finds_pose: bool,
 }
+
+/// The turn, in degrees, and the change of scale that a capture has to tell before its PSF is moved: what resampling costs is
+/// then less than what it gains.
+const LEAST_MOVE: [f64; 2] = [0.02, 1e-3];
+
+/// Standard deviations that a move has to be above.
+const SURE: f64 = 3.0;
 
 impl Default for GuidedOptions {
     fn default() -> Self {
-        Self { refine: 1.0, true_highlights: false, finds_levels: true }
+        Self { refine: 1.0, true_highlights: false, finds_levels: true, finds_pose: true }
     }
 }
 
@@ -53,7 +66,8 @@ impl Restoration {
             self.light_and_levels(image, info.as_ref().and_then(|info| info.saturation));
         let curve = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..self.curve() };
         let planes = PlaneConfig { curve, border: self.border(), saturation };
-        let psf = psf_of(self.kernel())?;
+        let (psf, pose) = self.posed_psf(&image, &planes, progress)?;
+        let psf = &*psf;
         let solution = solve(&image, psf, &planes.deconvolution(), progress)?;
         let lamps = find_lamps(&image, &solution.scene, saturation);
         let options = self.guided_options();
@@ -76,7 +90,29 @@ impl Restoration {
             }
             None => AnyImage::ToneMapped(restored),
         };
-        Ok(Restored { image, info, angle, curve, lamps, levels: found })
+        Ok(Restored { image, info, angle, curve, lamps, levels: found, pose })
+    }
+
+    /// The PSF as the panel stands in a capture, and its pose where the capture tells another than that of the PSF.
+    fn posed_psf(
+        &self,
+        image: &LinearImage,
+        planes: &PlaneConfig,
+        progress: &Progress,
+    ) -> Result<(Cow<'_, Psf>, Option<PoseEstimate>)> {
+        let psf = psf_of(self.kernel())?;
+        if !self.guided_options().is_some_and(|options| options.finds_pose) {
+            return Ok((Cow::Borrowed(psf), None));
+        }
+        let config = PoseConfig { alpha: planes.curve.alpha, saturation: planes.saturation };
+        let found = find_pose(image, psf, &config, &progress.without_bars())?.filter(is_sure);
+        Ok(match found {
+            Some(estimate) => {
+                let pose = Pose::of_estimates(psf, &[estimate]).expect("one estimate makes a pose");
+                (Cow::Owned(pose.apply(psf)?), Some(estimate))
+            }
+            None => (Cow::Borrowed(psf), None),
+        })
     }
 
     /// The light of a capture, what saturates each channel, and whether that was found in the capture itself.
@@ -97,6 +133,12 @@ impl Restoration {
             None => (image, [usual; CHANNELS], None),
         }
     }
+}
+
+fn is_sure(estimate: &PoseEstimate) -> bool {
+    let PoseEstimate { turn_deg, turn_sigma_deg, scale, scale_sigma, .. } = *estimate;
+    turn_deg.abs() > LEAST_MOVE[0].max(SURE * turn_sigma_deg)
+        || scale.abs() > LEAST_MOVE[1].max(SURE * scale_sigma)
 }
 
 /// A restored scene with the light of lamps where the capture is saturated.

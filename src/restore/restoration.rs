@@ -14,6 +14,7 @@ use super::kernel::KernelKnowledge;
 use super::memory::{MemoryBudget, MemoryPlan, with_threads};
 use super::network::{Conditioning, NetworkOperator};
 use super::notice::Notice;
+use super::pose::Pose;
 use super::precision::Precision;
 use super::tiles::restore_tiled;
 use crate::core::error::{Error, Result};
@@ -98,6 +99,21 @@ impl Restoration {
             return Err(Error::config("refine", "belongs to the guided restoration; leave it out"));
         };
         options.refine = refine;
+        Ok(self)
+    }
+
+    /// Takes the PSF as it is, or as a pose that several captures told moves it, instead of looking for its pose in each.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for another restoration than [`guided`](Self::guided); those of [`Pose::apply`].
+    pub fn with_pose(mut self, pose: Option<&Pose>) -> Result<Self> {
+        let Some(options) = &mut self.guided else {
+            return Err(Error::config("pose", "belongs to the guided restoration; leave it out"));
+        };
+        options.finds_pose = false;
+        if let Some(pose) = pose {
+            self.kernel = KernelKnowledge::of_psf(pose.apply(psf_of(&self.kernel)?)?);
+        }
         Ok(self)
     }
 
@@ -294,7 +310,7 @@ impl Restoration {
                 (AnyImage::Linear(blend_highlights(restored, &image, level, self.highlights)?), None)
             }
         };
-        Ok(Restored { image, info, angle, curve, lamps: Vec::new(), levels: None })
+        Ok(Restored { image, info, angle, curve, lamps: Vec::new(), levels: None, pose: None })
     }
 
     /// The method with every setting resolved, for provenance; its files are told by their contents.
