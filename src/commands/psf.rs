@@ -36,7 +36,7 @@ pub(crate) struct PsfArgs {
     #[arg(long, value_name = "N", conflicts_with = "from")]
     size: Option<usize>,
     /// Also write the display file of the random panel (.toml), for --display of this command and of `udc codes`
-    #[arg(long, value_name = "FILE", requires = "random")]
+    #[arg(long, value_name = "FILE", requires = "random", conflicts_with_all = ["display", "from"])]
     display_out: Option<PathBuf>,
     #[command(flatten)]
     psf_file: PsfFileArgs,

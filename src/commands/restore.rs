@@ -34,9 +34,9 @@ use method::MethodArgs;
 
 /// Restore captures of any panel, given its PSF; or by a network of your own, or by deconvolution
 ///
-/// With neither --model nor --method, the capture is deconvolved, the light of lamps that the sensor clipped is measured by their
-/// flare, and a network that comes with the program corrects the result, for any panel: all it needs is the PSF, or a kernel
-/// bank with the panel's angle.
+/// With neither --model nor --method, the capture is deconvolved, the light of lamps that the sensor clipped and the pose of the
+/// panel are measured by their flare, and the guided network corrects the result, for any panel: all it needs is the PSF, or a
+/// kernel bank with the panel's angle.
 ///
 /// A model that was trained with kernel codes needs to know the PSF: name the kernel bank with the panel's
 /// angle or with a measured PSF, or give the code itself. Deconvolution needs the PSF.

@@ -50,7 +50,7 @@ fn refuses_two_sources_of_a_psf_and_flags_of_another() {
         (&["psf", "--display", "panel.toml", "--random", "3", "-o", "a.exr"][..], "cannot be used with"),
         (&["psf", "-o", "a.exr"], "--random"),
         (&["psf", "--randon", "3", "-o", "a.exr"], "--random"),
-        (&["psf", "--display", "panel.toml", "--display-out", "b.toml", "-o", "a.exr"], "--random"),
+        (&["psf", "--display", "panel.toml", "--display-out", "b.toml", "-o", "a.exr"], "--display"),
         (&["psf", "--from", "panel.npy", "-o", "a.exr"], "--turn"),
         (&["psf", "--random", "3", "--recenter", "-o", "a.exr"], "--from"),
     ] {

@@ -89,7 +89,8 @@ impl<'a> Channel<'a> {
         let pixels = Zip::from(capture).par_map_collect(|y| *y >= from);
         if pixels.iter().any(|saturated| *saturated) {
             drop(surrounded);
-            let (darkness, is_computed) = (DARKNESS * alpha, noise.middle() <= NOISE_FREE);
+            let (darkness, is_computed) =
+                (DARKNESS * alpha, noise.middle() <= NOISE_FREE && !frame.has_surrounding());
             let saturated = Saturated { frame, capture, psf, pixels, level, darkness, is_computed };
             let (lamps, scene) = saturated.measure(&blur, &mut brightness, progress)?;
             return Ok(Self { frame, known, scene, brightness, lamps: Some(lamps), noise });
@@ -108,7 +109,7 @@ impl<'a> Channel<'a> {
     /// pixels at zero than the one before, so that eight of 25 steps gain 7 to 30 dB where there is no noise, and four of 40
     /// nothing like it.
     pub(super) fn effort(&self) -> [usize; 2] {
-        let sigma = self.noise.middle();
+        let sigma = self.sigma();
         match self.has_lamps() {
             true if sigma <= NOISE_FREE => [8, 25],
             true if sigma < LOW_NOISE => [4, 20],
@@ -157,9 +158,16 @@ impl<'a> Channel<'a> {
         self.noise.middle()
     }
 
+    /// The deviation that the capture is explained to: light around the frame is not known so well that the flare of lamps in it
+    /// could be told from theirs any better.
+    fn sigma(&self) -> f32 {
+        let least = if self.has_lamps() && self.frame.has_surrounding() { LOW_NOISE } else { 0.0 };
+        self.noise.middle().max(least)
+    }
+
     /// λ of a scene with known edges.
     fn smoothness(&self) -> f32 {
-        smoothness(SMOOTHNESS[1], self.noise.middle())
+        smoothness(SMOOTHNESS[1], self.sigma())
     }
 
     /// The standard deviation of the scene's error in the frame.
