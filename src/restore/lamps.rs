@@ -16,7 +16,8 @@ pub struct Lamp {
     pub position: [f64; 2],
     /// Pixels that are saturated in some channel.
     pub pixels: usize,
-    /// The light of its brightest pixel in red, green and blue, in multiples of what saturates the channel.
+    /// The mean of its light in red, green and blue over those pixels, in multiples of what saturates the channel: the flare
+    /// tells the sum well, and hardly how it is spread over the pixels.
     pub times_saturation: [f32; CHANNELS],
     /// The sum of its light in each channel.
     pub light: [f64; CHANNELS],
@@ -68,12 +69,13 @@ impl Lamp {
     ) -> Self {
         let mut lamp =
             Self { position: [0.0; 2], pixels: area.len(), times_saturation: [0.0; 3], light: [0.0; 3] };
+        #[expect(clippy::cast_precision_loss, reason = "pixels of a lamp")]
+        let area_px = area.len() as f32;
         for &place in area {
             for (channel, saturation) in saturation.into_iter().enumerate() {
                 let light = value(channel, place);
                 lamp.light[channel] += f64::from(light);
-                let times = light / saturation;
-                lamp.times_saturation[channel] = lamp.times_saturation[channel].max(times);
+                lamp.times_saturation[channel] += light / (saturation * area_px);
                 lamp.position[0] += f64::from(light) * place.0 as f64;
                 lamp.position[1] += f64::from(light) * place.1 as f64;
             }
@@ -94,8 +96,8 @@ impl fmt::Display for Lamp {
         let [red, green, blue] = self.times_saturation;
         write!(
             f,
-            "lamp at row {y:.0}, column {x:.0}: {} saturated pixels, up to {red:.1}, {green:.1} and {blue:.1} times saturation \
-             in red, green and blue",
+            "lamp at row {y:.0}, column {x:.0}: {} saturated pixels with {red:.1}, {green:.1} and {blue:.1} times the light of \
+             saturation in red, green and blue",
             self.pixels
         )
     }
@@ -118,7 +120,8 @@ mod tests {
         assert_eq!(lamps.iter().map(|lamp| lamp.pixels).collect::<Vec<_>>(), [1, 2]);
         assert_eq!(lamps[0].times_saturation[2], 200.0);
         assert!((lamps[0].position[0] - 8.0).abs() < 0.01 && (lamps[0].position[1] - 15.0).abs() < 0.01);
-        assert_eq!(lamps[1].times_saturation[..2], [5.0, 10.0]);
+        let [red, green, _] = lamps[1].times_saturation;
+        assert!((red - 2.5125).abs() < 1e-4 && (green - 5.0125).abs() < 1e-4, "{red} {green}");
         assert!(lamps[0].to_string().starts_with("lamp at row 8, column 15: 1 saturated pixels"));
     }
 
