@@ -4,7 +4,7 @@ use ndarray::{Array2, ArrayView2, Zip};
 
 use super::conjugate::inner;
 use super::frame::Blur;
-use super::smooth::smooth;
+use super::high_pass::HighPass;
 use crate::core::error::Result;
 use crate::core::progress::Progress;
 
@@ -21,9 +21,6 @@ const GUARD_PX: usize = 2;
 /// The part of the largest curvature that each pixel has at least: below, light is told by rounding alone (10⁻⁷ squared,
 /// with the 10² of brightness to spare).
 const LEAST_CURVATURE: f32 = 1e-12;
-
-/// What is added to the part of a bell that lies on believed pixels, so that none is zero.
-const LEAST_SHARE: f32 = 1e-6;
 
 /// The steepness that ends the iteration: there is nothing left to explain.
 const LEAST_SLOPE: f64 = 1e-12;
@@ -44,12 +41,7 @@ pub(super) struct Clipped<'a> {
 /// The least squares whose solution is the light.
 struct Fit<'c, 'a> {
     clipped: &'c Clipped<'a>,
-    /// 1 where the capture is believed, 0 elsewhere.
-    known: Array2<f32>,
-    /// The smoothed `known`.
-    share: Array2<f32>,
-    /// `known` over the brightness.
-    weights: Array2<f32>,
+    high_pass: HighPass,
 }
 
 impl Clipped<'_> {
@@ -62,8 +54,8 @@ impl Clipped<'_> {
     /// into its surroundings, and find a third of the light.
     pub(super) fn measure(&self, progress: &Progress) -> Result<Array2<f32>> {
         let fit = Fit::new(self);
-        let inverse =
-            inverse_diagonal(self.squared, &(&fit.weights * &fit.weights), self.saturated, LEAST_CURVATURE);
+        let weights = &fit.high_pass.weights;
+        let inverse = inverse_diagonal(self.squared, &(weights * weights), self.saturated, LEAST_CURVATURE);
         fit.solve(&inverse, progress)
     }
 }
@@ -72,32 +64,7 @@ impl<'c, 'a> Fit<'c, 'a> {
     fn new(clipped: &'c Clipped<'a>) -> Self {
         let around = grown(clipped.saturated, GUARD_PX);
         let known = Zip::from(&around).par_map_collect(|around| if *around { 0.0 } else { 1.0 });
-        let mut share = known.clone();
-        smooth(&mut share, HIGH_PASS_PX);
-        share.par_mapv_inplace(|share| share + LEAST_SHARE);
-        let weights = Zip::from(&known).and(clipped.brightness).par_map_collect(|known, n| known / n);
-        Self { clipped, known, share, weights }
-    }
-
-    /// `w·h(r)`, in place.
-    fn pass(&self, r: &mut Array2<f32>) {
-        let mut smoothed = &*r * &self.known;
-        smooth(&mut smoothed, HIGH_PASS_PX);
-        Zip::from(r).and(&smoothed).and(&self.share).and(&self.weights).par_for_each(|r, low, share, w| {
-            *r = w * (*r - low / share);
-        });
-    }
-
-    /// `Aᵀ hᵀ(w·r)`.
-    fn back(&self, r: &Array2<f32>, out: &mut Array2<f32>) {
-        let weighted = r * &self.weights;
-        let mut smoothed = &weighted / &self.share;
-        smooth(&mut smoothed, HIGH_PASS_PX);
-        let mut passed = weighted;
-        Zip::from(&mut passed).and(&smoothed).and(&self.known).par_for_each(|passed, low, known| {
-            *passed = (*passed - low) * known;
-        });
-        self.clipped.blur.transpose(&passed, out);
+        Self { clipped, high_pass: HighPass::new(known, clipped.brightness, HIGH_PASS_PX) }
     }
 
     fn solve(&self, inverse: &Array2<f32>, progress: &Progress) -> Result<Array2<f32>> {
@@ -107,9 +74,9 @@ impl<'c, 'a> Fit<'c, 'a> {
         let mut residual = empty();
         blur.apply(&base, &mut residual);
         Zip::from(&mut residual).and(capture).par_for_each(|r, y| *r = y.max(0.0) - *r);
-        self.pass(&mut residual);
+        self.high_pass.pass(&mut residual);
         let mut gradient = empty();
-        self.back(&residual, &mut gradient);
+        self.high_pass.back(blur, &residual, &mut gradient);
         // From no light at all, only pixels that gain by some are free.
         let inverse =
             Zip::from(inverse).and(&gradient).par_map_collect(|p, g| if *g > 0.0 { *p } else { 0.0 });
@@ -120,7 +87,7 @@ impl<'c, 'a> Fit<'c, 'a> {
         for step in 1..=STEPS {
             progress.check()?;
             blur.apply(&direction, &mut image);
-            self.pass(&mut image);
+            self.high_pass.pass(&mut image);
             let curvature = inner(&image, &image);
             if !(slope > LEAST_SLOPE && curvature > 0.0) {
                 break;
@@ -131,7 +98,7 @@ impl<'c, 'a> Fit<'c, 'a> {
                 break;
             }
             residual.scaled_add(-length, &image);
-            self.back(&residual, &mut gradient);
+            self.high_pass.back(blur, &residual, &mut gradient);
             let turned = &inverse * &gradient;
             let next = inner(&gradient, &turned);
             let kept = narrow(next / slope);

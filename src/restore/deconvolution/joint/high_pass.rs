@@ -1,6 +1,6 @@
 //! Weighs what a capture has beside a model of it, without the smooth part that any scene has.
 
-use ndarray::{Array2, Zip};
+use ndarray::{Array2, ArrayView2, Zip};
 
 use super::frame::Blur;
 use super::smooth::smooth;
@@ -29,7 +29,7 @@ pub(super) struct HighPass {
 
 impl HighPass {
     /// A high pass over the pixels that are `known` (1, others 0), each relative to its brightness.
-    pub(super) fn new(known: Array2<f32>, brightness: &Array2<f32>, width_px: f32) -> Self {
+    pub(super) fn new(known: Array2<f32>, brightness: ArrayView2<'_, f32>, width_px: f32) -> Self {
         let mut share = known.clone();
         smooth(&mut share, width_px);
         share.mapv_inplace(|share| share + LEAST_SHARE);

@@ -67,7 +67,7 @@ impl Scene {
         let known = grown(&lamps, GUARD_PX).mapv(|near| if near { 0.0 } else { 1.0 });
         // All light that is fitted lies in the frame, and so does all that it is compared with.
         let frame = Frame::new([height, width], psf, Border::Zero, TransformPrecision::Single);
-        let high_pass = HighPass::new(known, &brightness, HIGH_PASS_PX);
+        let high_pass = HighPass::new(known, brightness.view(), HIGH_PASS_PX);
         let target = high_pass.passed(&capture);
         Some(Self { frame, capture, lamps, base, high_pass, target })
     }
