@@ -7,7 +7,9 @@ use clap::{Args, Parser as _};
 use serde_json::json;
 
 use udc::core::provenance::Provenance;
+use udc::dataset::{Dataset, Split};
 use udc::io::{self, DomainTag, OwnedFolder, WriteOptions};
+use udc::network::GUIDED;
 use udc::scenes::{self, point_source};
 
 use super::choices::LIGHT_DOMAINS;
@@ -67,12 +69,16 @@ const MARGIN: usize = PSF_PX / 2;
 /// Side of the PSF; the panel's file asks the sensor for as much.
 const PSF_PX: usize = 129;
 
+/// The kernel of the panel as it was measured, and those that results are measured with.
+const UNTURNED: &str = "r+00";
+const MEASURED_KERNELS: &str = "r-12,r+00,r+12";
+
 /// The folder of a demo.
 const FOLDER: OwnedFolder = OwnedFolder {
     owner: "a demo",
     marks: &[("panel.toml", PANEL), ("training.toml", TRAINING)],
     folders: &["psf", "scenes"],
-    results: &["bank.safetensors", "dataset", "run", "results", "report.html"],
+    results: &["bank.safetensors", "dataset", "photograph.jpg", "run", "results", "report.html"],
 };
 
 impl DemoArgs {
@@ -94,7 +100,7 @@ impl DemoArgs {
             Some(panoramas) => demo.crop(panoramas, self.domain)?,
             None => demo.paint()?,
         }
-        demo.synthesise_train_and_measure()?;
+        demo.synthesise_restore_adapt_and_measure()?;
         session.tell(format_args!("\nThe page with all results: {}", demo.path("report.html").display()));
         Ok(())
     }
@@ -155,21 +161,37 @@ impl Demo<'_> {
         self.run(&[&crop[..], &["--views", "6", "--fov", "60"], domain].concat())
     }
 
-    fn synthesise_train_and_measure(&self) -> Result<()> {
+    fn synthesise_restore_adapt_and_measure(&self) -> Result<()> {
         let (seed, margin) = (self.seed.to_string(), MARGIN.to_string());
         let synth =
             ["synth", "@scenes", "--margin", &margin, "--bank", "@bank.safetensors", "-o", "@dataset"];
         self.run(&[&synth[..], &["--seed", &seed, "--test-fraction", "0.34"]].concat())?;
+        self.session.tell("# a capture becomes a photograph: nothing but the PSF is needed");
+        let capture = self.capture()?;
+        self.run(&["restore", &capture, "--psf", "@psf/measured.exr", "-o", "@photograph.jpg"])?;
+        self.session.tell("# the network for any panel is adapted to this one");
         let seed = format!("seed={seed}");
-        let mut train = vec!["train", "@training.toml", "--data", "@dataset", "-o", "@run", "--set", &seed];
+        let mut train = vec!["train", "@training.toml", "--data", "@dataset", "--init", GUIDED, "-o", "@run"];
+        train.extend(["--set", &seed]);
         train.extend(self.extent.settings.iter().flat_map(|setting| ["--set", setting]));
         self.run(&train)?;
-        let model = "@run/model.safetensors";
-        self.run(&["eval", "@dataset", "--model", model, "--pictures", "6", "-o", "@results"])?;
+        let candidates = ["--method", "constrained,guided", "--model", "@run/best.safetensors"];
+        let measured = ["--kernels", MEASURED_KERNELS, "--pictures", "6", "-o", "@results"];
+        self.run(&[&["eval", "@dataset"][..], &candidates, &measured].concat())?;
         let psfs = ["@psf/simulated.exr", "@psf/measured.exr"];
         let folders = ["@bank.safetensors", "@dataset", "@run", "@results"];
         let report: Vec<_> = [&["report"][..], &psfs, &folders, &["-o", "@report.html"]].concat();
         self.run(&report)
+    }
+
+    /// A degraded image that is for testing, seen through the panel as it was measured.
+    fn capture(&self) -> Result<String> {
+        let root = self.path("dataset");
+        let dataset = Dataset::open(&root)?;
+        let mut of_test = dataset.triplets.iter().filter(|triplet| triplet.split == Split::Test);
+        let capture =
+            of_test.find(|triplet| triplet.kernel == UNTURNED).context("no image is for testing")?;
+        Ok(format!("@dataset/{}", capture.degraded))
     }
 
     /// Prints a command of this program as the user would type it, and runs it; an argument that starts with

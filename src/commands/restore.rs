@@ -16,12 +16,13 @@ use udc::capture::{Told, relative_times};
 use udc::core::error;
 use udc::core::progress::Progress;
 use udc::core::provenance::Provenance;
+use udc::dataset::NoiseConfig;
 use udc::finish::Photograph;
 use udc::io::{DomainTag, WriteOptions, check_output_domain, what_is_lost};
-use udc::network::shipped;
+use udc::network::GUIDED;
 use udc::restore::{
     Capture, Highlights, MemoryBudget, MethodConfig, PoseSource, Precision, Restoration, RestorationConfig,
-    Restored,
+    Restored, is_guided,
 };
 
 use super::bracket::BracketArgs;
@@ -78,6 +79,10 @@ pub(crate) struct RestoreArgs {
     /// Pose of the panel, a file of `udc pose`; `psf` takes the PSF as it is [default: what the flare of each capture tells]
     #[arg(long, value_name = "POSE|psf", conflicts_with = "method", value_parser = parse_pose)]
     pose: Option<PoseSource>,
+    /// The captures' noise, as `udc synth` takes it: none, gaussian:SIGMA, sensor, sensor:FILE (guided, joint) [default: as it is
+    /// estimated from each capture]
+    #[arg(long, value_name = "NOISE", value_parser = NoiseConfig::parse)]
+    noise: Option<NoiseConfig>,
     #[command(flatten)]
     method: MethodArgs,
     #[command(flatten)]
@@ -140,8 +145,9 @@ const FORMATS: Choices<&str> = Choices(&[
 impl RestoreArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         self.method.check()?;
-        self.check_guided()?;
-        self.config(&[]).curve(None)?;
+        let is_guided = self.is_guided();
+        self.check_guided(is_guided)?;
+        self.config(is_guided, &[]).curve(None)?;
         self.raw.config()?;
         let jobs = self.jobs(session)?;
         if self.output_domain.is_some() && jobs.iter().any(Job::is_photograph) {
@@ -149,7 +155,7 @@ impl RestoreArgs {
                           .exr";
             return Err(misuse("restore", reason));
         }
-        let (restoration, notices) = self.config(&jobs).open()?;
+        let (restoration, notices) = self.config(is_guided, &jobs).open()?;
         notices.iter().for_each(|notice| session.notice(notice));
         let run = Run::new(&self, restoration, jobs.len() > 1, session)?;
         Ok(batch::run(&run, jobs, self.resume, session)?)
@@ -161,14 +167,14 @@ impl RestoreArgs {
         self.output_domain.unwrap_or(usual)
     }
 
-    /// Whether the network for any panel restores.
+    /// Whether a network for any panel restores.
     fn is_guided(&self) -> bool {
-        !self.method.is_given() && self.model.as_deref().is_none_or(|model| shipped(model).is_some())
+        !self.method.is_given() && self.model.as_deref().is_none_or(is_guided)
     }
 
     /// Refuses what belongs to the guided restoration where something else restores.
-    fn check_guided(&self) -> Result<()> {
-        if self.is_guided() {
+    fn check_guided(&self, is_guided: bool) -> Result<()> {
+        if is_guided {
             let lost = self.true_highlights && self.output_domain == Some(DomainTag::ToneMapped);
             let reason = "--true-highlights is light above what saturates, which a tone-mapped image does not hold: leave out \
                           --output-domain";
@@ -182,6 +188,7 @@ impl RestoreArgs {
             ("--refine", self.refine.is_some()),
             ("--true-highlights", self.true_highlights),
             ("--pose", self.pose.is_some()),
+            ("--noise", self.noise.is_some()),
         ];
         match flag.into_iter().find(|(_, is_given)| *is_given) {
             Some((flag, _)) => {
@@ -195,7 +202,7 @@ impl RestoreArgs {
     }
 
     /// How captures are restored, as the flags say.
-    fn config(&self, jobs: &[Job]) -> RestorationConfig {
+    fn config(&self, is_guided: bool, jobs: &[Job]) -> RestorationConfig {
         let pictures = jobs.iter().map(|job| job.inputs.len() as u64).max().unwrap_or(0);
         let queued_frames = if jobs.len() > 1 { QUEUED_FRAMES + pictures } else { 0 };
         let network = |model: &PathBuf| MethodConfig::Network {
@@ -205,8 +212,9 @@ impl RestoreArgs {
         };
         let method = match (self.method.config(), &self.model) {
             (Some(config), _) => MethodConfig::Deconvolution(config),
-            (None, Some(model)) if !self.is_guided() => network(model),
-            (None, _) => MethodConfig::Guided {
+            (None, Some(model)) if !is_guided => network(model),
+            (None, model) => MethodConfig::Guided {
+                model: model.clone().unwrap_or_else(|| GUIDED.into()),
                 refine: self.refine.unwrap_or(1.0),
                 true_highlights: self.true_highlights,
                 pose: self.pose.clone().unwrap_or_default(),
@@ -221,6 +229,7 @@ impl RestoreArgs {
             alpha: self.alpha,
             x_max: self.x_max,
             highlights: self.highlights,
+            noise: self.noise.clone(),
             memory: MemoryBudget { limit_bytes: self.max_memory, queued_frames, ..MemoryBudget::default() },
         }
     }

@@ -6,10 +6,12 @@ use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use clap::error::ErrorKind;
 
+use udc::examples::{ExampleSet, ExamplesConfig};
 use udc::experiment::validation_measures;
 use udc::io;
 use udc::kernels::keep_freed_memory;
-use udc::network::Backend;
+use udc::network::{Backend, GUIDED};
+use udc::synth::{Existing, Shard};
 use udc::train::{self, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationScore, read_initial};
 
 use super::Session;
@@ -27,14 +29,22 @@ use super::Session;
   udc train configs/paper.toml --data dataset -o paper --set loss.perceptual.file=vgg19-dcbb9e9d.pth
   udc train --data dataset -o run --resume
   udc train configs/discnet.toml --data views --bank bank.safetensors --set data.degradation=on-the-fly -o run
-  udc train configs/guided.toml --data examples -o guided")]
+  udc train configs/guided.toml --data examples -o guided
+  udc train --psf psf.exr -o adapted && udc restore capture.exr --psf psf.exr --model adapted/best.safetensors -o photo.jpg")]
 pub(crate) struct TrainArgs {
-    /// Configuration (with --resume: the run's own if left out)
-    #[arg(required_unless_present = "resume")]
+    /// Configuration (with --resume: the run's own if left out; with --psf: one of some minutes)
+    #[arg(required_unless_present_any = ["resume", "psf"])]
     pub(super) config: Option<PathBuf>,
     /// Dataset of `udc synth`, or the published one; or clean images, with --bank; or examples of `udc examples`
-    #[arg(long, value_name = "DATASET")]
-    pub(super) data: PathBuf,
+    #[arg(long, value_name = "DATASET", required_unless_present = "psf")]
+    pub(super) data: Option<PathBuf>,
+    /// Adapt a network that restores captures of any panel to the panel of this PSF: examples of it are made in
+    /// RUN/examples first, and the training begins with --init, or with the network that comes with the program
+    #[arg(long, value_name = "PSF", conflicts_with_all = ["data", "bank"])]
+    psf: Option<PathBuf>,
+    /// HDR panoramas to cut views for these examples out of; without, all scenes are painted
+    #[arg(long, value_name = "PANORAMA", num_args = 1.., requires = "psf")]
+    scenes: Vec<PathBuf>,
     /// Kernel bank that degrades a folder of clean images (with data.degradation = "on-the-fly")
     #[arg(long, value_name = "BANK")]
     pub(super) bank: Option<PathBuf>,
@@ -65,7 +75,9 @@ impl TrainArgs {
     pub(super) fn train(&self, session: &Session) -> Result<Outcome> {
         let config = self.read_config()?;
         let start = self.start(&config, session)?;
-        let set = TrainingSet::open(&self.data, self.bank.as_deref(), &config)?;
+        let made = self.psf.as_deref().map(|psf| self.make_examples(psf, session)).transpose()?;
+        let data = made.as_deref().or(self.data.as_deref()).expect("one of --data and --psf is required");
+        let set = TrainingSet::open(data, self.bank.as_deref(), &config)?;
         session.detail(format!("{} parameters", config.architecture.parameters()));
         let training = Training {
             config: &config,
@@ -82,19 +94,45 @@ impl TrainArgs {
     fn read_config(&self) -> Result<TrainConfig> {
         let (text, path) = match &self.config {
             Some(path) => (io::read_text(path)?, path.clone()),
-            None => (train::read_config(&self.output)?, self.output.join("config.toml")),
+            None if self.resume => (train::read_config(&self.output)?, self.output.join("config.toml")),
+            None => (ADAPTATION.to_owned(), PathBuf::from("configs/adapt.toml")),
         };
         configure(&text, &path, &self.set)
+    }
+
+    /// Makes examples of one panel in the run's folder, or those that are missing; returns their folder.
+    fn make_examples(&self, psf: &Path, session: &Session) -> Result<PathBuf> {
+        let text = self.config.as_deref().map_or_else(|| Ok(ADAPTATION.to_owned()), io::read_text)?;
+        let mut config = ExamplesConfig::from_toml(&text)?;
+        config.panels.psf = Some(psf.to_owned());
+        if !self.scenes.is_empty() {
+            config.scenes.panoramas = io::expand_inputs(&self.scenes)?;
+        } else if config.scenes.panoramas.is_empty() {
+            config.scenes.procedural_share = 1.0;
+        }
+        let folder = self.output.join(EXAMPLES);
+        let existing = if session.overwrite { Existing::Overwrite } else { Existing::Resume };
+        ExampleSet { config, shard: Shard::WHOLE }
+            .make(&folder, existing, &session.progress)
+            .with_context(|| format!("making examples in {}", folder.display()))?;
+        Ok(folder)
     }
 
     fn start(&self, config: &TrainConfig, session: &Session) -> Result<Start> {
         if self.resume {
             return Ok(Start::Resume);
         }
-        let initial = self.init.as_deref().map(|path| read_initial(path, config)).transpose()?;
+        let shipped = self.psf.is_some().then(|| Path::new(GUIDED));
+        let initial = self.init.as_deref().or(shipped).map(|path| read_initial(path, config)).transpose()?;
         Ok(if session.overwrite { Start::Replace(initial) } else { Start::New(initial) })
     }
 }
+
+/// The training that adapts a network to one panel.
+const ADAPTATION: &str = include_str!("../../configs/adapt.toml");
+
+/// The folder of a run that holds the examples which it made by itself.
+const EXAMPLES: &str = "examples";
 
 /// Reads the configuration of a file and puts settings over it; to blame these where the file is right is to blame the
 /// command line.
@@ -117,10 +155,13 @@ fn report(outcome: &Outcome, folder: &Path, session: &Session) -> Result<()> {
     }
     for ValidationScore { metric, restored, degraded, deconvolved } in outcome.validation_scores() {
         let (name, decimals) = (metric.heading(), metric.decimals());
-        let deconvolved =
-            deconvolved.map_or(String::new(), |value| format!(" {value:.decimals$} deconvolved,"));
+        let told = |value: Option<f64>, what: &str| {
+            value.map_or(String::new(), |value| format!(" {value:.decimals$} {what},"))
+        };
+        let (deconvolved, initial) =
+            (told(*deconvolved, "deconvolved"), told(outcome.initial(*metric), "before the training"));
         session.tell(format_args!(
-            "validation {name}: {degraded:.decimals$} degraded,{deconvolved} {restored:.decimals$} restored"
+            "validation {name}: {degraded:.decimals$} degraded,{deconvolved}{initial} {restored:.decimals$} restored"
         ));
     }
     session.say(format!("{}: trained for {} iterations", model.display(), outcome.iteration))

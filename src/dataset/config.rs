@@ -211,6 +211,15 @@ impl NoiseConfig {
         Ok(noise)
     }
 
+    /// The standard deviation of the light that a channel records of an irradiance below saturation.
+    pub fn deviation(&self, channel: usize, irradiance: f64) -> f64 {
+        match self {
+            Self::None => 0.0,
+            Self::Gaussian { sigma } => f64::from(*sigma),
+            Self::Sensor(sensor) => sensor.deviation(channel, irradiance),
+        }
+    }
+
     /// Checks every parameter's range.
     ///
     /// # Errors

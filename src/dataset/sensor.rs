@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::core::error::{Error, Result};
+use crate::core::saturation::SATURATED_SHARE;
 
 /// A sensor that captures a bracket of exposures, which are fused again.
 ///
@@ -176,6 +177,22 @@ impl SensorConfig {
     fn white_of(&self, exposure: Option<&f64>) -> f64 {
         let gain = self.channel_gains.iter().copied().fold(0.0, f64::max);
         self.full_well_e / (self.electrons_per_unit * gain * exposure.copied().unwrap_or(1.0))
+    }
+
+    /// The standard deviation of the light that a channel records of an irradiance, from the longest exposure that is not
+    /// saturated, or the shortest.
+    ///
+    /// # Equation
+    /// `√(x·q·g·t + σ² + G²/12) / (q·g·t)`: photons, read-out, rounding.
+    pub fn deviation(&self, channel: usize, irradiance: f64) -> f64 {
+        let (gain, x) = (self.gain_e_per_dn(), irradiance.max(0.0));
+        let full = SATURATED_SHARE * self.full_well_e;
+        let electrons_per_unit =
+            |exposure: &f64| self.electrons_per_unit * self.channel_gains[channel] * exposure;
+        let exposures = self.exposures.iter().map(electrons_per_unit);
+        let electrons =
+            exposures.clone().find(|electrons| x * electrons < full).or(exposures.last()).unwrap_or(1.0);
+        (x * electrons + self.read_noise_e.powi(2) + gain * gain / 12.0).sqrt() / electrons
     }
 
     /// Electrons per digital number: the full well lies at the white level.

@@ -7,6 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
+use crate::dataset::Split;
+use crate::io;
 
 /// Two numbers between which a third is drawn.
 pub type Range = [f64; 2];
@@ -54,7 +56,7 @@ impl Default for ExamplesConfig {
     }
 }
 
-/// The panels that captures are made through.
+/// The panels that captures are made through: drawn at random, or a single one that is given.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct PanelsConfig {
@@ -66,11 +68,14 @@ pub struct PanelsConfig {
     pub psf_side_px: usize,
     /// How far panels are turned about the axis.
     pub angle_deg: Range,
+    /// The PSF of the only panel, for a network that is to restore captures of no other; none are drawn then.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub psf: Option<PathBuf>,
 }
 
 impl Default for PanelsConfig {
     fn default() -> Self {
-        Self { count: 120, validation: 12, psf_side_px: 401, angle_deg: [-180.0, 180.0] }
+        Self { count: 120, validation: 12, psf_side_px: 401, angle_deg: [-180.0, 180.0], psf: None }
     }
 }
 
@@ -236,6 +241,28 @@ impl ExamplesConfig {
         self.check_validation()
     }
 
+    /// The numbers of the panels that examples of a split are seen through.
+    pub(super) fn panels_of(&self, split: Split) -> std::ops::Range<usize> {
+        let PanelsConfig { count, validation, psf, .. } = &self.panels;
+        match (psf, split) {
+            (Some(_), _) => 0..1,
+            (None, Split::Train) => 0..count - validation,
+            (None, _) => count - validation..*count,
+        }
+    }
+
+    /// Takes the size of PSFs from the one that is given; returns its SHA-256 too.
+    ///
+    /// # Errors
+    /// Those of [`io::read_psf`].
+    pub(super) fn resolved(&self) -> Result<(Self, Option<String>)> {
+        let mut config = self.clone();
+        let Some(path) = &self.panels.psf else { return Ok((config, None)) };
+        let psf = io::read_psf(path)?;
+        config.panels.psf_side_px = psf.height().max(psf.width());
+        Ok((config, Some(psf.sha256())))
+    }
+
     /// Number of panoramas that are kept for validation.
     pub(super) fn panoramas_kept(&self) -> usize {
         if self.validation_share > 0.0 { self.scenes.validation_panoramas.max(1) } else { 0 }
@@ -245,7 +272,7 @@ impl ExamplesConfig {
     fn check_validation(&self) -> Result<()> {
         let refuse = |key: &str, reason: &str| Err(Error::config(format!("examples.{key}"), reason));
         let validates = self.validation_share > 0.0;
-        if validates && self.panels.validation == 0 {
+        if validates && self.panels.validation == 0 && self.panels.psf.is_none() {
             return refuse("panels.validation", "is 0, and examples for validation want panels of their own");
         }
         let ScenesConfig { panoramas, procedural_share, .. } = &self.scenes;

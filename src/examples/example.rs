@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::capture::{Recorded, record, with_stray_light};
-use super::config::ExamplesConfig;
+use super::config::{ExamplesConfig, PanelsConfig};
 use super::panels::{Panels, wide_side};
 use super::panoramas::PanoramaFile;
 use super::recipe::Recipe;
@@ -67,7 +67,7 @@ impl Ingredients<'_> {
         let recorded = record(recipe, (&scene, margin), &truth, config.alpha, config.seed)?;
         drop((scene, truth));
         let Recorded { capture, ground_truth, curve, saturation } = recorded;
-        let plane_config = PlaneConfig { curve, border: recipe.border, saturation };
+        let plane_config = PlaneConfig { curve, border: recipe.border, saturation, noise: None };
         let progress = progress.without_bars();
         let planes = make_planes(&Plane::ALL, &capture, &told, &plane_config, &progress)?;
         let is_clipped = (0..)
@@ -87,11 +87,11 @@ impl Ingredients<'_> {
 
     /// Pixels around the frame from which light reaches it.
     fn margin(&self, recipe: &Recipe) -> usize {
-        let side = self.config.panels.psf_side_px;
+        let PanelsConfig { psf_side_px: side, psf, .. } = &self.config.panels;
         match (recipe.border, recipe.harder) {
             (Border::Zero | Border::Periodic, _) => 0,
-            (Border::Smooth, None) => side / 2,
-            (Border::Smooth, Some(_)) => wide_side(side) / 2,
+            (Border::Smooth, Some(_)) if psf.is_none() => wide_side(*side) / 2,
+            (Border::Smooth, _) => side / 2,
         }
     }
 

@@ -37,6 +37,9 @@ pub struct ExamplesFile {
     pub program: String,
     /// The planes that every example holds beside capture and ground truth.
     pub planes: Vec<String>,
+    /// The SHA-256 of the PSF of the only panel, where one is given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub psf_sha256: Option<String>,
     /// What decided the examples.
     pub examples: ExamplesConfig,
     /// The panoramas that views were cut out of.
@@ -45,12 +48,17 @@ pub struct ExamplesFile {
 }
 
 impl ExamplesFile {
-    pub(super) fn new(examples: ExamplesConfig, panoramas: Vec<PanoramaFile>) -> Self {
+    pub(super) fn new(
+        examples: ExamplesConfig,
+        psf_sha256: Option<String>,
+        panoramas: Vec<PanoramaFile>,
+    ) -> Self {
         Self {
             format: FORMAT.to_owned(),
             version: VERSION,
             program: concat!("udc ", env!("CARGO_PKG_VERSION")).to_owned(),
             planes: Plane::ALL.map(|plane| plane.name().to_owned()).into(),
+            psf_sha256,
             examples,
             panoramas,
         }
@@ -80,12 +88,13 @@ impl ExamplesFile {
     }
 
     /// The first key that makes the examples of one folder others than those of another: neither their number nor where
-    /// the panoramas lie does.
+    /// panoramas and PSF lie does.
     pub(super) fn first_difference(&self, other: &Self) -> Option<String> {
         let comparable = |file: &Self| {
             let mut file = file.clone();
             (file.program, file.examples.count, file.examples.scenes.panoramas) =
                 (String::new(), 0, Vec::new());
+            file.examples.panels.psf = None;
             file.panoramas.iter_mut().for_each(|panorama| panorama.path = PathBuf::new());
             toml::Value::try_from(file).expect("configurations are plain data")
         };
@@ -196,7 +205,7 @@ mod tests {
             sha256: "ab".to_owned(),
             split: Split::Train,
         };
-        ExamplesFile::new(ExamplesConfig::default(), vec![panorama])
+        ExamplesFile::new(ExamplesConfig::default(), Some("cd".to_owned()), vec![panorama])
     }
 
     #[test]
@@ -218,6 +227,8 @@ mod tests {
         };
         assert_eq!(changed(|file| file.examples.count = 9), None);
         assert_eq!(changed(|file| file.panoramas[0].path = "b/hall.hdr".into()), None);
+        assert_eq!(changed(|file| file.examples.panels.psf = Some("b/psf.exr".into())), None);
+        assert_eq!(changed(|file| file.psf_sha256 = None).unwrap(), "psf-sha256");
         assert_eq!(
             changed(|file| file.examples.sensor.usual_share = 0.5).unwrap(),
             "examples.sensor.usual-share"

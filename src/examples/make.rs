@@ -55,9 +55,10 @@ impl ExampleSet {
     /// of reading panoramas, of simulating panels and of writing files.
     pub fn make(&self, root: &Path, existing: Existing, progress: &Progress) -> Result<MadeExamples> {
         self.config.validate()?;
-        let file = ExamplesFile::new(self.config.clone(), list_panoramas(&self.config)?);
+        let (config, psf_sha256) = self.config.resolved()?;
+        let file = ExamplesFile::new(config, psf_sha256, list_panoramas(&self.config)?);
         let (mut log, finished) = self.prepare(root, &file, existing)?;
-        let (config, panoramas) = (&self.config, &file.panoramas);
+        let (config, panoramas) = (&file.examples, &file.panoramas);
         let ingredients = Ingredients { config, panoramas, panels: Panels::new(root, config) };
         let all = (self.shard.index..config.count).step_by(self.shard.count);
         let recipes: Vec<Recipe> = all.map(|index| ingredients.recipe(index)).collect();

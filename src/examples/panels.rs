@@ -1,9 +1,10 @@
 //! Simulates the PSFs of panels, each once, and keeps them as files: `panels/NNN.exr`, and `panels/NNN-wide.exr` of twice
-//! the support and another spectrum.
+//! the support and another spectrum. A PSF that is given stands for a panel that cannot be simulated, and is as wide as it is.
 
 use std::path::{Path, PathBuf};
 
 use rand::RngExt as _;
+use serde_json::json;
 
 use super::config::ExamplesConfig;
 use crate::core::error::Result;
@@ -34,8 +35,11 @@ impl<'a> Panels<'a> {
         u64::from(rng::stream(self.config.seed, &format!("panel/{index}")).random::<u32>())
     }
 
-    /// Simulates a panel, unless its files are there.
+    /// Simulates a panel, or takes the one that is given, unless its files are there.
     pub(super) fn make(&self, index: usize, progress: &Progress) -> Result<()> {
+        if let Some(given) = &self.config.panels.psf {
+            return self.take(index, given);
+        }
         let seed = self.seed(index);
         let simulate = |display: &DisplayConfig, path: &Path| {
             if path.exists() {
@@ -58,14 +62,28 @@ impl<'a> Panels<'a> {
             .map_err(|error| error.while_doing(format!("simulating panel {index}, of seed {seed}")))
     }
 
+    fn take(&self, index: usize, given: &Path) -> Result<()> {
+        let path = self.path(index);
+        if path.exists() {
+            return Ok(());
+        }
+        io::create_folder(&self.folder)?;
+        let provenance = Some(Provenance::new("examples", &json!({ "psf": given })));
+        io::write_psf(
+            &path,
+            &io::read_psf(given)?,
+            &WriteOptions { overwrite: true, provenance, ..WriteOptions::default() },
+        )
+    }
+
     /// The PSF of a panel.
     pub(super) fn read(&self, index: usize) -> Result<Psf> {
         io::read_psf(&self.path(index))
     }
 
-    /// Its PSF of twice the support and another spectrum.
+    /// Its PSF of twice the support and another spectrum; of a panel that is given, there is but one.
     pub(super) fn read_wide(&self, index: usize) -> Result<Psf> {
-        io::read_psf(&self.wide_path(index))
+        io::read_psf(&if self.config.panels.psf.is_some() { self.path(index) } else { self.wide_path(index) })
     }
 
     fn path(&self, index: usize) -> PathBuf {

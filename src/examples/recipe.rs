@@ -90,16 +90,12 @@ impl Recipe {
         } else {
             Border::Smooth
         };
-        let panels = match (split, config.panels.count - config.panels.validation) {
-            (Split::Train, learned) => 0..learned,
-            (_, learned) => learned..config.panels.count,
-        };
         let sensor = &config.sensor;
         let is_usual = happens(sensor.usual_share, &mut rng);
         Self {
             index,
             split,
-            panel: rng.random_range(panels),
+            panel: rng.random_range(config.panels_of(split)),
             angle_deg: draw_even(config.panels.angle_deg, &mut rng),
             scene,
             brightness: draw_log(config.scenes.brightness, &mut rng),

@@ -249,11 +249,13 @@ mod tests {
         }
     }
 
-    /// A pixel that is no number makes every pixel that depends on it none.
+    /// A pixel that is no number makes every pixel that depends on it none; with one feature no tile of Winograd's does,
+    /// whatever vectors the CPU has.
     #[test]
     fn pixels_depend_on_no_others_than_the_halo_says() {
         let device = Backend::default().device();
-        for architecture in architectures().into_iter().filter(|a| a.side_multiple() == 1) {
+        for mut architecture in architectures().into_iter().filter(|a| a.side_multiple() == 1) {
+            architecture.features = if architecture.kind == Kind::Srmdnf { 1 } else { architecture.features };
             let parameters = random(&architecture);
             let network = Network::new(&architecture, &parameters, &device);
             let width = 2 * architecture.halo() + 9;

@@ -1,6 +1,6 @@
 //! How captures are restored, as a user names it: files and settings, read and resolved before the work.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::deconvolution::{Border, DeconvolutionConfig};
 use super::highlights::Highlights;
@@ -12,8 +12,9 @@ use super::precision::Precision;
 use super::restoration::Restoration;
 use crate::core::error::Result;
 use crate::core::tone::ToneCurve;
+use crate::dataset::NoiseConfig;
 use crate::io::sha256_of_file;
-use crate::network::Model;
+use crate::network::{Kind, Model, shipped, weights};
 
 /// What restores.
 #[derive(Clone, Debug)]
@@ -27,8 +28,10 @@ pub enum MethodConfig {
         /// Side of the tiles, where the memory does not choose it.
         tile: Option<usize>,
     },
-    /// The network that the program carries, which restores captures of any panel, given its PSF.
+    /// A network that restores captures of any panel, given its PSF.
     Guided {
+        /// Its file, or the name of the one that the program carries.
+        model: PathBuf,
         /// The part of its corrections that is taken, from 0 to 1.
         refine: f32,
         /// Whether lamps get the light that their flare tells.
@@ -71,6 +74,8 @@ pub struct RestorationConfig {
     pub x_max: Option<f32>,
     /// What is done where a capture is saturated.
     pub highlights: Highlights,
+    /// The noise of captures, where it is not to be estimated.
+    pub noise: Option<NoiseConfig>,
     /// The memory that there is.
     pub memory: MemoryBudget,
 }
@@ -98,9 +103,11 @@ impl RestorationConfig {
                 let restoration = Restoration::by_network(model, kernel)?.with_curve(curve).with_tile(*tile);
                 (restoration.with_files(Some(sha256?), self.kernel.bank_bytes()), notices)
             }
-            MethodConfig::Guided { refine, true_highlights, pose, border, precision, tile } => {
+            MethodConfig::Guided { model, refine, true_highlights, pose, border, precision, tile } => {
                 let (kernel, mut notices) = self.kernel.read_any_psf()?;
-                let mut restoration = Restoration::guided(kernel)?.with_border(*border).with_tile(*tile);
+                let sha256 = shipped(model).is_none().then(|| sha256_of_file(model)).transpose()?;
+                let restoration = Restoration::by_guided_network(Model::load(model)?, kernel)?;
+                let mut restoration = restoration.with_border(*border).with_tile(*tile);
                 notices.extend(restoration.set_precision(*precision));
                 restoration = restoration.with_refine(*refine)?;
                 restoration = match pose {
@@ -124,7 +131,7 @@ impl RestorationConfig {
                 if *true_highlights {
                     restoration = restoration.with_true_highlights()?;
                 }
-                (restoration.with_files(None, self.kernel.bank_bytes()), notices)
+                (restoration.with_files(sha256, self.kernel.bank_bytes()), notices)
             }
             MethodConfig::Deconvolution(config) => {
                 let curve = self.curve(None)?;
@@ -132,7 +139,11 @@ impl RestorationConfig {
                 (Restoration::by_deconvolution(*config, kernel)?.with_curve(curve), notices)
             }
         };
-        Ok((restoration.with_highlights(self.highlights).with_memory(self.memory), notices))
+        let mut restoration = restoration.with_highlights(self.highlights).with_memory(self.memory);
+        if let Some(noise) = &self.noise {
+            restoration = restoration.with_noise(noise.clone())?;
+        }
+        Ok((restoration, notices))
     }
 
     /// φ∘C as it is given, and for what is not as a model was trained.
@@ -143,6 +154,13 @@ impl RestorationConfig {
         let default = of_model.unwrap_or_default();
         ToneCurve::new(self.alpha.unwrap_or(default.alpha), self.x_max.unwrap_or(default.x_max))
     }
+}
+
+/// Whether a model is a network for any panel: by its name, or by what its file says.
+pub fn is_guided(model: &Path) -> bool {
+    let is_file_of_one = || weights::read(model).is_ok_and(|read| read.architecture.kind == Kind::Guided);
+    let may_be = model.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("safetensors"));
+    shipped(model).is_some() || (may_be && is_file_of_one())
 }
 
 fn take((model, notice): (Model, Option<Notice>)) -> (Model, Vec<Notice>) {

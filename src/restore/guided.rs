@@ -10,7 +10,7 @@ use super::deconvolution::solve;
 use super::guard::Guard;
 use super::highlights::blend_highlights;
 use super::lamps::find_lamps;
-use super::levels::find_levels;
+use super::levels::{find_levels, suited_curve};
 use super::memory::MemoryPlan;
 use super::network::NetworkOperator;
 use super::planes::{PlaneConfig, planes_of};
@@ -64,8 +64,9 @@ impl Restoration {
         let Capture { image, info } = capture;
         let (image, saturation, found) =
             self.light_and_levels(image, info.as_ref().and_then(|info| info.saturation));
-        let curve = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..self.curve() };
-        let planes = PlaneConfig { curve, border: self.border(), saturation };
+        let told = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..self.curve() };
+        let curve = suited_curve(told, &image);
+        let planes = PlaneConfig { curve, border: self.border(), saturation, noise: self.noise_curve() };
         let (psf, pose) = self.posed_psf(&image, &planes, progress)?;
         let psf = &*psf;
         let solution = solve(&image, psf, &planes.deconvolution(), progress)?;
@@ -88,9 +89,10 @@ impl Restoration {
             Some(light) => {
                 AnyImage::Linear(with_light(curve.inverse_tone_map(&restored), &image, &light, saturation)?)
             }
+            None if curve != told => AnyImage::Linear(curve.inverse_tone_map(&restored)),
             None => AnyImage::ToneMapped(restored),
         };
-        Ok(Restored { image, info, angle, curve, lamps, levels: found, pose })
+        Ok(Restored { image, info, angle, curve: told, lamps, levels: found, pose })
     }
 
     /// The PSF as the panel stands in a capture, and its pose where the capture tells another than that of the PSF.

@@ -1,9 +1,10 @@
-//! Finds the light at which a capture saturates, where nobody says it.
+//! Finds the light at which a capture saturates, where nobody says it, and the tone curve that suits its units.
 
 use ndarray::ArrayView2;
 
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::saturation::saturated_from;
+use crate::core::tone::ToneCurve;
 
 /// Pixels that have to be equally bright to be taken for saturated: fewer may be the core of a lamp.
 const LEAST_PIXELS: usize = 16;
@@ -13,6 +14,26 @@ const SAME: f32 = 0.998;
 
 /// Saturated pixels for each that is nearly as bright: a sensor's white ends like a cut, a lamp's image like a bell.
 const CUT: usize = 2;
+
+/// What light is in multiples of α where it saturates, at least and at most, in the captures that networks are trained on.
+const LEVELS: [f32; 2] = [4.0, 2000.0];
+
+/// α of a scene exposed like those, over the median of its green light.
+const ALPHA_OVER_MEDIAN: f32 = 2.0;
+
+/// The curve itself where a capture is of light as networks know it; for one in much larger units, counts of a sensor for
+/// example, one whose α is as large beside its light as theirs.
+pub(super) fn suited_curve(curve: ToneCurve, image: &LinearImage) -> ToneCurve {
+    let [least, most] = LEVELS;
+    if curve.x_max <= most * curve.alpha {
+        return curve;
+    }
+    let mut green: Vec<f32> = image.channel(1).iter().copied().collect();
+    let middle = green.len() / 2;
+    let (_, median, _) = green.select_nth_unstable_by(middle, f32::total_cmp);
+    let alpha = (ALPHA_OVER_MEDIAN * *median).clamp(curve.x_max / most, curve.x_max / least);
+    ToneCurve { alpha, ..curve }
+}
 
 /// Finds the white level of each channel of a capture: the value that its brightest pixels share, if that ends like a cut.
 /// Channels without such a value saturate above all that they show, and at no less than `usual`.
@@ -75,6 +96,22 @@ mod tests {
         let (levels, count) = find_levels(&bright, 500.0);
         let brightest = bright.as_slice().iter().fold(0.0f32, |a, b| a.max(*b));
         assert!(count == 0 && levels.iter().all(|level| saturated_from(*level) > brightest), "{levels:?}");
+    }
+
+    /// What is 2000 times as large is tone-mapped to the same.
+    #[test]
+    fn counts_are_mapped_as_the_light_that_they_count() {
+        let light = ToneCurve::new(0.25, 8.0).unwrap();
+        let image = scene(8.0).map_values(|value| 0.6 * value);
+        assert_eq!(suited_curve(light, &image), light);
+        let counts = image.map_values(|value| 2000.0 * value);
+        let curve = suited_curve(ToneCurve::new(0.25, 16_000.0).unwrap(), &counts);
+        let median = 0.6 * 0.2;
+        assert!((curve.alpha / (2000.0 * 2.0 * median) - 1.0).abs() < 0.1, "{curve:?}");
+        assert_eq!(curve.x_max, 16_000.0);
+        let black = LinearImage::from_planes(Array3::zeros((3, 8, 8))).unwrap();
+        assert_eq!(suited_curve(curve, &black).alpha, curve.alpha);
+        assert_eq!(suited_curve(ToneCurve { alpha: 0.25, ..curve }, &black).alpha, 8.0);
     }
 
     #[test]

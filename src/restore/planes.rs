@@ -2,7 +2,7 @@
 
 use ndarray::{Array3, Axis, Zip};
 
-use super::deconvolution::{Border, DeconvolutionConfig, Method, Solution, solve};
+use super::deconvolution::{Border, DeconvolutionConfig, Method, NoiseCurve, Solution, solve};
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
@@ -21,6 +21,8 @@ pub struct PlaneConfig {
     pub border: Border,
     /// The value of a full photosite in each channel.
     pub saturation: [f32; CHANNELS],
+    /// The capture's noise, where it is told and need not be estimated.
+    pub noise: Option<NoiseCurve>,
 }
 
 impl PlaneConfig {
@@ -30,7 +32,7 @@ impl PlaneConfig {
     /// [`Error::Config`](crate::core::error::Error::Config) when the formation has no tone curve.
     pub fn of_formation(formation: &FormationConfig) -> Result<Self> {
         let curve = formation.curve()?;
-        Ok(Self { curve, border: formation.into(), saturation: [curve.x_max; CHANNELS] })
+        Ok(Self { curve, border: formation.into(), saturation: [curve.x_max; CHANNELS], noise: None })
     }
 
     pub(super) fn deconvolution(&self) -> DeconvolutionConfig {
@@ -38,6 +40,7 @@ impl PlaneConfig {
             border: self.border,
             alpha: self.curve.alpha,
             saturation: self.saturation,
+            noise: self.noise,
             ..DeconvolutionConfig::of_method(Method::Joint)
         }
     }
@@ -130,7 +133,7 @@ mod tests {
 
     fn config() -> PlaneConfig {
         let curve = ToneCurve { alpha: 0.25, x_max: 4.0 };
-        PlaneConfig { curve, border: Border::Periodic, saturation: [4.0, 4.0, 2.0] }
+        PlaneConfig { curve, border: Border::Periodic, saturation: [4.0, 4.0, 2.0], noise: None }
     }
 
     fn point() -> Psf {

@@ -6,7 +6,9 @@ use serde_json::{Value, json};
 
 use super::angle::{FoundAngle, find_code};
 use super::capture::{Capture, Restored};
-use super::deconvolution::{Border, DeconvolutionConfig, Method, deconvolution_bytes, deconvolve};
+use super::deconvolution::{
+    Border, DeconvolutionConfig, Method, NoiseCurve, deconvolution_bytes, deconvolve,
+};
 use super::field::code_map;
 use super::guided::GuidedOptions;
 use super::highlights::{Highlights, blend_highlights};
@@ -23,8 +25,9 @@ use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
+use crate::dataset::NoiseConfig;
 use crate::io::AnyImage;
-use crate::network::{GUIDED, Model};
+use crate::network::{GUIDED, Kind, Model};
 
 /// How captures are restored.
 #[derive(Clone, Debug)]
@@ -42,8 +45,10 @@ pub struct Restoration {
     tile: Option<usize>,
     /// Identity of the network's file, where it is one.
     model_sha256: Option<String>,
-    /// What is done beside the network where it is the one for any panel.
+    /// What is done beside the network where it is one for any panel.
     guided: Option<GuidedOptions>,
+    /// The noise of captures, where it is told.
+    noise: Option<NoiseConfig>,
 }
 
 #[derive(Clone, Debug)]
@@ -54,7 +59,8 @@ enum How {
 
 impl Restoration {
     /// Restores by a network that is told what it needs of the kernel, and given the planes that it reads, which are made of
-    /// the PSF; images are tone-mapped as those that it was trained with.
+    /// the PSF; images are tone-mapped as those that it was trained with. Where it is of the kind for any panel, the pose of
+    /// the panel is looked for in each capture, and corrections that contradict it are held back.
     ///
     /// # Errors
     /// [`Error::Config`] when the network needs a code, or the PSF for its planes, and it is not known; [`Error::Shape`] when
@@ -70,21 +76,30 @@ impl Restoration {
         let example = kernel.example().map_or(Conditioning::None, Conditioning::Code);
         NetworkOperator::new(&model).told(example)?;
         let curve = model.origin().tone_curve().unwrap_or_default();
-        Ok(Self::new(How::Network(model), kernel, curve))
+        let guided = (model.architecture().kind == Kind::Guided).then(GuidedOptions::default);
+        Ok(Self { guided, ..Self::new(How::Network(model), kernel, curve) })
     }
 
-    /// Restores captures of any panel by the network that the program carries, given the PSF.
+    /// Restores captures of any panel by the network that the program carries, given the PSF, as
+    /// [`by_guided_network`](Self::by_guided_network) does.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when the PSF is not known.
+    pub fn guided(kernel: KernelKnowledge) -> Result<Self> {
+        Self::by_guided_network(Model::load(Path::new(GUIDED))?, kernel)
+    }
+
+    /// Restores captures of any panel by a network of the kind [`Kind::Guided`].
     ///
     /// What saturates a capture is what it says, else what [`with_curve`](Self::with_curve) says, else the light that its
     /// brightest pixels share.
     ///
     /// # Errors
     /// [`Error::Config`] when the PSF is not known.
-    pub fn guided(kernel: KernelKnowledge) -> Result<Self> {
-        let model = Model::load(Path::new(GUIDED))?;
+    pub fn by_guided_network(model: Model, kernel: KernelKnowledge) -> Result<Self> {
         let restoration = Self::by_network(model, kernel)?;
         let curve = ToneCurve { x_max: ToneCurve::default().x_max, ..restoration.curve };
-        Ok(Self { guided: Some(GuidedOptions::default()), curve, ..restoration })
+        Ok(Self { curve, ..restoration })
     }
 
     /// Takes this part, from 0 to 1, of the corrections by the network for any panel: at 0, the deconvolution stays.
@@ -153,6 +168,7 @@ impl Restoration {
             tile: None,
             model_sha256: None,
             guided: None,
+            noise: None,
         }
     }
 
@@ -177,6 +193,25 @@ impl Restoration {
             config.alpha = alpha;
         }
         self
+    }
+
+    /// Tells the noise of captures, which is estimated from each otherwise.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for a restoration that does not ask for it: neither by planes nor by [`Method::Joint`].
+    pub fn with_noise(mut self, noise: NoiseConfig) -> Result<Self> {
+        match &mut self.how {
+            How::Deconvolution(config) if config.method == Method::Joint => {
+                config.noise = Some(NoiseCurve::of(&noise));
+            }
+            How::Network(model) if !model.architecture().planes().is_empty() => {}
+            _ => {
+                let reason = "belongs to the guided restoration and to --method joint; leave it out";
+                return Err(Error::config("noise", reason));
+            }
+        }
+        self.noise = Some(noise);
+        Ok(self)
     }
 
     /// Takes another precision for the products of a network, with what is to be told of it.
@@ -228,6 +263,11 @@ impl Restoration {
     /// What lies beyond the border.
     pub(super) fn border(&self) -> Border {
         self.border
+    }
+
+    /// The noise of captures, where it is told.
+    pub(super) fn noise_curve(&self) -> Option<NoiseCurve> {
+        self.noise.as_ref().map(NoiseCurve::of)
     }
 
     /// What is done where captures are saturated.
@@ -315,7 +355,7 @@ impl Restoration {
 
     /// The method with every setting resolved, for provenance; its files are told by their contents.
     pub fn describe(&self) -> Value {
-        match &self.how {
+        let mut description = match &self.how {
             How::Network(model) => json!({
                 "model-sha256": self.model_sha256, "code": self.kernel.describe(), "tile": self.tile,
                 "precision": Precision::of(model).name(), "highlights": self.highlights,
@@ -326,7 +366,11 @@ impl Restoration {
                 "psf-sha256": self.kernel.psf().map(Psf::sha256), "deconvolution": config,
                 "highlights": self.highlights,
             }),
+        };
+        if let Some(noise) = &self.noise {
+            description["noise"] = json!(noise);
         }
+        description
     }
 
     fn plan_deconvolution(&self, size: [usize; 2], config: &DeconvolutionConfig) -> Result<MemoryPlan> {

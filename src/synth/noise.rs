@@ -134,7 +134,10 @@ mod tests {
             let q = sensor.electrons_per_unit * exposure;
             let electrons = f64::from(irradiance) * q;
             let variance = (electrons + sensor.read_noise_e.powi(2) + gain * gain / 12.0) / (q * q);
-            agrees(&NoiseConfig::Sensor(sensor.clone()), irradiance, variance);
+            let noise = NoiseConfig::Sensor(sensor.clone());
+            agrees(&noise, irradiance, variance);
+            let told = noise.deviation(1, f64::from(irradiance)).powi(2);
+            assert!((told / variance - 1.0).abs() < 1e-9, "{told} {variance}");
         }
     }
 

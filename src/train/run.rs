@@ -19,7 +19,7 @@ use super::tensorboard::{self, EventLog};
 use super::trainer::{ADVICE, Step, Trainer};
 use super::validation::{Validation, ValidationScore, Validator};
 use crate::core::error::{Error, Result};
-use crate::core::metrics::Measure;
+use crate::core::metrics::{Measure, Metric};
 use crate::core::progress::Progress;
 use crate::io::{self, LineLog};
 use crate::network::weights::{self, Weights};
@@ -78,12 +78,19 @@ pub struct Outcome {
     pub last_step: Option<Step>,
     /// The last validation of this process, if it made one.
     pub last_validation: Option<Validation>,
+    /// That of the weights that the run began with, if this process began it with weights.
+    pub initial_validation: Option<Validation>,
 }
 
 impl Outcome {
     /// The last validation's means, metric by metric; none without a validation.
     pub fn validation_scores(&self) -> &[ValidationScore] {
         self.last_validation.as_ref().map_or(&[], |validation| &validation.scores)
+    }
+
+    /// What the weights that the run began with reached in a metric.
+    pub fn initial(&self, metric: Metric) -> Option<f64> {
+        self.initial_validation.as_ref()?.restored(metric)
     }
 }
 
@@ -127,6 +134,7 @@ impl Job<'_> {
             interrupted,
             last_step: run.last_step,
             last_validation: run.last_validation,
+            initial_validation: run.initial_validation,
         })
     }
 
@@ -175,7 +183,7 @@ impl Job<'_> {
         let log = open_log(&folder.join(LOG_FILE), trainer.iteration())?;
         let events = EventLog::open(folder, trainer.iteration())?;
         let folder = folder.to_owned();
-        let run = Run {
+        let mut run = Run {
             folder,
             _lock: lock,
             checkpoints,
@@ -187,8 +195,12 @@ impl Job<'_> {
             validator,
             last_step: None,
             last_validation: None,
+            initial_validation: None,
         };
         if begins_with_weights {
+            // What is best may be what it began with.
+            run.validate(self)?;
+            run.initial_validation = run.last_validation.take();
             run.save_checkpoint(self)?;
         }
         Ok(run)
@@ -320,6 +332,7 @@ struct Run {
     validator: Option<Validator>,
     last_step: Option<Step>,
     last_validation: Option<Validation>,
+    initial_validation: Option<Validation>,
 }
 
 impl Run {

@@ -63,6 +63,43 @@ fn makes_examples_that_a_network_learns_from() {
     assert!(said.contains("other data than the run learned from"), "{said}");
 }
 
+/// A network is adapted to a panel: from a model of the same architecture, with examples of its own.
+#[test]
+fn a_network_is_adapted_to_one_panel() {
+    let folder = tempfile::tempdir().unwrap();
+    prepare(folder.path());
+    let run = |args: &[&str]| succeed(folder.path(), args);
+    run(&["psf", "--random", "3", "--size", "31", "-o", "psf.exr"]);
+    run(&[
+        "train",
+        "config.toml",
+        "--psf",
+        "psf.exr",
+        "--init",
+        "guided",
+        "-o",
+        "adapted",
+        "--set",
+        "architecture.features=48",
+    ]);
+    assert!(folder.path().join("adapted/best.safetensors").is_file());
+    let log = fs::read_to_string(folder.path().join("adapted/metrics.jsonl")).unwrap();
+    let first: serde_json::Value = serde_json::from_str(log.lines().next().unwrap()).unwrap();
+    assert!(first["iteration"] == 0 && first["psnr"].is_number(), "what it began with is measured: {first}");
+    let said = run(&["info", "adapted/examples/panels/000.exr"]);
+    assert!(said.contains("31 × 31"), "{said}");
+    let scene = ["scenes", "-o", "views", "--count", "1", "--size", "64"];
+    run(&scene);
+    run(&["restore", "views", "--psf", "psf.exr", "--model", "adapted/best.safetensors", "-o", "restored/"]);
+    let said =
+        fail(folder.path(), &["train", "config.toml", "--psf", "psf.exr", "--data", "views", "-o", "x"], 2);
+    assert!(said.contains("--data"), "{said}");
+    // Another architecture than that of the network which it begins with, unless --init names one.
+    let said = fail(folder.path(), &["train", "config.toml", "--psf", "psf.exr", "-o", "x"], 1);
+    assert!(said.contains("another architecture"), "{said}");
+    assert!(!folder.path().join("x").exists(), "nothing was made");
+}
+
 #[test]
 fn refuses_what_it_cannot_make_examples_of_or_in() {
     let folder = tempfile::tempdir().unwrap();

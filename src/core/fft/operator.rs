@@ -199,6 +199,53 @@ impl PlaneOperator {
         columns.into_iter().sum::<f64>() / weight.max(f64::MIN_POSITIVE)
     }
 
+    /// The means of `of(|H|²)` over bands of frequencies: those nearest to row/2n and column/2n of a pixel's, n × n of them,
+    /// as the cosines of an n × n block have.
+    ///
+    /// # Accuracy
+    /// As [`mean`](Self::mean); a band without any frequency has that of the whole.
+    pub fn band_means(
+        &self,
+        kernel: &TransferFunction,
+        of: impl Fn(f32) -> f32 + Sync,
+        bands: usize,
+    ) -> Array2<f32> {
+        let height = self.rows.transform;
+        let power = |index: usize| match &kernel.0 {
+            EitherSpectrum::Single(otf) => otf[index].norm_sqr(),
+            EitherSpectrum::Double(otf) => narrow(otf[index]).norm_sqr(),
+        };
+        let columns = self.laplacian[1].len();
+        // Nearest, halves up: 2n·k/N + 1/2.
+        let band = |k: usize, length: usize| ((4 * bands * k + length) / (2 * length)).min(bands - 1);
+        let read: Vec<usize> = (0..columns).step_by((columns / MEAN_COLUMNS).max(1)).collect();
+        let of_columns: Vec<Vec<f64>> = read
+            .par_iter()
+            .map(|kx| {
+                let mut sums = vec![0.0; bands];
+                for ky in 0..height {
+                    sums[band(ky.min(height - ky), height)] += f64::from(of(power(kx * height + ky)));
+                }
+                sums
+            })
+            .collect();
+        let mut rows = vec![0.0; bands];
+        (0..height).for_each(|ky| rows[band(ky.min(height - ky), height)] += 1.0);
+        let (mut sums, mut counts) =
+            (Array2::<f64>::zeros((bands, bands)), Array2::<f64>::zeros((bands, bands)));
+        for (kx, of_column) in read.iter().zip(of_columns) {
+            let column = band(*kx, self.columns.transform);
+            for (row, (sum, count)) in of_column.into_iter().zip(&rows).enumerate() {
+                sums[[row, column]] += sum;
+                counts[[row, column]] += count;
+            }
+        }
+        let whole = sums.sum() / counts.sum();
+        #[expect(clippy::cast_possible_truncation, reason = "planes are of 32 bits")]
+        let mean = |sum: &f64, count: &f64| (if *count > 0.0 { sum / count } else { whole }) as f32;
+        ndarray::Zip::from(&sums).and(&counts).map_collect(mean)
+    }
+
     fn multiply(
         &self,
         kernel: &TransferFunction,

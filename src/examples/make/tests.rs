@@ -7,6 +7,7 @@ use ndarray::Array3;
 
 use super::*;
 use crate::core::image::LinearImage;
+use crate::core::psf::Psf;
 use crate::examples::{CAPTURE, ExamplesFolder, GROUND_TRUTH};
 use crate::io::WriteOptions;
 use crate::network::Plane;
@@ -95,6 +96,36 @@ fn more_examples_may_be_asked_for_and_others_not() {
     assert!(contents(&root).0 != before, "another seed draws other examples");
     let message = make(folder.path(), &config, Existing::Overwrite).unwrap_err().to_string();
     assert!(message.contains("something else than examples"), "{message}");
+}
+
+/// Examples of one panel are seen through its PSF alone, for whatever they are, and those of another are others.
+#[test]
+fn a_panel_that_is_given_is_the_only_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let [psf, other] = ["psf.exr", "other.exr"].map(|name| folder.path().join(name));
+    let energy = |corner: f32| {
+        Array3::from_shape_fn((3, 19, 17), |(_, y, x)| match (y, x) {
+            (9, 8) => 8.0,
+            (3, 3) => corner,
+            _ => 0.0,
+        })
+    };
+    for (path, corner) in [(&psf, 1.0), (&other, 2.0)] {
+        io::write_psf(path, &Psf::from_energy(energy(corner)).unwrap(), &WriteOptions::default()).unwrap();
+    }
+    let mut config = config(Vec::new());
+    config.panels.psf = Some(psf.clone());
+    let root = folder.path().join("examples");
+    make(&root, &config, Existing::Refuse).unwrap();
+    let made = ExamplesFolder::open(&root).unwrap();
+    assert_eq!(made.file.examples.panels.psf_side_px, 19);
+    assert_eq!(made.records.len(), 8);
+    assert!(made.records.iter().all(|record| record.panel == 0));
+    assert_eq!(io::list_folder(&root.join("panels")).unwrap(), ["000.exr"]);
+    assert_eq!(io::read_psf(&root.join("panels/000.exr")).unwrap(), io::read_psf(&psf).unwrap());
+    config.panels.psf = Some(other);
+    let message = make(&root, &config, Existing::Resume).unwrap_err().to_string();
+    assert!(message.contains("another psf-sha256"), "{message}");
 }
 
 /// The same recipe with and without what makes it harder.

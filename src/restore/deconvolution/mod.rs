@@ -9,6 +9,7 @@ mod border;
 mod constrained;
 mod joint;
 mod noise;
+mod noise_curve;
 mod objective;
 mod operator;
 mod richardson_lucy;
@@ -21,6 +22,7 @@ pub use joint::Solution;
 pub(super) use joint::pose::write_pose_in_words;
 pub use joint::pose::{PoseConfig, PoseEstimate, find_pose};
 use ndarray::{Array2, Array3, ArrayView2, Axis};
+pub use noise_curve::NoiseCurve;
 use serde::{Deserialize, Serialize};
 
 use crate::core::error::{Error, Result};
@@ -115,6 +117,9 @@ pub struct DeconvolutionConfig {
     pub alpha: f32,
     /// The value of a full photosite in each channel, of which [`saturated_from`] takes the saturated share.
     pub saturation: [f32; CHANNELS],
+    /// The capture's noise, where it is told and need not be estimated (`joint`).
+    #[serde(skip)]
+    pub noise: Option<NoiseCurve>,
 }
 
 impl Default for DeconvolutionConfig {
@@ -128,6 +133,7 @@ impl Default for DeconvolutionConfig {
             seed: 0,
             alpha: ToneCurve::default().alpha,
             saturation: [ToneCurve::default().x_max; CHANNELS],
+            noise: None,
         }
     }
 }

@@ -28,7 +28,7 @@ fn every_shipped_configuration_is_understood_and_the_first_spells_out_the_defaul
         }
         count += 1;
     }
-    assert_eq!(count, 18);
+    assert_eq!(count, 19);
 }
 
 #[test]

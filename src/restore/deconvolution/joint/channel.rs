@@ -2,6 +2,7 @@
 
 use ndarray::{Array2, ArrayView2, Zip};
 
+use super::super::NoiseCurve;
 use super::conjugate::{Preconditioner, Room, System};
 use super::exact::exact_inverse;
 use super::frame::{Blur, Frame, row};
@@ -35,6 +36,9 @@ const NOISE_FREE: f32 = 3e-4;
 /// The floor of |H|² in the first inverse, which is at most 1/(2√ε) = 50 times the capture.
 const LEAST_POWER: f32 = 1e-4;
 
+/// The floor of |H|² in the inverse that a scene is refined from: a third and three times as much restore 0.1 dB worse.
+const REFINED_POWER: f32 = 1e-2;
+
 /// What is known of a channel from without.
 #[derive(Clone, Copy)]
 pub(super) struct Known<'a> {
@@ -45,6 +49,8 @@ pub(super) struct Known<'a> {
     pub(super) level: f32,
     /// α of the tone mapping.
     pub(super) alpha: f32,
+    /// The noise of all channels and which one this is, where it is told.
+    pub(super) noise: Option<(&'a NoiseCurve, usize)>,
 }
 
 /// A channel in work.
@@ -79,10 +85,15 @@ impl<'a> Channel<'a> {
     /// Sets a channel up, and measures the light of its saturated pixels.
     pub(super) fn new(frame: &'a Frame, known: Known<'a>, progress: &Progress) -> Result<Self> {
         progress.check()?;
-        let Known { capture, psf, level, alpha } = known;
+        let Known { capture, psf, level, alpha, noise } = known;
         let from = saturated_from(level);
         let blur = frame.blur(psf)?;
-        let noise = NoiseLevel::estimate(capture, (alpha, from), blur.parts_left());
+        let noise = match noise {
+            Some((curve, channel)) => {
+                NoiseLevel::told(capture, (alpha, from), |light| curve.at(channel, light))
+            }
+            None => NoiseLevel::estimate(capture, (alpha, from), blur.parts_left()),
+        };
         let surrounded = frame.surround(capture);
         let mut brightness = local_mean(&surrounded, NEAR_PX);
         brightness.par_mapv_inplace(|mean| mean + alpha);
@@ -153,6 +164,56 @@ impl<'a> Channel<'a> {
         system.descend(&mut self.scene, steps, (room, progress))
     }
 
+    /// Whether there is noise that a scene could be refined against.
+    pub(super) fn is_noisy(&self) -> bool {
+        self.noise.middle() > NOISE_FREE
+    }
+
+    /// The pixels that are saturated.
+    pub(super) fn is_saturated(&self, place: [usize; 2]) -> bool {
+        self.known.capture[place] >= saturated_from(self.known.level)
+    }
+
+    /// The scene with all detail that the capture has beyond it, and its noise: what the inverse with hardly a prior makes of
+    /// the capture's rest is added, where pixels are not `hidden`. And the means of that noise's spectrum, for a capture of
+    /// noise 1, over the bands of a block of so many pixels.
+    pub(super) fn sharpened(
+        &self,
+        hidden: &Array2<bool>,
+        bands: usize,
+        ones: &Array2<f32>,
+    ) -> Result<(Array2<f32>, Array2<f32>)> {
+        let blur = self.frame.blur(self.known.psf)?;
+        let mut rest = Array2::zeros(self.frame.size());
+        blur.apply(&self.scene, &mut rest);
+        let parts =
+            Zip::from(&mut rest).and(self.known.capture).and(hidden).and(self.frame.cut(&self.brightness));
+        parts.par_for_each(|rest, y, hidden, n| {
+            *rest = if *hidden || *n <= 0.0 { 0.0 } else { (y.max(0.0) - *rest) / n };
+        });
+        let mut added = self.frame.plane();
+        blur.invert(&rest, ones, |power, _| 1.0 / (power + REFINED_POWER), &mut added);
+        Zip::from(&mut rest)
+            .and(self.frame.cut(&self.scene))
+            .and(self.frame.cut(&added))
+            .and(self.frame.cut(&self.brightness))
+            .par_for_each(|out, x, added, n| *out = x + added * n);
+        Ok((rest, blur.band_means(|power| power / (power + REFINED_POWER).powi(2), bands)))
+    }
+
+    /// The standard deviation of the capture's noise at a pixel; zero at lamps.
+    pub(super) fn noise_at(&self, place: [usize; 2]) -> f32 {
+        let n = self.brightness[place];
+        if n > 0.0 { n * self.noise.at(n) } else { 0.0 }
+    }
+
+    /// Adds the doubt about lamps and their flare to a deviation.
+    pub(super) fn doubt(&self, deviation: &mut Array2<f32>) {
+        if let Some(lamps) = &self.lamps {
+            lamps.doubt(self.frame.cut(&self.scene), deviation);
+        }
+    }
+
     /// The standard deviation of the noise of `log(y + α)` where the capture is of middling brightness.
     pub(super) fn relative_noise(&self) -> f32 {
         self.noise.middle()
@@ -182,9 +243,7 @@ impl<'a> Channel<'a> {
                 *gain *= n * self.noise.at(*n);
             }
         });
-        if let Some(lamps) = &self.lamps {
-            lamps.doubt(self.frame.cut(&self.scene), &mut deviation);
-        }
+        self.doubt(&mut deviation);
         Ok(deviation)
     }
 

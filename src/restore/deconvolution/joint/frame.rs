@@ -125,6 +125,11 @@ impl Blur<'_> {
         self.frame.operator.mean(&self.otf, of, [&|_| 1.0, &|_| 1.0])
     }
 
+    /// The means of a function of |H|² over the frequencies of the cosines of a block, by row and column.
+    pub(super) fn band_means(&self, of: impl Fn(f32) -> f32 + Sync, bands: usize) -> Array2<f32> {
+        self.frame.operator.band_means(&self.otf, of, bands)
+    }
+
     /// Multiplies the spectrum of w·x by a response of |H|² and the Laplacian's transfer function.
     pub(super) fn filter(
         &self,

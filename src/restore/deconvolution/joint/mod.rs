@@ -9,6 +9,7 @@
 //!    Where something is, the flare of the clipped light is fitted and taken away, and what it hid is painted over.
 //! 3. In each of a few rounds the edges of the scene are looked for in all colours together, and conjugate gradients lower the
 //!    least squares with a penalty on differences of neighbours that spares those edges (iteratively reweighted least squares).
+//! 4. Where there is noise, the spectra of its own neighbourhoods refine the scene ([`refine`]).
 //!
 //! Transforms are of 32 bits: on captures with suns 10⁴ times above saturation, those of 64 bits restore the same to 0.01 dB.
 
@@ -22,6 +23,7 @@ mod lamps;
 mod noise_level;
 pub(super) mod pose;
 mod prior;
+mod refine;
 mod smooth;
 mod uncertainty;
 
@@ -36,6 +38,7 @@ use crate::core::psf::Psf;
 use channel::{Channel, Known, Workspace};
 use frame::Frame;
 use prior::{Edges, InverseBrightness};
+use refine::{Refined, refine};
 
 /// What a capture tells of its scene.
 #[derive(Clone, Debug)]
@@ -56,7 +59,11 @@ pub(super) fn restore(
     progress: &Progress,
 ) -> Result<LinearImage> {
     let frame = frame_of(image, psf, config);
-    Colors::start(&frame, (image, psf), config, progress)?.restore(progress)?.scene()
+    let colors = Colors::start(&frame, (image, psf), config, progress)?.restore(progress)?;
+    match colors.refined(progress)? {
+        Some(Refined { scene, .. }) => LinearImage::from_planes(scene),
+        None => colors.scene(),
+    }
 }
 
 /// As [`restore`], with what is known of the errors.
@@ -68,9 +75,15 @@ pub(super) fn solve(
 ) -> Result<Solution> {
     let frame = frame_of(image, psf, config);
     let colors = Colors::start(&frame, (image, psf), config, progress)?.restore(progress)?;
-    let deviation = colors.deviation()?;
     let relative_noise = std::array::from_fn(|channel| colors.channels[channel].relative_noise());
-    Ok(Solution { scene: colors.scene()?, deviation, relative_noise })
+    let (scene, deviation) = match colors.refined(progress)? {
+        Some(Refined { scene, deviation }) => (LinearImage::from_planes(scene)?, deviation),
+        None => {
+            let deviation = colors.deviation()?;
+            (colors.scene()?, deviation)
+        }
+    };
+    Ok(Solution { scene, deviation, relative_noise })
 }
 
 fn frame_of(image: &LinearImage, psf: &Psf, config: &DeconvolutionConfig) -> Frame {
@@ -102,7 +115,7 @@ impl<'a> Colors<'a> {
     fn start(
         frame: &'a Frame,
         (image, psf): (&'a LinearImage, &'a Psf),
-        config: &DeconvolutionConfig,
+        config: &'a DeconvolutionConfig,
         progress: &Progress,
     ) -> Result<Self> {
         let of_channel = |channel| Known {
@@ -110,6 +123,7 @@ impl<'a> Colors<'a> {
             psf: psf.channel(channel),
             level: config.saturation[channel],
             alpha: config.alpha,
+            noise: config.noise.as_ref().map(|noise| (noise, channel)),
         };
         let channels = (0..CHANNELS).map(|channel| Channel::new(frame, of_channel(channel), progress));
         Ok(Self { frame, channels: channels.collect::<Result<_>>()?, edges: Edges::unknown() })
@@ -148,6 +162,12 @@ impl<'a> Colors<'a> {
         let colors: Vec<_> =
             scenes.zip(&inverses).map(|(scene, inverse)| (scene, inverse as InverseBrightness<'_>)).collect();
         self.edges = Edges::of_scene(&colors);
+    }
+
+    /// The scene refined by its own local spectra, where there is noise.
+    fn refined(&self, progress: &Progress) -> Result<Option<Refined>> {
+        let is_noisy = self.channels.iter().any(Channel::is_noisy);
+        is_noisy.then(|| refine(self.frame, &self.channels, progress)).transpose()
     }
 
     fn deviation(&self) -> Result<Array3<f32>> {

@@ -37,11 +37,7 @@ impl NoiseLevel {
         (alpha, saturated_from): (f32, f32),
         left: [f64; 3],
     ) -> Self {
-        let strips: Vec<_> = strips(capture.nrows(), capture.ncols())
-            .into_iter()
-            .map(|rows| capture.slice(s![rows, ..]))
-            .map(|strip| (strip, strip.mapv(|y| (y.max(0.0) + alpha).ln())))
-            .collect();
+        let strips = logarithms(capture, alpha);
         let limits = limits_of_classes(&strips, saturated_from);
         let mut classes: Vec<[Vec<f32>; 3]> = limits.iter().map(|_| Default::default()).collect();
         for (strip, logarithm) in &strips {
@@ -73,6 +69,20 @@ impl NoiseLevel {
         Self { knots: steadied(knots) }
     }
 
+    /// The noise of one channel where the standard deviation of its light is known, at the brightness that the capture has.
+    pub(crate) fn told(
+        capture: ArrayView2<'_, f32>,
+        (alpha, saturated_from): (f32, f32),
+        deviation: impl Fn(f32) -> f32,
+    ) -> Self {
+        let of_class = |(middle, _): (f32, f32)| {
+            let brightness = middle.exp();
+            (middle, (deviation((brightness - alpha).max(0.0)) / brightness).max(LEAST))
+        };
+        let limits = limits_of_classes(&logarithms(capture, alpha), saturated_from);
+        Self { knots: limits.into_iter().map(of_class).collect() }
+    }
+
     /// The deviation at a brightness, `y + α`.
     pub(crate) fn at(&self, brightness: f32) -> f32 {
         let level = brightness.ln();
@@ -94,6 +104,15 @@ impl NoiseLevel {
 
 /// The median of the modulus of a standard normal variable.
 const MEDIAN_OF_NORMAL: f64 = 0.6745;
+
+/// The strips that noise is estimated from, with `ln(y + α)`.
+fn logarithms(capture: ArrayView2<'_, f32>, alpha: f32) -> Vec<(ArrayView2<'_, f32>, Array2<f32>)> {
+    strips(capture.nrows(), capture.ncols())
+        .into_iter()
+        .map(|rows| capture.slice_move(s![rows, ..]))
+        .map(|strip| (strip, strip.mapv(|y| (y.max(0.0) + alpha).ln())))
+        .collect()
+}
 
 /// The rows that noise is estimated from: all, or strips over the whole height.
 fn strips(height: usize, width: usize) -> Vec<Range<usize>> {
@@ -175,6 +194,17 @@ mod tests {
                 assert!((found / expected - 1.0).abs() < 0.15, "{size:?} at {part}: {found} of {expected}");
             }
         }
+    }
+
+    /// Noise that is told is taken at the brightness that the capture has.
+    #[test]
+    fn what_is_told_is_not_estimated() {
+        let capture = capture((150, 160), [0.02, 0.05]);
+        let noise = NoiseLevel::told(capture.view(), (ALPHA, 16.0), |light| 0.01 * (light + ALPHA));
+        assert!((noise.middle() - 0.01).abs() < 1e-5 && (noise.at(1.0) - 0.01).abs() < 1e-5);
+        let photons = NoiseLevel::told(capture.view(), (ALPHA, 16.0), |light| 0.02 * light.sqrt());
+        let expected = 0.02 * 2.1f32.sqrt() / (2.1 + ALPHA);
+        assert!((photons.middle() / expected - 1.0).abs() < 0.1, "{} {expected}", photons.middle());
     }
 
     #[test]

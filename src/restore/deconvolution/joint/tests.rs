@@ -150,3 +150,33 @@ fn whatever_comes_in_light_comes_out() {
         }
     }
 }
+
+/// A fence before a wall: what the penalty on differences takes for noise, its own spectrum tells.
+#[test]
+fn local_spectra_refine_a_noisy_scene() {
+    let scene = image(
+        |c, y, x| {
+            0.4 + 0.05 * c as f32 + 0.08 * ((x + y / 3) as f32 * 1.3).sin() + 0.2 * (y as f32 / 25.0).sin()
+        },
+        [SIZE; 2],
+    );
+    let seen = capture(&scene, 0.04, 500.0);
+    let (config, psf) = (config(Method::Joint, Border::Zero, 500.0), psf());
+    let frame = frame_of(&seen, &psf, &config);
+    let progress = Progress::default();
+    let start = Colors::start(&frame, (&seen, &psf), &config, &progress).unwrap();
+    let colors = start.restore(&progress).unwrap();
+    let refined = colors.refined(&progress).unwrap().expect("there is noise");
+    let after = psnr(&LinearImage::from_planes(refined.scene).unwrap(), &scene, 500.0);
+    let before = psnr(&colors.scene().unwrap(), &scene, 500.0);
+    assert!(after > before + 1.0, "{after} after {before}");
+}
+
+#[test]
+fn a_scene_without_noise_is_not_refined() {
+    let (seen, psf) = (capture(&room(1.0), 0.0, 500.0), psf());
+    let config = config(Method::Joint, Border::Zero, 500.0);
+    let frame = frame_of(&seen, &psf, &config);
+    let colors = Colors::start(&frame, (&seen, &psf), &config, &Progress::default()).unwrap();
+    assert!(colors.refined(&Progress::default()).unwrap().is_none());
+}
