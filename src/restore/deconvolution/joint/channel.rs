@@ -181,7 +181,6 @@ impl<'a> Channel<'a> {
         &self,
         hidden: &Array2<bool>,
         bands: usize,
-        ones: &Array2<f32>,
     ) -> Result<(Array2<f32>, Array2<f32>)> {
         let blur = self.frame.blur(self.known.psf)?;
         let mut rest = Array2::zeros(self.frame.size());
@@ -192,7 +191,8 @@ impl<'a> Channel<'a> {
             *rest = if *hidden || *n <= 0.0 { 0.0 } else { (y.max(0.0) - *rest) / n };
         });
         let mut added = self.frame.plane();
-        blur.invert(&rest, ones, |power, _| 1.0 / (power + REFINED_POWER), &mut added);
+        let ones = Array2::ones(rest.dim());
+        blur.invert(&rest, &ones, |power, _| 1.0 / (power + REFINED_POWER), &mut added);
         Zip::from(&mut rest)
             .and(self.frame.cut(&self.scene))
             .and(self.frame.cut(&added))

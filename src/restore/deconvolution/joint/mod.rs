@@ -59,7 +59,7 @@ pub(super) fn restore(
     progress: &Progress,
 ) -> Result<LinearImage> {
     let frame = frame_of(image, psf, config);
-    let colors = Colors::start(&frame, (image, psf), config, progress)?.restore(progress)?;
+    let mut colors = Colors::start(&frame, (image, psf), config, progress)?.restore(progress)?;
     match colors.refined(progress)? {
         Some(Refined { scene, .. }) => LinearImage::from_planes(scene),
         None => colors.scene(),
@@ -74,7 +74,7 @@ pub(super) fn solve(
     progress: &Progress,
 ) -> Result<Solution> {
     let frame = frame_of(image, psf, config);
-    let colors = Colors::start(&frame, (image, psf), config, progress)?.restore(progress)?;
+    let mut colors = Colors::start(&frame, (image, psf), config, progress)?.restore(progress)?;
     let relative_noise = std::array::from_fn(|channel| colors.channels[channel].relative_noise());
     let (scene, deviation) = match colors.refined(progress)? {
         Some(Refined { scene, deviation }) => (LinearImage::from_planes(scene)?, deviation),
@@ -165,9 +165,13 @@ impl<'a> Colors<'a> {
     }
 
     /// The scene refined by its own local spectra, where there is noise.
-    fn refined(&self, progress: &Progress) -> Result<Option<Refined>> {
-        let is_noisy = self.channels.iter().any(Channel::is_noisy);
-        is_noisy.then(|| refine(self.frame, &self.channels, progress)).transpose()
+    fn refined(&mut self, progress: &Progress) -> Result<Option<Refined>> {
+        if !self.channels.iter().any(Channel::is_noisy) {
+            return Ok(None);
+        }
+        // Its plane makes room.
+        self.edges = Edges::unknown();
+        refine(self.frame, &mut self.channels, progress).map(Some)
     }
 
     fn deviation(&self) -> Result<Array3<f32>> {

@@ -56,50 +56,42 @@ pub(super) struct Refined {
     pub(super) deviation: Array3<f32>,
 }
 
-/// Refines the scene of all channels.
-pub(super) fn refine(frame: &Frame, channels: &[Channel<'_>], progress: &Progress) -> Result<Refined> {
+/// Refines the scene of all channels, which becomes that of the first pass.
+pub(super) fn refine(frame: &Frame, channels: &mut [Channel<'_>], progress: &Progress) -> Result<Refined> {
     let [height, width] = frame.size();
     let is_saturated = |place: [usize; 2]| channels.iter().any(|channel| channel.is_saturated(place));
     let saturated = Array2::from_shape_fn((height, width), |(y, x)| is_saturated([y, x]));
     let hidden = grown(&saturated, HIDDEN_PX);
-    let ones = Array2::ones((height, width));
     let (mut sharp, mut bands) = (Vec::with_capacity(CHANNELS), Vec::with_capacity(CHANNELS));
-    for channel in channels {
+    for channel in channels.iter() {
         progress.check()?;
-        let (of_channel, of_bands) = channel.sharpened(&hidden, SIDE, &ones)?;
+        let (of_channel, of_bands) = channel.sharpened(&hidden, SIDE)?;
         sharp.push(of_channel);
         bands.push(std::array::from_fn(|row| std::array::from_fn(|column| of_bands[[row, column]])));
     }
-    drop(ones);
-    let first = channels.iter().map(|channel| frame.cut(&channel.scene)).collect::<Vec<_>>();
     let mut scene = Array3::zeros((CHANNELS, height, width));
-    let mut deviation = Array3::zeros((CHANNELS, height, width));
-    let mut pilot: Option<Array3<f32>> = None;
-    for _ in 0..PASSES {
+    let mut variance = Array3::zeros((CHANNELS, height, width));
+    for pass in 1..=PASSES {
         progress.check()?;
-        let pilots: Vec<ArrayView2<'_, f32>> = match &pilot {
-            Some(pilot) => pilot.outer_iter().collect(),
-            None => first.clone(),
-        };
-        let pass = Pass { channels, pilots, sharp: &sharp, bands: &bands, cosines: Cosines::new() };
-        pass.filter(&mut scene, &mut deviation);
-        for (mut scene, first) in scene.outer_iter_mut().zip(&first) {
-            Zip::from(&mut scene).and(first).and(&hidden).par_for_each(|scene, first, hidden| {
-                *scene = if *hidden { *first } else { scene.max(0.0) };
+        let pilots = channels.iter().map(|channel| frame.cut(&channel.scene)).collect();
+        let filter = Pass { channels, pilots, sharp: &sharp, bands: &bands, cosines: Cosines::new() };
+        filter.run(&mut scene, &mut variance);
+        for (channel, mut refined) in channels.iter_mut().zip(scene.outer_iter_mut()) {
+            let places = Zip::from(frame.cut_mut(&mut channel.scene)).and(&mut refined).and(&hidden);
+            places.par_for_each(|before, refined, hidden| {
+                *refined = if *hidden { *before } else { refined.max(0.0) };
+                if pass < PASSES {
+                    *before = *refined;
+                }
             });
         }
-        let last = pilot.take();
-        pilot = Some(std::mem::replace(
-            &mut scene,
-            last.unwrap_or_else(|| Array3::zeros((CHANNELS, height, width))),
-        ));
     }
-    for (channel, mut deviation) in channels.iter().zip(deviation.axis_iter_mut(Axis(0))) {
-        let mut of_channel = deviation.mapv(f32::sqrt);
-        channel.doubt(&mut of_channel);
-        deviation.assign(&of_channel);
+    for (channel, mut variance) in channels.iter().zip(variance.axis_iter_mut(Axis(0))) {
+        let mut deviation = variance.mapv(f32::sqrt);
+        channel.doubt(&mut deviation);
+        variance.assign(&deviation);
     }
-    Ok(Refined { scene: pilot.expect("there was a pass"), deviation })
+    Ok(Refined { scene, deviation: variance })
 }
 
 /// What a pass filters.
@@ -157,7 +149,7 @@ fn mirrored(index: isize, length: usize) -> usize {
 
 impl Pass<'_, '_> {
     /// Writes the filtered scene and the variance of its error.
-    fn filter(&self, scene: &mut Array3<f32>, variance: &mut Array3<f32>) {
+    fn run(&self, scene: &mut Array3<f32>, variance: &mut Array3<f32>) {
         let strips = scene.axis_chunks_iter_mut(Axis(1), STRIP).into_par_iter();
         let strips = strips.zip(variance.axis_chunks_iter_mut(Axis(1), STRIP)).enumerate();
         strips.for_each(|(index, (mut scene, mut variance))| {
