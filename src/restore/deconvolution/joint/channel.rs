@@ -39,6 +39,10 @@ const LEAST_POWER: f32 = 1e-4;
 /// The floor of |H|² in the inverse that a scene is refined from: a third and three times as much restore 0.1 dB worse.
 const REFINED_POWER: f32 = 1e-2;
 
+/// Samples of transforms that the light of lamps is looked for with, and the steps that are taken at least and at most.
+const LAMP_WORK: usize = 80_000_000;
+const LAMP_STEPS: [usize; 2] = [20, 200];
+
 /// What is known of a channel from without.
 #[derive(Clone, Copy)]
 pub(super) struct Known<'a> {
@@ -116,15 +120,16 @@ impl<'a> Channel<'a> {
 
     /// Rounds and steps in each: more where there is hardly any noise that would hide what they gain.
     ///
-    /// Of photographs with lamps, three rounds of eight steps restore the same and four of four lose 0.2 dB. A round holds other
-    /// pixels at zero than the one before, so that eight of 25 steps gain 7 to 30 dB where there is no noise, and four of 40
-    /// nothing like it.
+    /// The light of large lamps comes out of the haze around them slowly: five photographs of 384² with lamps have 29.1 dB after
+    /// four rounds of five steps, 30.6 after four of 20, 31.2 after six and 32.0 after ten, so that as many are taken as time
+    /// allows. A round holds other pixels at zero than the one before: eight of 25 steps gain 7 to 30 dB where there is no noise,
+    /// and four of 40 nothing like it.
     pub(super) fn effort(&self) -> [usize; 2] {
         let sigma = self.sigma();
         match self.has_lamps() {
             true if sigma <= NOISE_FREE => [8, 25],
             true if sigma < LOW_NOISE => [4, 20],
-            true => [4, 5],
+            true => lamp_effort(self.frame.transform_samples()),
             false if sigma <= NOISE_FREE && !self.frame.has_surrounding() => [0, 0],
             false if sigma < LOW_NOISE => [3, 8],
             false => [2, 1],
@@ -268,6 +273,13 @@ impl<'a> Channel<'a> {
     }
 }
 
+/// Rounds and steps for a photograph with lamps, by the samples of its transforms: so many that they take seconds.
+fn lamp_effort(samples: usize) -> [usize; 2] {
+    let steps = (LAMP_WORK / samples.max(1)).clamp(LAMP_STEPS[0], LAMP_STEPS[1]);
+    let rounds = (steps / 20).clamp(4, 10);
+    [rounds, steps / rounds]
+}
+
 /// λ for a deviation of the noise.
 ///
 /// # Equation
@@ -288,4 +300,17 @@ fn first_inverse(
     blur.invert(&capture, brightness, response, &mut scene);
     Zip::from(&mut scene).and(brightness).par_for_each(|x, n| *x = (*x * n).max(0.0));
     scene
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lamps_get_as_many_steps_as_time_allows() {
+        assert_eq!(lamp_effort(100 * 100), [10, 20]);
+        assert_eq!(lamp_effort(800 * 800), [6, 20]);
+        assert_eq!(lamp_effort(1200 * 1200), [4, 13]);
+        assert_eq!(lamp_effort(4096 * 3328), [4, 5]);
+    }
 }

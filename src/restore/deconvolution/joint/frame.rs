@@ -41,6 +41,12 @@ impl Frame {
         self.operator.plane_size()
     }
 
+    /// Samples of a plane's transform.
+    pub(super) fn transform_samples(&self) -> usize {
+        let [height, width] = self.operator.transform_size();
+        height * width
+    }
+
     /// Whether light around the frame is unknown.
     pub(super) fn has_surrounding(&self) -> bool {
         self.plane_size() != self.size
