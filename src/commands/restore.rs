@@ -211,7 +211,7 @@ impl RestoreArgs {
             tile: self.tile,
         };
         let method = match (self.method.config(), &self.model) {
-            (Some(config), _) => MethodConfig::Deconvolution(config),
+            (Some(config), _) => MethodConfig::Deconvolution(config.into()),
             (None, Some(model)) if !is_guided => network(model),
             (None, model) => MethodConfig::Guided {
                 model: model.clone().unwrap_or_else(|| GUIDED.into()),

@@ -189,9 +189,9 @@ impl SensorConfig {
         let full = SATURATED_SHARE * self.full_well_e;
         let electrons_per_unit =
             |exposure: &f64| self.electrons_per_unit * self.channel_gains[channel] * exposure;
-        let exposures = self.exposures.iter().map(electrons_per_unit);
+        let mut exposures = self.exposures.iter().map(electrons_per_unit);
         let electrons =
-            exposures.clone().find(|electrons| x * electrons < full).or(exposures.last()).unwrap_or(1.0);
+            exposures.clone().find(|electrons| x * electrons < full).or(exposures.next_back()).unwrap_or(1.0);
         (x * electrons + self.read_noise_e.powi(2) + gain * gain / 12.0).sqrt() / electrons
     }
 

@@ -46,7 +46,7 @@ pub enum MethodConfig {
         tile: Option<usize>,
     },
     /// A deconvolution with the PSF of the kernel files; α and saturation are those of the curve.
-    Deconvolution(DeconvolutionConfig),
+    Deconvolution(Box<DeconvolutionConfig>),
 }
 
 /// What tells how the panel stands against its PSF.
@@ -136,7 +136,7 @@ impl RestorationConfig {
             MethodConfig::Deconvolution(config) => {
                 let curve = self.curve(None)?;
                 let (kernel, notices) = self.kernel.read_psf()?;
-                (Restoration::by_deconvolution(*config, kernel)?.with_curve(curve), notices)
+                (Restoration::by_deconvolution(**config, kernel)?.with_curve(curve), notices)
             }
         };
         let mut restoration = restoration.with_highlights(self.highlights).with_memory(self.memory);

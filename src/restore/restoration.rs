@@ -54,7 +54,7 @@ pub struct Restoration {
 #[derive(Clone, Debug)]
 enum How {
     Network(Model),
-    Deconvolution(DeconvolutionConfig),
+    Deconvolution(Box<DeconvolutionConfig>),
 }
 
 impl Restoration {
@@ -153,7 +153,7 @@ impl Restoration {
         let x_max = config.saturation.into_iter().fold(0.0, f32::max);
         let curve = ToneCurve { alpha: config.alpha, x_max };
         let border = config.border;
-        Ok(Self { border, ..Self::new(How::Deconvolution(config), kernel, curve) })
+        Ok(Self { border, ..Self::new(How::Deconvolution(config.into()), kernel, curve) })
     }
 
     fn new(how: How, kernel: KernelKnowledge, curve: ToneCurve) -> Self {
@@ -344,7 +344,7 @@ impl Restoration {
             }
             How::Deconvolution(config) => {
                 let image: LinearImage = image.into_linear(curve);
-                let config = DeconvolutionConfig { saturation, ..*config };
+                let config = DeconvolutionConfig { saturation, ..**config };
                 let restored = deconvolve(&image, psf_of(&self.kernel)?, &config, progress)?;
                 let level = saturation.map(saturated_from);
                 (AnyImage::Linear(blend_highlights(restored, &image, level, self.highlights)?), None)

@@ -198,10 +198,7 @@ impl Job<'_> {
             initial_validation: None,
         };
         if begins_with_weights {
-            // What is best may be what it began with.
-            run.validate(self)?;
-            run.initial_validation = run.last_validation.take();
-            run.save_checkpoint(self)?;
+            run.keep_initial(self)?;
         }
         Ok(run)
     }
@@ -336,6 +333,13 @@ struct Run {
 }
 
 impl Run {
+    /// Measures and keeps the weights that the run begins with: none after them may be better.
+    fn keep_initial(&mut self, job: &Job<'_>) -> Result<()> {
+        self.validate(job)?;
+        self.initial_validation = self.last_validation.take();
+        self.save_checkpoint(job)
+    }
+
     /// Makes steps until the end; true when the user stopped it before.
     fn advance(&mut self, job: &Job<'_>) -> Result<bool> {
         let config = job.config;

@@ -122,7 +122,7 @@ fn finds_the_code_by_angle_and_by_psf() {
     // The PSF is the bank's own, so that its projection differs from its code by rounding only.
     let (rounding, turned) =
         (largest_difference(&of_angle, &of_psf), largest_difference(&of_angle, &between));
-    assert!(rounding < 0.1 * turned, "{rounding} against {turned}");
+    assert!(3.0 * rounding < turned, "{rounding} against {turned}");
 }
 
 #[test]

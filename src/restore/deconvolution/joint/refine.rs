@@ -185,8 +185,7 @@ impl Pass<'_, '_> {
                 for c in 0..CHANNELS {
                     let [colors, of_variance] = &mut sums;
                     self.cosines.add(
-                        &blocks[c],
-                        variances[c],
+                        (&blocks[c], variances[c]),
                         [&mut colors[c], &mut of_variance[c]],
                         [y, x],
                         [rows, width],
@@ -279,19 +278,18 @@ impl Cosines {
     /// Adds a block and its variance under the window, where it lies in the strip.
     fn add(
         &self,
-        block: &Block,
-        variance: f32,
+        (block, variance): (&Block, f32),
         [colors, variances]: [&mut [f32]; 2],
         [y, x]: [usize; 2],
         [rows, width]: [usize; 2],
     ) {
-        for row in 0..SIDE {
+        let first = BEFORE.saturating_sub(x);
+        let last = SIDE.min(width + BEFORE - x);
+        for (row, (block, window)) in block.iter().zip(&self.window).enumerate() {
             let Some(at) = (y + row).checked_sub(BEFORE).filter(|at| *at < rows) else { continue };
-            let first = BEFORE.saturating_sub(x);
-            let last = SIDE.min(width + BEFORE - x);
             let start = at * width + x + first - BEFORE;
             let to = colors[start..].iter_mut().zip(&mut variances[start..]);
-            let from = block[row][first..last].iter().zip(&self.window[row][first..last]);
+            let from = block[first..last].iter().zip(&window[first..last]);
             for ((color, of_variance), (value, weight)) in to.zip(from) {
                 *color += weight * value;
                 *of_variance += weight * variance;
@@ -372,7 +370,12 @@ mod tests {
         let (mut colors, mut variances) = (vec![0.0; rows * width], vec![0.0; rows * width]);
         for y in (0..rows + BEFORE).step_by(STEP) {
             for x in (0..width + BEFORE).step_by(STEP) {
-                cosines.add(&[[1.0; SIDE]; SIDE], 2.0, [&mut colors, &mut variances], [y, x], [rows, width]);
+                cosines.add(
+                    (&[[1.0; SIDE]; SIDE], 2.0),
+                    [&mut colors, &mut variances],
+                    [y, x],
+                    [rows, width],
+                );
             }
         }
         assert!(colors.iter().all(|v| (v - 1.0).abs() < 1e-5), "{colors:?}");
