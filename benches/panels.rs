@@ -6,8 +6,8 @@
 //! with the errors of a measurement is tried beside the true one. Everything is a command of `udc`, printed before it runs;
 //! what is there is not made again, so that a run can be stopped and gone on with.
 //!
-//! `--panels N` takes more or fewer panels, `--steps N` changes the steps that DISCNet is trained for (2600, of 8 crops of 96²:
-//! as many hours as the guided network's training took want more), `--lpips ALEXNET LINEAR` measures LPIPS too.
+//! `--panels N` takes more or fewer panels, `--steps N` changes the steps that DISCNet is trained for (2600, of 8 crops of
+//! 96²), `--lpips ALEXNET LINEAR` measures LPIPS too.
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints its result")]
 

@@ -36,7 +36,7 @@ const NOISE_FREE: f32 = 3e-4;
 /// The floor of |H|² in the first inverse, which is at most 1/(2√ε) = 50 times the capture.
 const LEAST_POWER: f32 = 1e-4;
 
-/// The floor of |H|² in the inverse that a scene is refined from: a third and three times as much restore 0.1 dB worse.
+/// The floor of |H|² in the inverse that a scene is refined from: three times as much restores the same, a tenth 0.1 dB worse.
 const REFINED_POWER: f32 = 1e-2;
 
 /// Samples of transforms that the light of lamps is looked for with, and the steps that are taken at least and at most.

@@ -29,7 +29,7 @@ const STEP: usize = 2;
 /// Pixels before the frame at which the first block begins.
 const BEFORE: usize = SIDE - STEP;
 
-/// Passes: a third gains less than 0.1 dB.
+/// Passes: the second gains 0.2 dB.
 const PASSES: usize = 2;
 
 /// How much more the noise counts than it is: a pilot lacks detail.
@@ -41,7 +41,7 @@ const STRIP: usize = 32;
 /// Pixels around saturated ones that are left as they are: no block tells what a lamp hid.
 const HIDDEN_PX: usize = 2;
 
-/// Brightness and two differences of colours, of orthonormal rows; and their squares.
+/// Brightness and two differences of colours, of orthonormal rows.
 const COLORS: [[f32; CHANNELS]; CHANNELS] = [
     [0.577_350_26, 0.577_350_26, 0.577_350_26],
     [std::f32::consts::FRAC_1_SQRT_2, 0.0, -std::f32::consts::FRAC_1_SQRT_2],
