@@ -9,6 +9,7 @@ use udc::kernels::{Isa, benchmark, peak};
 use udc::network::benchmark::time_network;
 use udc::train::benchmark::{BatchShape, LARGEST_SIDE, time_step};
 
+use super::device::DeviceArgs;
 use super::{Session, peak_memory_bytes};
 
 /// Time the network's operations and the whole network on this machine
@@ -25,6 +26,8 @@ pub(crate) struct BenchArgs {
     /// Batches that the full network is trained on, as 4x128 for four crops of 128 × 128
     #[arg(long, value_name = "BATCH", default_value = "4x128")]
     train: Vec<BatchShape>,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// Of the single operations, time only those whose names contain this
     #[arg(long, value_name = "TEXT", default_value = "")]
     only: String,
@@ -38,7 +41,26 @@ const LONGEST_PATIENCE_S: f64 = 86_400.0;
 
 impl BenchArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let patience = self.patience;
+        let backend = self.device.find(session)?;
+        if backend.is_cpu() {
+            self.time_operations(session)?;
+        } else {
+            session.say(backend)?;
+        }
+        for side in &self.size {
+            time_network(backend, *side as usize, self.patience, |timing| session.say(timing))?;
+        }
+        for batch in &self.train {
+            let ms = time_step(backend, *batch, self.patience)? * 1e3;
+            let memory = peak_memory_bytes()
+                .map_or(String::new(), |bytes| format!(", the process has taken up to {} MiB", bytes >> 20));
+            session.say(format_args!("training step {batch}: {ms:.1} ms{memory}"))?;
+        }
+        Ok(())
+    }
+
+    /// Times the operations that kernels do on the CPU, beside what it can do at most.
+    fn time_operations(&self, session: &Session) -> Result<()> {
         let threads = rayon::current_num_threads();
         let peak = peak::measure(Isa::current()) * threads as f64;
         session.say(format!(
@@ -47,7 +69,7 @@ impl BenchArgs {
             peak / 1e9
         ))?;
         let mut outcome = Ok(());
-        benchmark::run(&self.only, patience, |timing| {
+        benchmark::run(&self.only, self.patience, |timing| {
             let speed = timing.operations / timing.seconds;
             let (ms, share) = (timing.seconds * 1e3, speed / peak * 100.0);
             let line = format!("{:44} {ms:9.2} ms {:7.0} GFLOP/s {share:5.0} %", timing.name, speed / 1e9);
@@ -55,17 +77,7 @@ impl BenchArgs {
                 outcome = session.say(line);
             }
         });
-        outcome?;
-        for side in &self.size {
-            time_network(*side as usize, patience, |timing| session.say(timing))?;
-        }
-        for batch in &self.train {
-            let ms = time_step(*batch, patience)? * 1e3;
-            let memory = peak_memory_bytes()
-                .map_or(String::new(), |bytes| format!(", the process has taken up to {} MiB", bytes >> 20));
-            session.say(format_args!("training step {batch}: {ms:.1} ms{memory}"))?;
-        }
-        Ok(())
+        outcome
     }
 }
 

@@ -20,6 +20,7 @@ use udc::restore::{Highlights, Precision};
 use super::Session;
 use super::choices::DOMAINS;
 use super::choices::{HIGHLIGHTS, PRECISIONS, RESTORATIONS, SPLITS};
+use super::device::DeviceArgs;
 use super::metrics::MetricArgs;
 
 /// Measure models and deconvolutions on datasets, or restored images against ground truth
@@ -119,6 +120,8 @@ pub(crate) struct EvalArgs {
     /// Keep N of the restored images as pictures beside the results, evenly spread
     #[arg(long, value_name = "N", requires = "datasets", conflicts_with = "restored", default_value_t = 0)]
     pictures: usize,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// Memory that one restoration may take: 2GiB, 500MB, …
     #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = udc::core::bytes::parse_bytes)]
     #[arg(conflicts_with = "restored")]
@@ -173,8 +176,9 @@ impl EvalArgs {
     fn candidates(&self, session: &Session) -> Result<Vec<Candidate>> {
         let precisions = if self.precision.is_empty() { &[Precision::F32][..] } else { &self.precision };
         let mut models = Vec::new();
+        let backend = self.device.find(session)?;
         for path in &self.model {
-            let model = Model::load(path)?;
+            let model = Model::load(path)?.with_backend(backend);
             let name = name_among(&self.model, path);
             let of = |precision: &Precision| {
                 let (model, notice) = precision.apply(model.clone());
@@ -183,7 +187,7 @@ impl EvalArgs {
             };
             models.extend(precisions.iter().map(of));
         }
-        Ok(Candidate::list(models, &self.method, &self.highlights))
+        Ok(Candidate::list(models, &self.method, &self.highlights, backend))
     }
 
     fn config(&self, measuring: EvalConfig) -> ExperimentConfig {

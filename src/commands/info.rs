@@ -5,7 +5,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use clap::Args;
 
+use serde_json::{Value, json};
+
 use udc::inspect::{inspect, subjects};
+use udc::network::Isa;
+use udc::network::gpu::{self, GpuInfo};
 
 use super::Session;
 use super::psf_file::PsfFileArgs;
@@ -18,13 +22,16 @@ use super::psf_file::PsfFileArgs;
 )]
 pub(crate) struct InfoArgs {
     /// Files, datasets, training runs, folders of images, or patterns
-    #[arg(required = true, value_name = "FILE")]
+    #[arg(required_unless_present = "devices", value_name = "FILE")]
     inputs: Vec<PathBuf>,
     /// Describe images as PSFs: peak, energy radii, identity
     #[arg(long, alias = "psf")]
     as_psf: bool,
     #[command(flatten)]
     psf_file: PsfFileArgs,
+    /// List the GPUs that networks can compute on
+    #[arg(long, conflicts_with = "inputs")]
+    devices: bool,
     /// Print one JSON object a file
     #[arg(long)]
     json: bool,
@@ -32,6 +39,9 @@ pub(crate) struct InfoArgs {
 
 impl InfoArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        if self.devices {
+            return list_devices(self.json, session);
+        }
         let mut files: Vec<Result<PathBuf>> = Vec::new();
         for input in &self.inputs {
             match subjects(input) {
@@ -70,4 +80,20 @@ impl InfoArgs {
             session.say(format_args!("{}: {found}", file.display()))
         }
     }
+}
+
+/// Lists what `--device` chooses among.
+fn list_devices(as_json: bool, session: &Session) -> Result<()> {
+    if as_json {
+        let device = |gpu: &GpuInfo| json!({"device": format!("gpu:{}", gpu.number), "name": gpu.name, "interface": gpu.interface, "card": gpu.is_card});
+        return session.say(Value::from(gpu::list().iter().map(device).collect::<Vec<_>>()));
+    }
+    session.say(format_args!("cpu: {} threads, {}", rayon::current_num_threads(), Isa::current().name()))?;
+    gpu::list().iter().try_for_each(|gpu| session.say(gpu))?;
+    if !gpu::IS_BUILT {
+        session.tell(
+            "this build computes on the CPU alone; `cargo build --release --features gpu` makes one for GPUs",
+        );
+    }
+    Ok(())
 }

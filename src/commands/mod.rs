@@ -9,6 +9,7 @@ mod completions;
 mod convert;
 mod crop;
 mod demo;
+mod device;
 mod domain;
 mod eval;
 mod examples;

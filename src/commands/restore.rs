@@ -19,7 +19,7 @@ use udc::core::provenance::Provenance;
 use udc::dataset::NoiseConfig;
 use udc::finish::Photograph;
 use udc::io::{DomainTag, WriteOptions, check_output_domain, what_is_lost};
-use udc::network::GUIDED;
+use udc::network::{Backend, GUIDED};
 use udc::restore::{
     Capture, Highlights, MemoryBudget, MethodConfig, PoseSource, Precision, Restoration, RestorationConfig,
     Restored, is_guided,
@@ -27,6 +27,7 @@ use udc::restore::{
 
 use super::bracket::BracketArgs;
 use super::choices::{Choices, DOMAINS, HIGHLIGHTS, OUTPUT_DOMAINS, PRECISIONS};
+use super::device::DeviceArgs;
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
 use super::{Session, misuse, text_of};
 use files::Job;
@@ -119,6 +120,8 @@ pub(crate) struct RestoreArgs {
     /// Side of the tiles, a multiple of 4 (of 16 for de-unet) [default: chosen by --max-memory]
     #[arg(long, value_name = "N", conflicts_with = "method")]
     tile: Option<usize>,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// Memory to stay under: 2GiB, 500MB, …
     #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = udc::core::bytes::parse_bytes)]
     max_memory: u64,
@@ -147,7 +150,7 @@ impl RestoreArgs {
         self.method.check()?;
         let is_guided = self.is_guided();
         self.check_guided(is_guided)?;
-        self.config(is_guided, &[]).curve(None)?;
+        self.config(is_guided, &[], Backend::default()).curve(None)?;
         self.raw.config()?;
         let jobs = self.jobs(session)?;
         if self.output_domain.is_some() && jobs.iter().any(Job::is_photograph) {
@@ -155,7 +158,8 @@ impl RestoreArgs {
                           .exr";
             return Err(misuse("restore", reason));
         }
-        let (restoration, notices) = self.config(is_guided, &jobs).open()?;
+        let backend = self.device.find(session)?;
+        let (restoration, notices) = self.config(is_guided, &jobs, backend).open()?;
         notices.iter().for_each(|notice| session.notice(notice));
         let run = Run::new(&self, restoration, jobs.len() > 1, session)?;
         Ok(batch::run(&run, jobs, self.resume, session)?)
@@ -202,7 +206,7 @@ impl RestoreArgs {
     }
 
     /// How captures are restored, as the flags say.
-    fn config(&self, is_guided: bool, jobs: &[Job]) -> RestorationConfig {
+    fn config(&self, is_guided: bool, jobs: &[Job], backend: Backend) -> RestorationConfig {
         let pictures = jobs.iter().map(|job| job.inputs.len() as u64).max().unwrap_or(0);
         let queued_frames = if jobs.len() > 1 { QUEUED_FRAMES + pictures } else { 0 };
         let network = |model: &PathBuf| MethodConfig::Network {
@@ -231,6 +235,7 @@ impl RestoreArgs {
             highlights: self.highlights,
             noise: self.noise.clone(),
             memory: MemoryBudget { limit_bytes: self.max_memory, queued_frames, ..MemoryBudget::default() },
+            backend,
         }
     }
 }

@@ -14,6 +14,7 @@ use udc::io;
 use udc::network::Backend;
 
 use super::Session;
+use super::device::DeviceArgs;
 use super::metrics::MetricArgs;
 use super::train::configure;
 
@@ -56,7 +57,9 @@ pub(crate) struct SweepArgs {
     /// Memory that one restoration may take: 2GiB, 500MB, …
     #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = udc::core::bytes::parse_bytes)]
     max_memory: u64,
-    /// Burn backend to compute with: flex or ndarray
+    #[command(flatten)]
+    device: DeviceArgs,
+    /// Burn backend to compute with on the CPU: flex or ndarray
     #[arg(long, default_value = "flex", value_name = "NAME")]
     backend: Backend,
 }
@@ -75,7 +78,7 @@ impl SweepArgs {
             limit: self.limit,
             single: self.single,
             max_memory: self.max_memory,
-            backend: self.backend,
+            backend: self.device.find_or(self.backend, session)?,
             earlier,
         };
         let dataset = Dataset::open(&self.data)?;

@@ -15,6 +15,7 @@ use udc::synth::{Existing, Shard};
 use udc::train::{self, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationScore, read_initial};
 
 use super::Session;
+use super::device::DeviceArgs;
 
 /// Train a restoration network
 ///
@@ -60,7 +61,9 @@ pub(crate) struct TrainArgs {
     /// Go on from the run's latest checkpoint
     #[arg(long)]
     pub(super) resume: bool,
-    /// Burn backend to compute with: flex or ndarray
+    #[command(flatten)]
+    pub(super) device: DeviceArgs,
+    /// Burn backend to compute with on the CPU: flex or ndarray
     #[arg(long, default_value = "flex", value_name = "NAME")]
     pub(super) backend: Backend,
 }
@@ -83,7 +86,7 @@ impl TrainArgs {
             config: &config,
             set: &set,
             measures: &validation_measures(&config.validation)?,
-            backend: self.backend,
+            backend: self.device.find_or(self.backend, session)?,
             progress: &session.progress,
             warn: &|text| session.warn(text),
         };

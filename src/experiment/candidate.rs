@@ -9,7 +9,7 @@ use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::tone::ToneCurve;
 use crate::dataset::Dataset;
-use crate::network::{GUIDED, Model};
+use crate::network::{Backend, GUIDED, Model};
 use crate::restore::deconvolution::{self, DeconvolutionConfig};
 use crate::restore::{Capture, Highlights, KernelKnowledge, MemoryBudget, Restoration};
 
@@ -30,7 +30,7 @@ pub enum Candidate {
     /// A network, by its name in tables.
     Network(String, Box<Model>, Highlights),
     /// The network for any panel, with the kernel's PSF.
-    Guided(Highlights),
+    Guided(Backend, Highlights),
     /// A deconvolution with the kernel's PSF.
     Deconvolution(deconvolution::Method, Highlights),
 }
@@ -47,11 +47,13 @@ pub(super) struct Degraded<'a> {
 
 impl Candidate {
     /// The degraded images themselves, every model (by its name in tables) and every deconvolution, these with each of
-    /// the treatments of highlights, or with the usual one where none is named.
+    /// the treatments of highlights, or with the usual one where none is named. The network for any panel computes on
+    /// `backend`.
     pub fn list(
         models: Vec<(String, Model)>,
         methods: &[RestorationMethod],
         highlights: &[Highlights],
+        backend: Backend,
     ) -> Vec<Self> {
         let treatments = if highlights.is_empty() { &[Highlights::default()] } else { highlights };
         let mut candidates = vec![Self::Nothing];
@@ -61,7 +63,7 @@ impl Candidate {
         }
         for &method in methods {
             candidates.extend(treatments.iter().map(|&highlights| match method {
-                RestorationMethod::Guided => Self::Guided(highlights),
+                RestorationMethod::Guided => Self::Guided(backend, highlights),
                 RestorationMethod::Deconvolution(method) => Self::Deconvolution(method, highlights),
             }));
         }
@@ -75,7 +77,7 @@ impl Candidate {
             Self::Network(name, _, highlights) => {
                 ComparedMethod::restored(with_highlights(name, *highlights))
             }
-            Self::Guided(highlights) => ComparedMethod::restored(with_highlights(GUIDED, *highlights)),
+            Self::Guided(_, highlights) => ComparedMethod::restored(with_highlights(GUIDED, *highlights)),
             Self::Deconvolution(method, highlights) => {
                 ComparedMethod::restored(with_highlights(method.name(), *highlights))
             }
@@ -87,7 +89,7 @@ impl Candidate {
         let guided;
         let architecture = match self {
             Self::Network(_, model, _) => model.architecture(),
-            Self::Guided(_) => {
+            Self::Guided(..) => {
                 guided = Model::load(Path::new(GUIDED)).ok()?;
                 guided.architecture()
             }
@@ -103,7 +105,7 @@ impl Candidate {
             Self::Network(_, model, _) => {
                 model.architecture().reads_code() || !model.architecture().planes().is_empty()
             }
-            Self::Guided(_) | Self::Deconvolution(..) => true,
+            Self::Guided(..) | Self::Deconvolution(..) => true,
         }
     }
 
@@ -111,7 +113,7 @@ impl Candidate {
     pub(super) fn check(&self, dataset: &Dataset) -> Result<()> {
         let root = dataset.root.display();
         match self {
-            Self::Guided(_) | Self::Deconvolution(..) if dataset.bank.is_none() => {
+            Self::Guided(..) | Self::Deconvolution(..) if dataset.bank.is_none() => {
                 Err(Error::Unsupported(format!(
                     "{root} has kernel codes and no PSFs, which --method {} needs; name a dataset of `udc synth`",
                     match self {
@@ -161,9 +163,9 @@ impl Candidate {
             Self::Network(_, model, highlights) => {
                 (Restoration::by_network(Model::clone(model), degraded.kernel_for(model)?)?, highlights)
             }
-            Self::Guided(highlights) => {
+            Self::Guided(backend, highlights) => {
                 let kernel = degraded.psf().map_or(KernelKnowledge::Nothing, KernelKnowledge::of_psf);
-                (Restoration::guided(kernel)?, highlights)
+                (Restoration::guided(kernel)?.with_backend(*backend), highlights)
             }
             Self::Deconvolution(method, highlights) => {
                 let config = DeconvolutionConfig::of_method(*method);

@@ -1,12 +1,14 @@
-//! Names the Burn backends that the program can compute on.
+//! Names what the program can compute on: the CPU backends of Burn, and GPUs in builds that have them.
 
+use std::fmt;
 use std::str::FromStr;
 
 use burn::tensor::Device;
 
+use super::gpu::{self, Gpu};
 use crate::core::error::{Error, Result};
 
-/// A Burn backend of this build.
+/// A Burn backend of this build, on one device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Backend {
     /// burn-flex, the CPU backend.
@@ -15,6 +17,8 @@ pub enum Backend {
     /// burn-ndarray, its predecessor; in builds with the feature `ndarray-backend`.
     #[cfg(feature = "ndarray-backend")]
     NdArray,
+    /// A GPU; in builds with the feature `gpu` or `cuda`.
+    Gpu(Gpu),
 }
 
 impl Backend {
@@ -25,6 +29,23 @@ impl Backend {
             #[cfg(feature = "ndarray-backend")]
             #[expect(deprecated, reason = "burn-flex succeeds it; it is kept for comparison")]
             Self::NdArray => Device::ndarray(),
+            Self::Gpu(gpu) => gpu.device(),
+        }
+    }
+
+    /// Whether it computes in main memory, by the kernels.
+    pub fn is_cpu(self) -> bool {
+        !matches!(self, Self::Gpu(_))
+    }
+}
+
+impl fmt::Display for Backend {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Flex => f.write_str("the CPU"),
+            #[cfg(feature = "ndarray-backend")]
+            Self::NdArray => f.write_str("the CPU (ndarray)"),
+            Self::Gpu(gpu) => gpu.fmt(f),
         }
     }
 }
@@ -45,5 +66,88 @@ impl FromStr for Backend {
             )),
             other => Err(Error::config("backend", format!("must be flex or ndarray, found {other}"))),
         }
+    }
+}
+
+/// What a user asks to compute on, before any device is looked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DeviceChoice {
+    /// The first GPU where there is one, else the CPU.
+    Auto,
+    /// The CPU.
+    #[default]
+    Cpu,
+    /// The first GPU.
+    Gpu,
+    /// A device of a number, as [`gpu::list`] counts them.
+    Numbered(usize),
+}
+
+impl DeviceChoice {
+    /// Looks for the device; `cpu` is the backend that stands for the CPU.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] when there is no such device, or this build has no GPU backend.
+    pub fn find(self, cpu: Backend) -> Result<Backend> {
+        Ok(match self {
+            Self::Cpu => cpu,
+            Self::Auto => gpu::first().map_or(cpu, Backend::Gpu),
+            Self::Gpu => Backend::Gpu(gpu::require_first()?),
+            Self::Numbered(number) => Backend::Gpu(gpu::require(number)?),
+        })
+    }
+}
+
+impl FromStr for DeviceChoice {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        match name {
+            "auto" => Ok(Self::Auto),
+            "cpu" => Ok(Self::Cpu),
+            "gpu" => Ok(Self::Gpu),
+            other => match other.strip_prefix("gpu:").map(str::parse) {
+                Some(Ok(number)) => Ok(Self::Numbered(number)),
+                _ => {
+                    let reason = format!("must be auto, cpu, gpu or gpu:N with N from 0 on, found {other}");
+                    Err(Error::config("device", reason))
+                }
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn devices_are_named_as_the_help_says() {
+        for (name, choice) in [
+            ("auto", DeviceChoice::Auto),
+            ("cpu", DeviceChoice::Cpu),
+            ("gpu", DeviceChoice::Gpu),
+            ("gpu:0", DeviceChoice::Numbered(0)),
+            ("gpu:12", DeviceChoice::Numbered(12)),
+        ] {
+            assert_eq!(name.parse::<DeviceChoice>().unwrap(), choice);
+        }
+        for name in ["", "GPU", "gpu:", "gpu:-1", "gpu:x", "cuda", "gpu 0"] {
+            let message = name.parse::<DeviceChoice>().unwrap_err().to_string();
+            assert!(message.contains("gpu:N"), "{name}: {message}");
+        }
+    }
+
+    #[test]
+    fn the_cpu_is_the_backend_that_stands_for_it() {
+        assert_eq!(DeviceChoice::Cpu.find(Backend::Flex).unwrap(), Backend::Flex);
+        assert!(Backend::Flex.is_cpu());
+    }
+
+    #[test]
+    fn a_device_that_there_is_not_is_refused_with_what_to_do() {
+        let message = DeviceChoice::Numbered(99).find(Backend::Flex).unwrap_err().to_string();
+        let mend = if gpu::IS_BUILT { "udc info --devices" } else { "--features gpu" };
+        assert!(message.contains(mend), "{message}");
     }
 }

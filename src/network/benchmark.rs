@@ -6,7 +6,7 @@ use std::time::Duration;
 use ndarray::Array3;
 
 use super::weights::Weights;
-use super::{Architecture, Initialisation, Inputs, Model, Origin, Parameters};
+use super::{Architecture, Backend, Initialisation, Inputs, Model, Origin, Parameters};
 use crate::core::error::Result;
 use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
@@ -36,6 +36,7 @@ pub struct NetworkTiming {
 /// # Panics
 /// Never: the same image was restored before.
 pub fn time_network<E: From<crate::core::error::Error>>(
+    backend: Backend,
     side: usize,
     patience: Duration,
     mut report: impl FnMut(NetworkTiming) -> Result<(), E>,
@@ -44,7 +45,8 @@ pub fn time_network<E: From<crate::core::error::Error>>(
     let parameters = Parameters::random(&architecture, Initialisation::Released, 0);
     let operations = 2.0 * architecture.macs(side, side) as f64;
     let code = KernelCode::zeros(architecture.code_dim);
-    let model = Model::new(Weights { architecture, parameters, origin: Origin::default() });
+    let model =
+        Model::new(Weights { architecture, parameters, origin: Origin::default() }).with_backend(backend);
     let image = ToneMappedImage::from_planes(Array3::from_elem((3, side, side), 0.5))?;
     let rounded = model.with_bf16_products();
     for model in std::iter::once(model).chain(rounded) {
@@ -97,7 +99,7 @@ mod tests {
             told += 1;
             Err(Error::Interrupted)
         };
-        assert!(time_network(4, Duration::ZERO, refuse).is_err());
+        assert!(time_network(Backend::default(), 4, Duration::ZERO, refuse).is_err());
         assert_eq!(told, 1);
     }
 }

@@ -12,6 +12,7 @@ mod de_unet;
 mod discnet;
 mod engine;
 mod family;
+pub mod gpu;
 mod guided;
 mod inputs;
 mod layers;
@@ -29,7 +30,7 @@ pub mod weights;
 
 pub use crate::kernels::Isa;
 pub use architecture::{Architecture, Condition, Scales};
-pub use backend::Backend;
+pub use backend::{Backend, DeviceChoice};
 pub use family::Kind;
 pub use inputs::{InputTensors, Inputs, Plane, Planes};
 pub use model::{Model, Origin};

@@ -83,7 +83,7 @@ impl Model {
     /// A trained network's results differ from those of 32-bit products by up to 3e-3 of white, 3e-4 in the mean square:
     /// sums, images and features stay 32 bits wide.
     pub fn with_bf16_products(&self) -> Option<Self> {
-        self.architecture().family().stream()?;
+        self.architecture().family().stream().filter(|_| self.backend.is_cpu())?;
         let isa = Isa::current().with_bf16_products()?;
         Some(Self { isa: Some(isa), ..self.with_backend(self.backend) })
     }

@@ -28,6 +28,12 @@ impl Network {
         Self { layers, architecture: architecture.clone() }
     }
 
+    /// Builds the network with weights that a device holds one after another, in the order of [`Parameters`].
+    pub(crate) fn of_flat(architecture: &Architecture, flat: &Tensor<1>, device: &Device) -> Self {
+        let layers = Layers::build(architecture, &Builder::of_flat(architecture, flat, device));
+        Self { layers, architecture: architecture.clone() }
+    }
+
     /// The configuration that the network was built from.
     pub fn architecture(&self) -> &Architecture {
         &self.architecture

@@ -7,8 +7,10 @@
 mod features;
 mod lpips;
 mod pool;
+mod tensors;
 mod vgg;
 mod weights;
 
 pub use lpips::Lpips;
+pub use tensors::PerceptualTensors;
 pub use vgg::{FeatureDistance, PerceptualLoss};

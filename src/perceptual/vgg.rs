@@ -2,11 +2,13 @@
 
 use std::path::Path;
 
+use burn::tensor::Device;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::features::{Features, Frozen};
 use super::pool::{max_pool, rectified_pool_gradient};
+use super::tensors::PerceptualTensors;
 use super::weights::Source;
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
@@ -17,8 +19,8 @@ const STAGES: [&[usize]; 5] =
     [&[64, 64], &[128, 128], &[256, 256, 256, 256], &[512, 512, 512, 512], &[512, 512, 512, 512]];
 
 /// Mean and standard deviation of the images that the network was trained with.
-const MEAN: [f32; CHANNELS] = [0.485, 0.456, 0.406];
-const DEVIATION: [f32; CHANNELS] = [0.229, 0.224, 0.225];
+pub(super) const MEAN: [f32; CHANNELS] = [0.485, 0.456, 0.406];
+pub(super) const DEVIATION: [f32; CHANNELS] = [0.229, 0.224, 0.225];
 
 /// Sides below this do not survive four halvings.
 const SHORTEST_SIDE: usize = 16;
@@ -89,17 +91,22 @@ impl PerceptualLoss {
     /// # Panics
     /// Never: a file that was read has every tensor.
     pub fn load(path: &Path, distance: FeatureDistance) -> Result<Self> {
-        let mut tensors = SOURCE.read(path, &tensor_list())?.into_iter();
-        let mut frozen = |_: &usize| {
-            let [weight, bias] = [(); 2].map(|()| tensors.next().expect("two tensors for each convolution"));
-            Frozen::new(&weight, &bias)
-        };
-        let stages = STAGES.iter().map(|outputs| outputs.iter().map(&mut frozen).collect()).collect();
-        Ok(Self { stages, distance })
+        Ok(Self::of_convolutions(&read_convolutions(path)?, distance))
     }
 
-    /// A network of other convolutions, stage by stage: weights `[outputs, inputs, 3, 3]` and bias `[outputs]` of each.
-    #[cfg(test)]
+    /// The same on a device, in Burn's operations.
+    ///
+    /// # Errors
+    /// Those of [`load`](Self::load).
+    pub fn load_tensors(
+        path: &Path,
+        distance: FeatureDistance,
+        device: &Device,
+    ) -> Result<PerceptualTensors> {
+        Ok(PerceptualTensors::new(&read_convolutions(path)?, distance, device))
+    }
+
+    /// A network of convolutions, stage by stage: weights `[outputs, inputs, 3, 3]` and bias `[outputs]` of each.
     pub(crate) fn of_convolutions(stages: &[Vec<(Vec<f32>, Vec<f32>)>], distance: FeatureDistance) -> Self {
         let frozen = |(weight, bias): &(Vec<f32>, Vec<f32>)| Frozen::new(weight, bias);
         Self { stages: stages.iter().map(|stage| stage.iter().map(frozen).collect()).collect(), distance }
@@ -126,10 +133,7 @@ impl PerceptualLoss {
         clean: &[f32],
         [items, height, width]: [usize; 3],
     ) -> Result<(f64, Vec<f32>)> {
-        if height.min(width) < SHORTEST_SIDE {
-            let expected = format!("at least {SHORTEST_SIDE} × {SHORTEST_SIDE} pixels");
-            return Err(Error::shape("crop of the perceptual loss", expected, format!("{height} × {width}")));
-        }
+        check_sides([height, width])?;
         let shape = Shape::new(items, height, width, CHANNELS);
         let scale = DEVIATION.map(f32::recip);
         let shift = std::array::from_fn(|c| -MEAN[c] / DEVIATION[c]);
@@ -178,6 +182,25 @@ impl PerceptualLoss {
         }
         gradient
     }
+}
+
+/// Refuses images that four halvings would leave nothing of.
+pub(super) fn check_sides([height, width]: [usize; 2]) -> Result<()> {
+    if height.min(width) < SHORTEST_SIDE {
+        let expected = format!("at least {SHORTEST_SIDE} × {SHORTEST_SIDE} pixels");
+        return Err(Error::shape("crop of the perceptual loss", expected, format!("{height} × {width}")));
+    }
+    Ok(())
+}
+
+/// Weight and bias of the convolutions of each resolution.
+fn read_convolutions(path: &Path) -> Result<Vec<Vec<(Vec<f32>, Vec<f32>)>>> {
+    let mut tensors = SOURCE.read(path, &tensor_list())?.into_iter();
+    let mut convolution = |_: &usize| {
+        let [weight, bias] = [(); 2].map(|()| tensors.next().expect("two tensors for each convolution"));
+        (weight, bias)
+    };
+    Ok(STAGES.iter().map(|outputs| outputs.iter().map(&mut convolution).collect()).collect())
 }
 
 /// Takes a gradient back through the ReLU that gave `output`.

@@ -14,7 +14,7 @@ use crate::core::error::Result;
 use crate::core::tone::ToneCurve;
 use crate::dataset::NoiseConfig;
 use crate::io::sha256_of_file;
-use crate::network::{Kind, Model, shipped, weights};
+use crate::network::{Backend, Kind, Model, shipped, weights};
 
 /// What restores.
 #[derive(Clone, Debug)]
@@ -78,6 +78,8 @@ pub struct RestorationConfig {
     pub noise: Option<NoiseConfig>,
     /// The memory that there is.
     pub memory: MemoryBudget,
+    /// What a network computes on.
+    pub backend: Backend,
 }
 
 impl RestorationConfig {
@@ -140,6 +142,7 @@ impl RestorationConfig {
             }
         };
         let mut restoration = restoration.with_highlights(self.highlights).with_memory(self.memory);
+        restoration = restoration.with_backend(self.backend);
         if let Some(noise) = &self.noise {
             restoration = restoration.with_noise(noise.clone())?;
         }

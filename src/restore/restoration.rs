@@ -27,7 +27,7 @@ use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
 use crate::dataset::NoiseConfig;
 use crate::io::AnyImage;
-use crate::network::{GUIDED, Kind, Model};
+use crate::network::{Backend, GUIDED, Kind, Model};
 
 /// How captures are restored.
 #[derive(Clone, Debug)]
@@ -242,6 +242,16 @@ impl Restoration {
     #[must_use]
     pub fn with_memory(self, memory: MemoryBudget) -> Self {
         Self { memory, ..self }
+    }
+
+    /// Computes a network on another backend.
+    #[must_use]
+    pub fn with_backend(self, backend: Backend) -> Self {
+        let how = match self.how {
+            How::Network(model) => How::Network(model.with_backend(backend)),
+            how @ How::Deconvolution(_) => how,
+        };
+        Self { how, ..self }
     }
 
     /// Restores by a network in tiles of this side, instead of those that the memory allows.

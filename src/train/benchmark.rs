@@ -56,7 +56,11 @@ impl fmt::Display for BatchShape {
 ///
 /// # Errors
 /// Those of [`Trainer::new`] and [`Trainer::step`].
-pub fn time_step(BatchShape { crops, side }: BatchShape, patience: Duration) -> Result<f64> {
+pub fn time_step(
+    backend: Backend,
+    BatchShape { crops, side }: BatchShape,
+    patience: Duration,
+) -> Result<f64> {
     let mut config = TrainConfig::default();
     (config.data.batch, config.data.accumulate, config.data.crop) = (crops, 1, side);
     let image = |value| ToneMappedImage::from_planes(Array3::from_elem((3, side, side), value));
@@ -68,7 +72,7 @@ pub fn time_step(BatchShape { crops, side }: BatchShape, patience: Duration) -> 
         planes: Planes::default(),
     }]);
     keep_freed_memory();
-    let mut trainer = Trainer::new(&config, None, data.len(), Backend::default())?;
+    let mut trainer = Trainer::new(&config, None, data.len(), backend)?;
     let mut outcome = Ok(());
     let seconds = best_time(patience, || {
         if outcome.is_ok() {

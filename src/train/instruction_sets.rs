@@ -1,20 +1,20 @@
-//! The instruction sets that a training computed with: its bits are theirs.
+//! The instruction sets of CPUs and the GPUs that a training computed with: its bits are theirs.
 
 use std::fmt;
 
-use crate::network::Isa;
+use crate::network::{Backend, Isa};
 
 /// What stands between names in a training's state; a name may hold a comma.
 const SEPARATOR: &str = " → ";
 
-/// The names of instruction sets, in the order in which a training used them.
+/// The names of instruction sets and GPUs, in the order in which a training used them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct InstructionSets(Vec<String>);
 
 impl InstructionSets {
     /// The one that this process computes with.
-    pub(super) fn current() -> Self {
-        Self(vec![Isa::current().name().to_owned()])
+    pub(super) fn current(backend: Backend) -> Self {
+        Self(vec![name_of(backend)])
     }
 
     /// Reads what a state kept.
@@ -23,15 +23,15 @@ impl InstructionSets {
     }
 
     /// Goes on with this process's set, and warns when it is another than the last.
-    pub(super) fn followed(&self, warn: &dyn Fn(&str)) -> Self {
-        self.followed_by(Isa::current().name(), |was, is| {
+    pub(super) fn followed(&self, backend: Backend, warn: &dyn Fn(&str)) -> Self {
+        self.followed_by(&name_of(backend), |was, is| {
             let back = if Isa::named(was).is_some() {
-                format!("; stop and resume with UDC_SIMD={was} in the environment to keep them the same")
+                format!("; stop and resume with UDC_SIMD={was} in the environment, on the CPU, to keep them the same")
             } else {
                 String::new()
             };
             warn(&format!(
-                "the run computed with {was} instructions and goes on with {is}: from here on its bits will differ from \
+                "the run computed with {was} and goes on with {is}: from here on its bits will differ from \
                  those of an uninterrupted one, by rounding{back}"
             ));
         })
@@ -49,6 +49,11 @@ impl InstructionSets {
         }
         Self(sets)
     }
+}
+
+/// What stands for the arithmetic of a backend.
+fn name_of(backend: Backend) -> String {
+    if backend.is_cpu() { Isa::current().name().to_owned() } else { backend.to_string() }
 }
 
 impl fmt::Display for InstructionSets {
@@ -77,7 +82,7 @@ mod tests {
 
     #[test]
     fn the_same_set_is_gone_on_with_in_silence() {
-        let current = InstructionSets::current();
-        assert_eq!(current.followed(&|text| panic!("{text}")), current);
+        let current = InstructionSets::current(Backend::Flex);
+        assert_eq!(current.followed(Backend::Flex, &|text| panic!("{text}")), current);
     }
 }

@@ -7,7 +7,8 @@ use burn::tensor::{Tensor, TensorData};
 
 use super::config::{LossConfig, PerceptualConfig};
 use crate::core::error::{Error, Result};
-use crate::perceptual::PerceptualLoss;
+use crate::network::Backend;
+use crate::perceptual::{PerceptualLoss, PerceptualTensors};
 
 /// What a training minimises, with the frozen network that it needs.
 #[derive(Clone, Debug)]
@@ -17,15 +18,24 @@ pub(super) struct Loss {
     /// What that difference is relative to at least, where it is relative.
     relative_floor: Option<f64>,
     /// Weight and network of the perceptual distance.
-    perceptual: Option<(f64, Arc<PerceptualLoss>)>,
+    perceptual: Option<(f64, Perceptual)>,
+}
+
+/// The perceptual distance, where a training computes.
+#[derive(Clone, Debug)]
+enum Perceptual {
+    /// By the kernels.
+    Kernels(Arc<PerceptualLoss>),
+    /// In operations of the device.
+    Tensors(Arc<PerceptualTensors>),
 }
 
 impl Loss {
-    /// Reads the weights of the perceptual distance, if it is asked for.
+    /// Reads the weights of the perceptual distance, if it is asked for, for a training on a backend.
     ///
     /// # Errors
     /// [`Error::Config`] when it is and no file is named; those of [`PerceptualLoss::load`].
-    pub(super) fn new(config: &LossConfig) -> Result<Self> {
+    pub(super) fn new(config: &LossConfig, backend: Backend) -> Result<Self> {
         let PerceptualConfig { weight, distance, file } = &config.perceptual;
         if *weight > 0.0 && file.is_empty() {
             let reason = format!(
@@ -34,7 +44,15 @@ impl Loss {
             );
             return Err(Error::config("loss.perceptual.file", reason));
         }
-        let load = || PerceptualLoss::load(Path::new(file), *distance).map(Arc::new);
+        let path = Path::new(file);
+        let load = || {
+            Ok(if backend.is_cpu() {
+                Perceptual::Kernels(Arc::new(PerceptualLoss::load(path, *distance)?))
+            } else {
+                let device = backend.device().autodiff();
+                Perceptual::Tensors(Arc::new(PerceptualLoss::load_tensors(path, *distance, &device)?))
+            })
+        };
         let perceptual = if *weight > 0.0 { Some((*weight, load()?)) } else { None };
         let relative_floor = (config.relative_floor > 0.0).then_some(config.relative_floor);
         Ok(Self { l1: config.l1, relative_floor, perceptual })
@@ -43,7 +61,11 @@ impl Loss {
     /// A loss with a network that was not read from a file.
     #[cfg(test)]
     pub(super) fn with_perceptual(l1: f64, weight: f64, perceptual: PerceptualLoss) -> Self {
-        Self { l1, relative_floor: None, perceptual: Some((weight, Arc::new(perceptual))) }
+        Self {
+            l1,
+            relative_floor: None,
+            perceptual: Some((weight, Perceptual::Kernels(Arc::new(perceptual)))),
+        }
     }
 
     /// Computes the loss of a batch, and a tensor of one number with the same gradient.
@@ -65,7 +87,15 @@ impl Loss {
         };
         let l1 = difference.mul_scalar(self.l1);
         let value = f64::from(l1.clone().into_scalar::<f32>());
-        let Some((weight, perceptual)) = &self.perceptual else { return Ok((value, l1)) };
+        let (weight, perceptual) = match &self.perceptual {
+            None => return Ok((value, l1)),
+            Some((weight, Perceptual::Tensors(tensors))) => {
+                let distance = tensors.distance(restored, clean)?.mul_scalar(*weight);
+                let of_distance = f64::from(distance.clone().into_scalar::<f32>());
+                return Ok((value + of_distance, l1 + distance));
+            }
+            Some((weight, Perceptual::Kernels(kernels))) => (weight, kernels),
+        };
         let [items, channels, height, width] = restored.dims();
         let numbers = |tensor: Tensor<4>| tensor.try_into_vec_as::<f32>().expect("images are 32-bit floats");
         let sides = [items, height, width];
@@ -104,7 +134,8 @@ mod tests {
             Tensor::<4>::from_data(TensorData::new(errors.to_vec(), [2, 1, 1, 2]), &device).require_grad();
         let clean = Tensor::zeros([2, 1, 1, 2], &device);
         let config = LossConfig { relative_floor: 0.001, ..LossConfig::default() };
-        let (value, loss) = Loss::new(&config).unwrap().of(restored.clone(), clean).unwrap();
+        let (value, loss) =
+            Loss::new(&config, Backend::default()).unwrap().of(restored.clone(), clean).unwrap();
         let expected = 0.5 * ((1.0 + 300.0_f64).ln() + (1.0 + 10.0_f64).ln());
         assert!((value - expected).abs() < 1e-4, "{value} {expected}");
         let gradient = restored.grad(&loss.backward()).unwrap().into_data().try_into_vec::<f32>().unwrap();

@@ -12,6 +12,7 @@ mod data;
 mod identity;
 mod instruction_sets;
 mod loss;
+mod on_device;
 mod optimizer;
 mod preview;
 mod recent;

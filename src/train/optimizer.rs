@@ -52,19 +52,19 @@ impl Moments {
 
 /// The numbers of one step that all weights share, computed in double precision.
 #[derive(Clone, Copy, Debug)]
-struct Constants {
-    first_keep: f32,
-    first_take: f32,
-    second_keep: f32,
-    second_take: f32,
-    second_correction: f32,
-    step_size: f32,
-    epsilon: f32,
+pub(super) struct Constants {
+    pub(super) first_keep: f32,
+    pub(super) first_take: f32,
+    pub(super) second_keep: f32,
+    pub(super) second_take: f32,
+    pub(super) second_correction: f32,
+    pub(super) step_size: f32,
+    pub(super) epsilon: f32,
 }
 
 impl Constants {
     #[expect(clippy::cast_possible_truncation, reason = "weights are 32-bit floats")]
-    fn new(config: &OptimizerConfig, step: u64, learning_rate: f64) -> Self {
+    pub(super) fn new(config: &OptimizerConfig, step: u64, learning_rate: f64) -> Self {
         let power = |beta: f64| beta.powi(i32::try_from(step).unwrap_or(i32::MAX));
         Self {
             first_keep: config.beta1 as f32,

@@ -156,7 +156,7 @@ impl Job<'_> {
         let has_steps = |checkpoint: &&Checkpoint| checkpoint.state.iteration > 0;
         let kept =
             checkpoint.as_ref().filter(has_steps).and_then(|checkpoint| checkpoint.instruction_sets.clone());
-        let instruction_sets = kept.unwrap_or_else(InstructionSets::current);
+        let instruction_sets = kept.unwrap_or_else(|| InstructionSets::current(self.backend));
         let (trainer, best) = match checkpoint {
             Some(Checkpoint { state, best, .. }) => {
                 (Trainer::from_state(self.config, state, self.data.len(), self.backend)?, best)
@@ -351,7 +351,7 @@ impl Run {
             }
             if self.last_step.is_none() {
                 // Only now: a run that has ended keeps its model's arithmetic, whoever looks at it.
-                self.instruction_sets = self.instruction_sets.followed(job.warn);
+                self.instruction_sets = self.instruction_sets.followed(job.backend, job.warn);
             }
             let step = self.trainer.step(job.data)?;
             let is_due = |every: u64| every > 0 && step.iteration.is_multiple_of(every);
@@ -386,12 +386,13 @@ impl Run {
         let weights = self.weights(job);
         let iteration = self.trainer.iteration();
         let previews = self.folder.join(PREVIEWS).join(iteration.to_string());
-        let validation = validator.run(&weights, iteration, &previews).map_err(|error| match error {
-            Error::Diverged(what) => Error::Diverged(format!(
-                "the training diverged: at the validation after iteration {iteration}, {what}; {ADVICE}"
-            )),
-            error => error,
-        })?;
+        let validation =
+            validator.run((&weights, job.backend), iteration, &previews).map_err(|error| match error {
+                Error::Diverged(what) => Error::Diverged(format!(
+                    "the training diverged: at the validation after iteration {iteration}, {what}; {ADVICE}"
+                )),
+                error => error,
+            })?;
         let metric = job.config.validation.best;
         if let Some(value) = validation.restored(metric)
             && self.best.is_none_or(|best| metric.is_better(value, best.value))
@@ -431,7 +432,7 @@ impl Run {
         self.trainer.check()?;
         self.log.sync()?;
         let weights = self.weights(job);
-        let (state, data) = (self.trainer.state.clone(), job.identity.parts());
+        let (state, data) = (self.trainer.state().into_owned(), job.identity.parts());
         let instruction_sets = Some(self.instruction_sets.clone());
         let checkpoint = Checkpoint { state, best: self.best, data, instruction_sets };
         self.checkpoints.save(&checkpoint, &weights, job.config.checkpoint.keep)?;
@@ -441,7 +442,7 @@ impl Run {
     fn weights(&self, job: &Job<'_>) -> Weights {
         Weights {
             architecture: job.config.architecture.clone(),
-            parameters: self.trainer.weights().clone(),
+            parameters: self.trainer.weights().into_owned(),
             origin: Origin {
                 training: Some(job.describe(self.trainer.iteration(), &self.instruction_sets)),
                 kernel_bank_sha256: job.identity.kernel_bank_sha256.clone(),

@@ -1,5 +1,7 @@
 //! The training itself, without files: weights, optimiser and position, advanced one step at a time.
 
+use std::borrow::Cow;
+
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Gradients as BurnGradients, Tensor, TensorData};
 use rayon::prelude::*;
@@ -8,6 +10,7 @@ use serde::Serialize;
 use super::config::TrainConfig;
 use super::data::{Patch, TrainingData};
 use super::loss::Loss;
+use super::on_device::{Gather, OnDevice, Told};
 use super::optimizer::{Gradients, Moments, average, clip, global_norm};
 use super::sampler::Sampler;
 use super::schedule::learning_rate;
@@ -40,7 +43,10 @@ pub struct Trainer {
     recent: Vec<Patch>,
     /// The batch of a number that was drawn while the one before was computed.
     ahead: Option<(u64, Vec<Patch>)>,
-    pub(super) state: State,
+    /// What was on the host last: all of it where there is nothing on a device.
+    state: State,
+    /// What steps change, where they are computed on another device than the CPU.
+    on_device: Option<OnDevice>,
 }
 
 /// Everything that a step changes.
@@ -89,7 +95,8 @@ impl Trainer {
             ));
         }
         let sampler = Sampler::new(config.seed, items, config.data.shuffle);
-        let loss = Loss::new(&config.loss)?;
+        let loss = Loss::new(&config.loss, backend)?;
+        let on_device = (!backend.is_cpu()).then(|| OnDevice::upload(&state, &backend.device()));
         Ok(Self {
             config: config.clone(),
             device: backend.device().autodiff(),
@@ -98,6 +105,7 @@ impl Trainer {
             recent: Vec::new(),
             ahead: None,
             state,
+            on_device,
         })
     }
 
@@ -107,8 +115,20 @@ impl Trainer {
     }
 
     /// The weights to use: their running mean when it is asked for.
-    pub fn weights(&self) -> &Parameters {
-        self.state.average.as_ref().unwrap_or(&self.state.parameters)
+    pub fn weights(&self) -> Cow<'_, Parameters> {
+        let on_host = self.state.average.as_ref().unwrap_or(&self.state.parameters);
+        let Some(on_device) = &self.on_device else { return Cow::Borrowed(on_host) };
+        let mut weights = on_host.clone();
+        on_device.download_weights(&mut weights);
+        Cow::Owned(weights)
+    }
+
+    /// Everything that a step changes.
+    pub(super) fn state(&self) -> Cow<'_, State> {
+        let Some(on_device) = &self.on_device else { return Cow::Borrowed(&self.state) };
+        let mut state = self.state.clone();
+        on_device.download(&mut state);
+        Cow::Owned(state)
     }
 
     /// Draws samples, computes gradients and changes the weights; draws the next samples while it computes, so that
@@ -120,32 +140,35 @@ impl Trainer {
     /// has no gradient. All leave weights and moments as they were.
     pub fn step(&mut self, data: &dyn TrainingData) -> Result<Step> {
         // On a thread of the pool, which begins each operation at once instead of waking another.
-        rayon::scope(|_| self.step_here(data))
+        rayon::scope(|_| match self.on_device.take() {
+            None => self.step_here(data),
+            Some(on_device) => {
+                let stepped = self.step_there(&on_device, data);
+                match stepped {
+                    Ok((step, next)) => {
+                        self.on_device = Some(next);
+                        Ok(step)
+                    }
+                    Err(error) => {
+                        self.on_device = Some(on_device);
+                        Err(error)
+                    }
+                }
+            }
+        })
     }
 
     fn step_here(&mut self, data: &dyn TrainingData) -> Result<Step> {
         let config = self.config.clone();
         let rate = learning_rate(&config.optimizer, &config.schedule, self.state.iteration);
         let network = Network::new(&config.architecture, &self.state.parameters, &self.device);
-        let (mut total, mut gradients) = (0.0, Gradients::new());
-        let batches = config.data.accumulate as u64;
-        for number in self.state.iteration * batches..(self.state.iteration + 1) * batches {
-            let patches = self.batch(data, number)?;
-            let next = number + 1;
-            let is_due = next < config.iterations.saturating_mul(batches);
-            let samples = is_due.then(|| self.samples(next));
-            // Another thread draws if one is free; else this one does, once it has computed. What cannot be drawn is
-            // drawn again when its turn comes, and reported then.
-            let (computed, drawn) = rayon::join(
-                || self.differentiate(&network, &patches),
-                || draw(data, samples?, config.data.crop).ok(),
-            );
-            self.ahead = drawn.map(|patches| (next, patches));
-            let (loss, part) = computed?;
-            total += loss / config.data.accumulate as f64;
-            self.recent = patches;
-            accumulate(&mut gradients, part, config.data.accumulate);
-        }
+        let mut gradients = Gradients::new();
+        let count = config.data.accumulate;
+        let total = self.batches(
+            data,
+            |trainer, patches| trainer.differentiate(&network, patches),
+            |part| accumulate(&mut gradients, part, count),
+        )?;
         let iteration = self.state.iteration + 1;
         let gradient_norm = global_norm(&gradients);
         if !(total.is_finite() && gradient_norm.is_finite()) {
@@ -168,6 +191,68 @@ impl Trainer {
         Ok(Step { iteration, loss: total, learning_rate: rate, gradient_norm })
     }
 
+    /// The same where weights and moments are on a device; returns what the step makes of them.
+    fn step_there(&mut self, on_device: &OnDevice, data: &dyn TrainingData) -> Result<(Step, OnDevice)> {
+        let config = self.config.clone();
+        let iteration = self.state.iteration + 1;
+        let rate = learning_rate(&config.optimizer, &config.schedule, self.state.iteration);
+        let network = on_device.network(&config.architecture, &self.device);
+        let mut gradients: Option<Tensor<1>> = None;
+        let share = 1.0 / config.data.accumulate as f64;
+        let total = self.batches(
+            data,
+            |trainer, patches| {
+                let (loss, backward) = trainer.backward(&network, patches)?;
+                let found = Gather::of(&network, backward, trainer.state.parameters.len());
+                Ok((loss, Tensor::cat(complete(found, &trainer.state.parameters)?, 0)))
+            },
+            |part| {
+                let part = part.mul_scalar(share);
+                gradients = Some(gradients.take().map_or_else(|| part.clone(), |sum| sum + part.clone()));
+            },
+        )?;
+        let gradients = gradients.expect("a step has batches");
+        let (next, told) = on_device.stepped(gradients, &config.optimizer, (iteration, rate));
+        let Told { gradient_norm, largest_weight } = told;
+        if !(total.is_finite() && gradient_norm.is_finite()) {
+            return Err(diverged(iteration, "at", total));
+        }
+        if largest_weight > f64::from(LARGEST_WEIGHT) {
+            return Err(overflowed(iteration, "largest value", "all weights", gradient_norm));
+        }
+        self.state.iteration = iteration;
+        Ok((Step { iteration, loss: total, learning_rate: rate, gradient_norm }, next))
+    }
+
+    /// Computes loss and gradients of a step's batches, each drawn while the one before was computed; `add` takes the
+    /// gradients. Returns the mean loss.
+    fn batches<G: Send>(
+        &mut self,
+        data: &dyn TrainingData,
+        compute: impl Fn(&Self, &[Patch]) -> Result<(f64, G)> + Sync,
+        mut add: impl FnMut(G),
+    ) -> Result<f64> {
+        let (count, crop) = (self.config.data.accumulate as u64, self.config.data.crop);
+        let mut total = 0.0;
+        for number in self.state.iteration * count..(self.state.iteration + 1) * count {
+            let patches = self.batch(data, number)?;
+            let next = number + 1;
+            let is_due = next < self.config.iterations.saturating_mul(count);
+            let samples = is_due.then(|| self.samples(next));
+            // Another thread draws if one is free; else this one does, once it has computed. What cannot be drawn is
+            // drawn again when its turn comes, and reported then.
+            let this = &*self;
+            let (computed, drawn) =
+                rayon::join(|| compute(this, &patches), || draw(data, samples?, crop).ok());
+            self.ahead = drawn.map(|patches| (next, patches));
+            let (loss, part) = computed?;
+            total += loss / count as f64;
+            self.recent = patches;
+            add(part);
+        }
+        Ok(total)
+    }
+
     /// Checks that the weights compute something: the loss of the samples that were drawn last, by the weights that the
     /// last step left and by their running mean.
     ///
@@ -181,8 +266,15 @@ impl Trainer {
         if self.recent.is_empty() {
             return Ok(());
         }
-        for parameters in [&self.state.parameters].into_iter().chain(&self.state.average) {
-            let network = Network::new(&self.config.architecture, parameters, &self.device);
+        let architecture = &self.config.architecture;
+        let networks: Vec<Network> = match &self.on_device {
+            Some(on_device) => on_device.networks(architecture, &self.device).collect(),
+            None => {
+                let kept = [&self.state.parameters].into_iter().chain(&self.state.average);
+                kept.map(|parameters| Network::new(architecture, parameters, &self.device)).collect()
+            }
+        };
+        for network in networks {
             let batch = Batch::new(&network, &self.recent, &self.device)?;
             let (loss, _) = self.loss.of(network.forward(batch.inputs), batch.ground_truth)?;
             if !loss.is_finite() {
@@ -210,13 +302,18 @@ impl Trainer {
 
     /// The loss of a batch and its gradients.
     fn differentiate(&self, network: &Network, patches: &[Patch]) -> Result<(f64, Gradients)> {
+        let (value, gradients) = self.backward(network, patches)?;
+        let mut collect = Collect { gradients, found: vec![None; self.state.parameters.len()] };
+        network.visit(&mut collect);
+        Ok((value, complete(collect.found, &self.state.parameters)?))
+    }
+
+    /// The loss of a batch, and what Burn makes of it on the way back.
+    fn backward(&self, network: &Network, patches: &[Patch]) -> Result<(f64, BurnGradients)> {
         let batch = Batch::new(network, patches, &self.device)?;
         let restored = network.forward(batch.inputs);
         let (value, loss) = self.loss.of(restored, batch.ground_truth)?;
-        let mut collect =
-            Collect { gradients: loss.backward(), found: vec![None; self.state.parameters.len()] };
-        network.visit(&mut collect);
-        Ok((value, complete(collect.found, &self.state.parameters)?))
+        Ok((value, loss.backward()))
     }
 }
 
@@ -251,8 +348,8 @@ impl State {
 }
 
 /// Every weight's gradient; refuses to take one that is missing for zero, under which it would never change.
-fn complete(found: Vec<Option<Vec<f32>>>, parameters: &Parameters) -> Result<Gradients> {
-    let missing = |(values, name): (&Option<Vec<f32>>, &str)| values.is_none().then(|| name.to_owned());
+fn complete<G>(found: Vec<Option<G>>, parameters: &Parameters) -> Result<Vec<G>> {
+    let missing = |(values, name): (&Option<G>, &str)| values.is_none().then(|| name.to_owned());
     let names: Vec<String> =
         found.iter().zip(parameters.iter().map(|p| p.name.as_str())).filter_map(missing).collect();
     if names.is_empty() {

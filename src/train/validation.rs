@@ -15,7 +15,7 @@ use crate::core::metrics::{Measure, Metric, MetricDefinition};
 use crate::core::rng;
 use crate::core::spread::spread;
 use crate::network::weights::Weights;
-use crate::network::{Inputs, Model, Plane};
+use crate::network::{Backend, Inputs, Model, Plane};
 
 /// What equal images count as: no restored photograph comes near it.
 const HIGHEST_PSNR: f64 = 100.0;
@@ -137,9 +137,14 @@ impl Validator {
         Ok(Self { patches, measures: measures.to_vec() })
     }
 
-    /// Restores every image and takes the mean of the measures; the pictures of the first go to `previews`.
-    pub(super) fn run(&self, weights: &Weights, iteration: u64, previews: &Path) -> Result<Validation> {
-        let model = Model::new(weights.clone());
+    /// Restores every image on a backend and takes the mean of the measures; the pictures of the first go to `previews`.
+    pub(super) fn run(
+        &self,
+        (weights, backend): (&Weights, Backend),
+        iteration: u64,
+        previews: &Path,
+    ) -> Result<Validation> {
+        let model = Model::new(weights.clone()).with_backend(backend);
         let mut images = Vec::with_capacity(self.patches.len());
         for (index, (patch, tags)) in self.patches.iter().enumerate() {
             let inputs = Inputs::new(&patch.degraded, patch.code.as_ref()).with_planes(&patch.planes);

@@ -225,8 +225,8 @@ impl<'a> Sweep<'a> {
     }
 
     fn measure(&self, entry: &SweepEntry, folder: &Path, iterations: u64) -> Result<Row> {
-        let SweepConfig { measuring, limit, max_memory, .. } = self.config;
-        let model = Model::load(&folder.join("model.safetensors"))?;
+        let SweepConfig { measuring, limit, max_memory, backend, .. } = self.config;
+        let model = Model::load(&folder.join("model.safetensors"))?.with_backend(*backend);
         let network = Candidate::Network(entry.name.clone(), Box::new(model), Highlights::default());
         let candidates = [Candidate::Nothing, network];
         let (split, kernels) = (Split::Test, KernelChoice::All);

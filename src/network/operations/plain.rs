@@ -31,7 +31,8 @@ pub(super) fn res_block(x: Tensor<4>, block: &ResBlockWeights) -> Tensor<4> {
     x + convolve(inner, &block.conv2, 1)
 }
 
-/// That of [`dynamic_filter`](super::dynamic_filter), the filters in memory and the features shifted tap by tap.
+/// That of [`dynamic_filter`](super::dynamic_filter), tap by tap: the filters of one tap exist at a time, unless gradients need
+/// them.
 pub(super) fn dynamic_filter(
     condition: &Tensor<4>,
     features: Tensor<4>,
@@ -39,18 +40,24 @@ pub(super) fn dynamic_filter(
     filter_size: usize,
 ) -> Tensor<4> {
     let [items, height, width, channels] = features.dims();
-    let filters = prelu(convolve(condition.clone(), &head.conv, 1), head.slope.val());
-    let filters = filters.reshape([items, height, width, channels, filter_size * filter_size]);
+    let inputs = condition.dims()[3];
+    let (taps, pixels) = (filter_size * filter_size, items * height * width);
+    let weight = head.conv.weight.val().reshape([channels, taps, inputs]);
+    let bias = head.conv.bias.val().reshape([channels, taps]);
+    let condition = condition.clone().reshape([pixels, inputs]);
     let border = filter_size / 2;
     // Only the last two axes are padded.
-    let features = from_layout(features).pad([(border, border), (border, border)], PadMode::Edge);
-    let shifted = (0..filter_size * filter_size).map(|tap| {
+    let features = to_layout(from_layout(features).pad([(border, border), (border, border)], PadMode::Edge));
+    let terms = (0..taps).map(|tap| {
+        let weight = weight.clone().slice(s![0..channels, tap..tap + 1, 0..inputs]);
+        let bias = bias.clone().slice(s![0..channels, tap..tap + 1]).reshape([1, channels]);
+        let sums = condition.clone().matmul(weight.reshape([channels, inputs]).transpose()) + bias;
+        let filter = prelu(sums.reshape([items, height, width, channels]), head.slope.val());
         let (top, left) = (tap / filter_size, tap % filter_size);
-        let window = s![0..items, 0..channels, top..top + height, left..left + width];
-        let filter = filters.clone().slice(s![0..items, 0..height, 0..width, 0..channels, tap..tap + 1]);
-        to_layout(features.clone().slice(window)) * filter.reshape([items, height, width, channels])
+        let window = s![0..items, top..top + height, left..left + width, 0..channels];
+        filter * features.clone().slice(window)
     });
-    shifted.reduce(|sum, term| sum + term).expect("filters have taps")
+    terms.reduce(|sum, term| sum + term).expect("filters have taps")
 }
 
 /// That of [`up_convolution`](super::up_convolution): channel `4·c + 2·dy + dx` is pixel (dy, dx) of channel c.

@@ -1,0 +1,162 @@
+//! What a GPU computes, beside what the CPU computes; on any device that is found first, be it a program that takes a GPU's
+//! place. Where there is none, each test says so and passes.
+
+use ndarray::Array3;
+
+use udc::core::image::{CHANNELS, ToneMappedImage};
+use udc::core::kernel_code::KernelCode;
+use udc::core::progress::Progress;
+use udc::network::weights::Weights;
+use udc::network::{
+    Architecture, Backend, Condition, DeviceChoice, Initialisation, Inputs, Kind, Model, Origin, Parameters,
+    Plane, Planes, Scales,
+};
+use udc::restore::{KernelKnowledge, Restoration};
+use udc::train::{InMemory, Patch, TrainConfig, Trainer};
+
+const SIDE: usize = 16;
+
+/// The device that is found first.
+fn device() -> Option<Backend> {
+    let found = DeviceChoice::Numbered(0).find(Backend::default());
+    match found {
+        Ok(backend) => {
+            eprintln!("computing on {backend}");
+            Some(backend)
+        }
+        Err(reason) => {
+            eprintln!("skipped: {reason}");
+            None
+        }
+    }
+}
+
+fn image(seed: usize, [height, width]: [usize; 2]) -> ToneMappedImage {
+    let value = |(c, y, x)| ((seed * 31 + c * 7919 + y * 104_729 + x * 1299) % 1000) as f32 / 1000.0;
+    ToneMappedImage::from_planes(Array3::from_shape_fn((CHANNELS, height, width), value)).expect("RGB")
+}
+
+fn planes(size: [usize; 2]) -> Planes {
+    [Plane::Deconvolved, Plane::Noise, Plane::Saturated]
+        .into_iter()
+        .enumerate()
+        .map(|(seed, plane)| (plane, image(seed + 3, size)))
+        .collect()
+}
+
+/// Every family, DISCNet with every condition, and small filters and large ones.
+fn architectures() -> Vec<Architecture> {
+    let of = |kind, condition| Architecture {
+        kind,
+        condition,
+        features: 6,
+        filter_size: 3,
+        code_dim: 2,
+        ..Architecture::default()
+    };
+    let discnet = |condition| of(Kind::Discnet, condition);
+    vec![
+        discnet(Condition::ImagePsf),
+        discnet(Condition::Image),
+        discnet(Condition::Psf),
+        discnet(Condition::None),
+        Architecture { filter_size: 9, ..discnet(Condition::ImagePsf) },
+        Architecture { scales: Scales::Single, ..discnet(Condition::ImagePsf) },
+        of(Kind::Unet, Condition::None),
+        of(Kind::Srmdnf, Condition::ImagePsf),
+        of(Kind::Sftmd, Condition::ImagePsf),
+        of(Kind::DeUnet, Condition::Image),
+        of(Kind::Guided, Condition::None),
+    ]
+}
+
+/// Weights under which neither signals nor gradients vanish or explode.
+fn parameters(architecture: &Architecture) -> Parameters {
+    let initialisation = match architecture.kind {
+        Kind::Discnet | Kind::Sftmd => Initialisation::Released,
+        _ => Initialisation::Paper,
+    };
+    Parameters::random(architecture, initialisation, 4)
+}
+
+fn model(architecture: &Architecture) -> Model {
+    let parameters = parameters(architecture);
+    Model::new(Weights { architecture: architecture.clone(), parameters, origin: Origin::default() })
+}
+
+fn largest_difference(a: &ToneMappedImage, b: &ToneMappedImage) -> f32 {
+    a.as_slice().iter().zip(b.as_slice()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+fn largest(image: &ToneMappedImage) -> f32 {
+    image.as_slice().iter().fold(0.0, |largest, value| largest.max(value.abs()))
+}
+
+/// The same sums in another order, through up to a hundred layers: 1e-4 of the largest value.
+#[test]
+fn every_family_restores_as_on_the_cpu() {
+    let Some(backend) = device() else { return };
+    for size in [[SIDE, SIDE], [21, 34]] {
+        let (image, planes, code) = (image(0, size), planes(size), KernelCode::from_vec(vec![0.4, -0.7]));
+        for architecture in architectures() {
+            let model = model(&architecture);
+            let inputs = Inputs::new(&image, Some(&code)).with_planes(&planes);
+            let on_cpu = model.restore(&inputs).expect("the CPU restores");
+            let on_gpu = model.with_backend(backend).restore(&inputs).expect("the GPU restores");
+            let error = largest_difference(&on_cpu, &on_gpu) / largest(&on_cpu);
+            assert!(error < 1e-4, "{architecture:?}, {size:?}: {error:e}");
+        }
+    }
+}
+
+#[test]
+fn tiles_are_the_whole_image() {
+    let Some(backend) = device() else { return };
+    let architecture = &architectures()[0];
+    let kernel = KernelKnowledge::Code(KernelCode::from_vec(vec![0.4, -0.7]));
+    let restoration = Restoration::by_network(model(architecture), kernel).expect("a network and its code");
+    let restore = |restoration: Restoration| {
+        let restored =
+            restoration.with_backend(backend).restore(image(1, [40, 200]).into(), &Progress::default());
+        restored.expect("it restores").into_tone_mapped()
+    };
+    let (whole, tiled) = (restore(restoration.clone()), restore(restoration.with_tile(Some(64))));
+    let error = largest_difference(&whole, &tiled) / largest(&whole);
+    assert!(error < 1e-5, "{error:e}");
+}
+
+fn data() -> InMemory {
+    let size = [SIDE, SIDE];
+    let patch = |seed| Patch {
+        degraded: image(seed, size),
+        ground_truth: image(seed + 100, size),
+        code: Some(KernelCode::from_vec(vec![0.4, -0.7])),
+        planes: planes(size),
+    };
+    InMemory((0..4).map(patch).collect())
+}
+
+fn losses(config: &TrainConfig, backend: Backend, steps: usize) -> Vec<f64> {
+    let initial = parameters(&config.architecture);
+    let mut trainer = Trainer::new(config, Some(initial), 4, backend).expect("the configuration is valid");
+    (0..steps).map(|_| trainer.step(&data()).expect("it learns").loss).collect()
+}
+
+/// Twenty steps of every family: losses within 1e-3 of the CPU's.
+#[test]
+fn trainings_follow_those_of_the_cpu() {
+    let Some(backend) = device() else { return };
+    for architecture in architectures() {
+        let mut config = TrainConfig { architecture, iterations: 20, ..TrainConfig::default() };
+        (config.data.batch, config.data.crop) = (2, SIDE);
+        config.optimizer.clip_norm = 1.0;
+        config.optimizer.ema_decay = 0.9;
+        let steps = if config.architecture.kind == Kind::Sftmd { 5 } else { 20 };
+        let pairs =
+            losses(&config, Backend::default(), steps).into_iter().zip(losses(&config, backend, steps));
+        for (step, (on_cpu, on_gpu)) in pairs.enumerate() {
+            let error = (on_gpu / on_cpu - 1.0).abs();
+            assert!(error < 1e-3, "{:?}, step {step}: {on_gpu}, on the CPU {on_cpu}", config.architecture);
+        }
+    }
+}
