@@ -29,6 +29,11 @@ pub(super) trait WindowOperator {
     /// least for many threads. Tiles are chosen without room, since results depend on tiles.
     fn window_bytes(&self, height: usize, width: usize, room: u64) -> u64;
 
+    /// Floats of every pixel that are copied with a window out of several, beside the window itself and the result.
+    fn copied_floats(&self) -> usize {
+        0
+    }
+
     /// Restores `image`, which starts at (`top`, `left`) of the whole image and ends before it or with it.
     ///
     /// # Errors
@@ -140,7 +145,8 @@ impl Tiling {
         let side = |spans: &[Span]| spans.last().map_or(0, |span| span.end);
         let rgb = |height: usize, width: usize| (CHANNELS * size_of::<f32>() * height * width) as u64;
         // The only window is the image; one of several is copied out of it and restored to another copy.
-        let copies = if self.len() == 1 { 0 } else { 2 * rgb(height, width) };
+        let more = (operator.copied_floats() * size_of::<f32>() * height * width) as u64;
+        let copies = if self.len() == 1 { 0 } else { 2 * rgb(height, width) + more };
         let frames = FRAMES_IN_MEMORY * rgb(side(&self.rows), side(&self.columns));
         frames + copies + operator.window_bytes(height, width, 0)
     }
