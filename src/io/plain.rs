@@ -7,6 +7,7 @@ use std::path::Path;
 use sha2::{Digest, Sha256};
 
 use super::array::read_array;
+use super::layer::locate;
 use crate::core::error::{Error, Result};
 use crate::core::kernel_code::KernelCode;
 use crate::core::psf::hex;
@@ -53,10 +54,10 @@ pub fn sha256_of_file(path: &Path) -> Result<String> {
     }
 }
 
-/// Reads the first bytes of a file.
+/// Reads the first bytes of a file, of which a layer may be named.
 pub(super) fn read_head(path: &Path, count: u64) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    fs::File::open(path)
+    fs::File::open(locate(path).0)
         .and_then(|file| file.take(count).read_to_end(&mut bytes))
         .map_err(|error| Error::io("read", path, error))?;
     Ok(bytes)

@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use udc::batch::{Destination, Unplaced};
 use udc::capture::{CaptureFiles, CaptureGroups, Told, names_of};
 use udc::core::error;
-use udc::io::{Format, sha256_of_file};
+use udc::io::{Format, sha256_of_input};
 use udc::restore::{Capture, CaptureReading};
 
 use super::RestoreArgs;
@@ -40,8 +40,8 @@ impl Job {
         if let Some(found) = self.sha256.get() {
             return Ok(found);
         }
-        let of_input = |input: &PathBuf| input.is_file().then(|| sha256_of_file(input)).transpose();
-        let found: Vec<Option<String>> = self.inputs.iter().map(of_input).collect::<Result<_, _>>()?;
+        let found: Vec<Option<String>> =
+            self.inputs.iter().map(|input| sha256_of_input(input)).collect::<Result<_, _>>()?;
         Ok(self.sha256.get_or_init(|| found))
     }
 }

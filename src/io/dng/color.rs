@@ -1,6 +1,6 @@
 //! What a digital negative says of its camera's colours: matrices, the lights that they are for, the white of the scene.
 
-use super::directory::Directory;
+use crate::io::directory::Directory;
 use crate::core::camera_color::{CalibratedLight, CameraColor};
 use crate::core::matrix3::{IDENTITY, Matrix3};
 

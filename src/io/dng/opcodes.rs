@@ -4,7 +4,7 @@
 use ndarray::{Array3, Axis};
 use rayon::prelude::*;
 
-use super::directory::Directory;
+use crate::io::directory::Directory;
 use super::gains::{Gain, GainMap, Vignette};
 use super::reader::Reader;
 use crate::core::bayer::BayerPattern;

@@ -4,7 +4,7 @@
 use ndarray::Array3;
 use rayon::prelude::*;
 
-use super::directory::{BITS, COMPRESSION, Directory, HEIGHT, SAMPLES, WIDTH};
+use crate::io::directory::{BITS, COMPRESSION, Directory, HEIGHT, SAMPLES, WIDTH};
 use super::lossless_jpeg;
 use crate::io::MAX_PIXELS;
 
