@@ -9,7 +9,7 @@ use super::directory::Directory;
 use crate::core::exif::{Exif, Position};
 use crate::core::orientation::Orientation;
 
-pub(super) use write::{Picture, encode, fields_of_tiff};
+pub(super) use write::{Field, Picture, encode, fields_of_tiff};
 
 /// Tags of the first directory.
 const MAKE: u16 = 271;

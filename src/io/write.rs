@@ -9,7 +9,9 @@ use super::format::Format;
 use super::{DomainTag, Pixels, check_output, exr, npy, raster, write_atomically};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
+use crate::core::exif::Exif;
 use crate::core::image::{Domain, Image, ToneMapped};
+use crate::core::primaries::ColorSpace;
 use crate::core::provenance::Provenance;
 
 /// How an image is written.
@@ -44,7 +46,7 @@ pub fn write_image<D: Domain>(path: &Path, image: &Image<D>, options: &WriteOpti
     };
     let clip = D::NAME == ToneMapped::NAME;
     let WriteOptions { half, overwrite, .. } = *options;
-    let options = PixelOptions { half, overwrite, clip, clip_negative: true, eight_bit: false };
+    let options = PixelOptions { half, overwrite, clip, clip_negative: true, ..PixelOptions::default() };
     write_contents(path, &contents, options)
 }
 
@@ -61,6 +63,8 @@ pub struct PixelOptions {
     pub clip_negative: bool,
     /// 8 bits instead of 16, in formats that have both.
     pub eight_bit: bool,
+    /// The colours of a picture for viewing, whose profile is embedded in PNG, JPEG and TIFF.
+    pub color_space: Option<ColorSpace>,
 }
 
 /// Writes pixels, with what is known of them, in the format of the path's extension.
@@ -106,8 +110,13 @@ fn write_contents(path: &Path, contents: &Contents<'_>, options: PixelOptions) -
             return write_atomically(path, options.overwrite, |file| encoder.write(file));
         }
         Format::Npy => npy::encode_image(&contents.planes, options.half),
-        _ => raster::encode(&contents.planes, format, options),
+        _ => raster::encode(&contents.planes, format, options, exif_of(contents)),
     };
     let bytes = encoded.map_err(|reason| Error::format(path, reason))?;
     write_atomically(path, options.overwrite, |file| file.write_all(&bytes))
+}
+
+/// What a picture for viewing says of its camera; light is no such picture.
+fn exif_of<'a>(contents: &Contents<'a>) -> Option<&'a Exif> {
+    contents.capture?.exif.as_ref().filter(|_| contents.domain == Some(DomainTag::Display))
 }

@@ -18,6 +18,7 @@ use ndarray::{Array3, s};
 
 use super::directory::{BITS, COMPRESSION, Directory, GREY, PHOTOMETRIC, RGB, SAMPLES, WIDTH};
 use super::format::{Encoding, Format};
+use super::exif::Said;
 use super::{Pixels, RawMetadata, raster};
 use crate::core::bayer::BayerPattern;
 use crate::core::capture::is_exposure;
@@ -99,6 +100,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
         baseline_exposure_ev,
         corrections: corrections.applied,
         ignored: corrections.ignored,
+        exif: Said::of(&root).exif,
         ..metadata
     });
     let (exposure_s, iso) = (in_exif(EXPOSURE_TIME), in_exif(ISO));
