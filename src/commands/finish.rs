@@ -21,8 +21,9 @@ use style::StyleArgs;
 /// Finish restored images for viewing: colour matrix, curve, reference scaling, local contrast
 ///
 /// The steps, in this order: inverse tone mapping of tone-mapped images, putting it upright, clipped highlights, clip, colour
-/// matrix, curve, scaling of the channels to the means of a reference picture, CLAHE of lightness. An EXR of `udc restore`
-/// or `udc fuse` says itself how its capture lies, where it clips, and the colour matrix of its camera.
+/// matrix, colours of the display, curve, scaling of the channels to the means of a reference picture, CLAHE of lightness. An
+/// EXR of `udc restore` or `udc fuse` says itself how its capture lies, where it clips, and the colour matrix of its camera; one
+/// of other primaries than those of sRGB is converted. What the camera says (EXIF) goes into the picture.
 ///
 /// The exposure is chosen from the picture, unless there is a --reference or a flag of the curve: the median is shown as
 /// middle grey, but no more than three stops brighter than the camera exposed it (its baseline exposure respected), and
@@ -80,8 +81,11 @@ pub(crate) struct FinishArgs {
     /// they lie; other formats are kept as they are.
     #[arg(long)]
     resume: bool,
+    /// Leave out what the camera says of the picture: its name, time, exposure, position
+    #[arg(long)]
+    no_exif: bool,
     /// Bits of PNG and TIFF [default: 8 for PNG, 16 for TIFF]
-    #[arg(long, value_name = "8|16", value_parser = BITS)]
+    #[arg(long, alias = "depth", value_name = "8|16", value_parser = BITS)]
     bits: Option<u8>,
     /// Irradiance that the tone mapping maps to one half
     #[arg(long, value_name = "A", default_value_t = ToneCurve::default().alpha)]
@@ -140,6 +144,7 @@ impl FinishArgs {
                 ..CaptureInfo::default()
             },
             bits: self.bits,
+            leaves_out_exif: self.no_exif,
             overwrite: session.overwrite,
         })
     }

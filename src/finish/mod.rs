@@ -1,7 +1,7 @@
 //! Turns restored linear light into a photograph for viewing.
 //!
-//! The steps, each of which can be left out: putting it upright, clipped highlights, clip, colour matrix, transfer curve,
-//! scaling of the channels to a reference picture, local contrast (CLAHE).
+//! The steps, each of which can be left out: putting it upright, clipped highlights, clip, colour matrix, colours of the
+//! display, transfer curve, scaling of the channels to a reference picture, local contrast (CLAHE).
 
 mod clahe;
 mod color_matrix;
@@ -9,9 +9,11 @@ mod curve;
 mod exposure;
 mod highlights;
 mod lab;
+mod noise_floor;
 mod pairs;
 mod photograph;
 mod plan;
+mod roll_off;
 mod style;
 
 use ndarray::{Array3, Axis, Zip};
@@ -21,6 +23,7 @@ use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::image::LinearImage;
 use crate::core::orientation::Orientation;
+use crate::core::primaries::{ColorSpace, Primaries};
 
 pub use clahe::ClaheConfig;
 pub use color_matrix::{ColorMatrix, read_color_matrix};
@@ -28,7 +31,9 @@ pub use curve::{Curve, CurveKind};
 pub use exposure::automatic_curve;
 pub use pairs::{Companions, FinishInputs};
 pub use photograph::{Photograph, photograph};
+pub use noise_floor::NoiseFloor;
 pub use plan::FinishPlan;
+pub use roll_off::RollOff;
 pub use style::{Clip, Style};
 
 /// What is done to every picture.
@@ -39,6 +44,10 @@ pub struct FinishConfig {
     pub clip: Option<f32>,
     /// How light becomes display values.
     pub curve: Curve,
+    /// How the curve is applied to colours.
+    pub roll_off: RollOff,
+    /// The colours of the result.
+    pub color_space: ColorSpace,
     /// Local contrast.
     pub clahe: Option<ClaheConfig>,
     /// Whether the result is to be written with 8 bits: local contrast is then computed in 8 bits too.
@@ -46,11 +55,13 @@ pub struct FinishConfig {
 }
 
 impl Default for FinishConfig {
-    /// As the published real captures are shown: clip 16, gamma 2.8 of light up to 6, CLAHE.
+    /// As the published real captures are shown: clip 16, gamma 2.8 of light up to 6 in each channel of sRGB, CLAHE.
     fn default() -> Self {
         Self {
             clip: Some(16.0),
             curve: Curve::default(),
+            roll_off: RollOff::default(),
+            color_space: ColorSpace::default(),
             clahe: Some(ClaheConfig::default()),
             eight_bit: true,
         }
@@ -116,13 +127,16 @@ pub fn finish(image: LinearImage, look: &Look, config: &FinishConfig) -> Result<
     if let Some(ccm) = &look.ccm {
         ccm.apply(&mut planes);
     }
-    let curve = config.curve;
-    planes.par_mapv_inplace(|x| curve.apply(x));
+    if config.color_space != ColorSpace::Srgb {
+        to_display_colors(config.color_space).apply(&mut planes);
+    }
+    let (curve, roll_off) = (config.curve, config.roll_off);
+    each_pixel(&mut planes, |pixel| roll_off.apply(curve, pixel));
     if let Some(means) = look.reference_means {
         scale_to_means(&mut planes, means);
     }
     if let Some(clahe) = &config.clahe {
-        clahe::equalize(&mut planes, clahe, config.eight_bit);
+        clahe::equalize(&mut planes, clahe, config.eight_bit, config.color_space);
     }
     Ok(planes)
 }
@@ -155,6 +169,15 @@ impl FinishConfig {
         }
         self.clahe.as_ref().map_or(Ok(()), ClaheConfig::check)
     }
+}
+
+/// The matrix from linear sRGB to the linear colours of a display.
+///
+/// # Panics
+/// Never: the primaries of displays span their colours.
+fn to_display_colors(space: ColorSpace) -> ColorMatrix {
+    let matrix = Primaries::SRGB.matrix_to(&space.primaries());
+    ColorMatrix::of(matrix.expect("primaries of displays span their colours"))
 }
 
 /// Replaces each pixel by what becomes of it.
@@ -194,7 +217,7 @@ mod tests {
     }
 
     fn bare() -> FinishConfig {
-        FinishConfig { clip: None, curve: Curve::None, clahe: None, eight_bit: true }
+        FinishConfig { clip: None, curve: Curve::None, clahe: None, ..FinishConfig::default() }
     }
 
     #[test]

@@ -9,6 +9,7 @@ use super::{Companions, Curve, FinishInputs, Look, Photograph, Style, channel_me
 use crate::batch::{self, Destination, Stages, Watcher, timed};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
+use crate::core::exif::Exif;
 use crate::core::provenance::Provenance;
 use crate::core::tone::ToneCurve;
 use crate::io::{AnyImage, DomainTag, Format, WriteOptions, inspect_any_image, read_pixels};
@@ -26,6 +27,8 @@ pub struct FinishPlan {
     pub told: CaptureInfo,
     /// Bits of PNG and TIFF, if not the usual ones: 8 for PNG, 16 for TIFF.
     pub bits: Option<u8>,
+    /// Whether what cameras say of their pictures is left out.
+    pub leaves_out_exif: bool,
     /// Whether pictures that exist are replaced.
     pub overwrite: bool,
 }
@@ -136,7 +139,7 @@ impl Finishing<'_> {
 
 impl Stages for Finishing<'_> {
     type Job = Job;
-    type Input = (AnyImage, Look);
+    type Input = (AnyImage, Look, Option<Exif>);
     type Output = Photograph;
 
     fn doing(&self, job: &Job) -> String {
@@ -153,7 +156,7 @@ impl Stages for Finishing<'_> {
         json!({
             "domain": domain.map(DomainTag::name), "tone": tone, "finish": finish,
             "orientation": told.orientation, "saturation": told.saturation,
-            "baseline-exposure-ev": told.baseline_exposure_ev,
+            "baseline-exposure-ev": told.baseline_exposure_ev, "exif": !self.plan.leaves_out_exif,
         })
     }
 
@@ -171,11 +174,13 @@ impl Stages for Finishing<'_> {
             Ok((reading.image, reading.info))
         };
         let (image, said) = timed(self.watcher, format_args!("reading {}", job.input.display()), read)?;
-        let look = self.look(job, said.unwrap_or_default())?;
-        Ok((image, look))
+        let mut said = said.unwrap_or_default();
+        let exif = said.exif.take().filter(|_| !self.plan.leaves_out_exif);
+        let look = self.look(job, said)?;
+        Ok((image, look, exif))
     }
 
-    fn compute(&self, job: &Job, (image, look): Self::Input) -> Result<Photograph> {
+    fn compute(&self, job: &Job, (image, look, exif): Self::Input) -> Result<Photograph> {
         let FinishPlan { style, tone, .. } = self.plan;
         let image = image.into_linear(*tone);
         let config = style.config_of(&image, &look, self.plan.is_eight_bit(&job.output), tone.x_max);
@@ -184,7 +189,8 @@ impl Stages for Finishing<'_> {
             self.watcher
                 .detail(&format_args!("{input}: middle grey at light {grey:.4}, white at {white:.4}"));
         }
-        timed(self.watcher, self.doing(job), || Photograph::of(image, look, &config))
+        let photograph = timed(self.watcher, self.doing(job), || Photograph::of(image, look, &config))?;
+        Ok(Photograph { exif, ..photograph })
     }
 
     fn write(&self, job: &Job, photograph: Photograph) -> Result<()> {
