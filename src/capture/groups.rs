@@ -64,6 +64,10 @@ impl CaptureGroups {
     pub fn of_brackets(inputs: &[PathBuf]) -> Result<Self> {
         let (folders, files): (Vec<PathBuf>, Vec<PathBuf>) =
             inputs.iter().cloned().partition(|input| input.is_dir());
+        if let Some(folder) = files.iter().find(|input| names_folder(input)) {
+            let reason = format!("{}: name the layer of each file of a bracket, not of its folder", folder.display());
+            return Err(Error::Unsupported(reason));
+        }
         let mut groups = Self { captures: Vec::new(), in_folder: false, warnings: Vec::new() };
         if !files.is_empty() {
             let files = without_repeats(expand_inputs(&files)?);

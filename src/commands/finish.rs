@@ -15,6 +15,7 @@ use udc::finish::{Companions, FinishInputs, FinishPlan};
 use udc::io::DomainTag;
 
 use super::choices::{Choices, DOMAINS};
+use super::layer::LayerArgs;
 use super::{Session, misuse};
 use style::StyleArgs;
 
@@ -71,6 +72,8 @@ pub(crate) struct FinishArgs {
     #[arg(long, value_name = "EV", value_parser = parse_exposure, allow_negative_numbers = true)]
     baseline_exposure: Option<f64>,
     #[command(flatten)]
+    layer: LayerArgs,
+    #[command(flatten)]
     style: StyleArgs,
     /// Format of the files in an output folder
     #[arg(long, value_name = "FORMAT", value_parser = PICTURE_FORMATS, default_value = "png")]
@@ -105,7 +108,7 @@ impl FinishArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let plan = self.plan(session)?;
         let inputs = FinishInputs {
-            images: self.inputs,
+            images: self.layer.of(&self.inputs),
             ccm: companions(self.no_ccm, self.ccm),
             reference: companions(self.no_reference, self.reference),
         };

@@ -123,6 +123,16 @@ impl Curve {
         }
     }
 
+    /// The light of the display that there would be without shoulder and limit: as in the dark, where the curve is straight.
+    /// Curves without such a part are taken for sRGB's.
+    pub(super) fn exposed(self, light: f32) -> f64 {
+        let light = f64::from(light.max(0.0));
+        match self {
+            Self::Photographic { grey, white } => slope(grey, white) * light,
+            Self::Gamma { .. } | Self::Srgb { .. } | Self::Aces { .. } | Self::None => light / f64::from(self.white()),
+        }
+    }
+
     /// The light from which on all is shown as white.
     pub(super) fn white(self) -> f32 {
         match self {
@@ -138,10 +148,15 @@ fn photographic(light: f32, grey: f32, white: f32) -> f64 {
     if light >= white {
         return 1.0;
     }
-    let [light, grey, white] = [light, grey, white].map(f64::from);
-    let scale = (MIDDLE_GREY - (grey / white).powi(2)) / (1.0 - MIDDLE_GREY);
-    let (x, w) = (scale * light / grey, scale * white / grey);
+    let slope = slope(grey, white);
+    let (x, w) = (slope * f64::from(light), slope * f64::from(white));
     x * (1.0 + x / (w * w)) / (1.0 + x)
+}
+
+/// s/grey of [`Curve::Photographic`].
+fn slope(grey: f32, white: f32) -> f64 {
+    let [grey, white] = [grey, white].map(f64::from);
+    (MIDDLE_GREY - (grey / white).powi(2)) / (1.0 - MIDDLE_GREY) / grey
 }
 
 #[cfg(test)]

@@ -13,16 +13,25 @@ pub enum RollOff {
     /// magenta, as one channel after the other becomes full.
     #[default]
     Channels,
-    /// To the brightest and the darkest channel; the third keeps its place between them.
+    /// So that the hue stays, and the saturation too but near the limit of the display, where colours become white.
     ///
     /// # Equation
     /// Of linear light with `a ≥ b ≥ c` in any order of the channels and the curve f to linear light of the display:
-    /// `a' = f(a)`, `c' = f(c)`, `b' = c' + (a' − c')·(b − c)/(a − c)`, so that the hue of HSV stays exactly (the tone curve
-    /// of the DNG SDK, `RefBaselineRGBTone`). What is brighter than white w is mixed with white by the share
-    /// `1 − 1/(1 + 0.15·(a/w − 1))` (Khronos PBR Neutral tone mapper, 2024, desaturation 0.15): light of one pure colour
-    /// becomes white too, and only beyond what the display can show. At last the curve of sRGB.
+    /// 1. `a' = f(a)`;
+    /// 2. `c' = (1 − t)·a'·c/a + t·f(c)`, t rising smoothly from 0 at `a' = ½` to 1 at `a' = 1`: below, the ratios of the
+    ///    channels are those of the scene; at the limit, the darkest channel has the curve as a grey of its light has;
+    /// 3. `b' = c' + (a' − c')·(b − c)/(a − c)`, so that the hue of HSV stays exactly: steps 1 and 3 and `f(c)` are the tone
+    ///    curve of the DNG SDK (`RefBaselineRGBTone`);
+    /// 4. what is brighter than white w is mixed with white by the share `1 − 1/(1 + 0.15·(a/w − 1))` (Khronos PBR Neutral
+    ///    tone mapper, 2024, with its desaturation of 0.15): light of one pure colour becomes white too, and only beyond what
+    ///    the display can show.
+    ///
+    /// At last comes the curve of sRGB.
     Hue,
 }
+
+/// The light of the display from which on colours give way to white.
+const NEAR_LIMIT: f64 = 0.5;
 
 /// How fast light beyond white becomes white.
 const DESATURATION: f64 = 0.15;
@@ -41,7 +50,11 @@ fn keep_hue(curve: Curve, pixel: [f32; 3]) -> [f32; 3] {
     let pixel = pixel.map(|light| light.max(0.0));
     let most = pixel.into_iter().fold(0.0, f32::max);
     let least = pixel.into_iter().fold(f32::INFINITY, f32::min);
-    let [high, low] = [most, least].map(|light| curve.shown_light(light));
+    let [high, rolled] = [most, least].map(|light| curve.shown_light(light));
+    let rise = ((high - NEAR_LIMIT) / (1.0 - NEAR_LIMIT)).clamp(0.0, 1.0);
+    let near = rise * rise * (3.0 - 2.0 * rise);
+    let kept = if most > 0.0 { high * f64::from(least) / f64::from(most) } else { high };
+    let low = kept + (rolled - kept) * near;
     let beyond = (f64::from(most) / f64::from(curve.white()) - 1.0).max(0.0);
     let white = 1.0 - 1.0 / (1.0 + DESATURATION * beyond);
     pixel.map(|light| {
@@ -126,6 +139,12 @@ mod tests {
                 before = shown;
             }
             assert!(before.iter().all(|v| *v > 0.97), "{color:?} ends as {before:?}");
+        }
+        let dark = [0.02, 0.05, 0.03].map(|c: f32| 0.5 * c);
+        let shown = RollOff::Hue.apply(curve, dark).map(|v| srgb_decode(f64::from(v)));
+        for channel in [0, 2] {
+            let ratio = f64::from(dark[channel] / dark[1]);
+            assert!((shown[channel] / shown[1] / ratio - 1.0).abs() < 1e-4, "ratios stay: {shown:?}");
         }
         let red = RollOff::Hue.apply(curve, [4.0, 0.0, 0.0]);
         assert!(red[1] < 1e-6 && red[0] > 0.999, "at white a pure colour is still pure: {red:?}");

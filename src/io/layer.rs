@@ -53,18 +53,12 @@ pub fn stem_of_input(path: &Path) -> String {
     layer.map_or_else(|| stem.clone().into_owned(), |layer| format!("{stem}.{}", plain(layer)))
 }
 
-/// SHA-256 of a file in hexadecimal, with the layer that is meant of it; none of what is no file, such as a pipe, which can
-/// be read once only.
+/// As [`sha256_of_file`]; none of what is no file, such as a pipe, which can be read once only.
 ///
 /// # Errors
 /// As [`sha256_of_file`].
 pub fn sha256_of_input(path: &Path) -> Result<Option<String>> {
-    let (file, layer) = locate(path);
-    if !file.is_file() {
-        return Ok(None);
-    }
-    let hash = sha256_of_file(file)?;
-    Ok(Some(layer.map_or_else(|| hash.clone(), |layer| format!("{hash}:{layer}"))))
+    locate(path).0.is_file().then(|| sha256_of_file(path)).transpose()
 }
 
 #[cfg(test)]

@@ -62,6 +62,7 @@ pub use owned_folder::OwnedFolder;
 pub use pixels::{DomainTag, IgnoredOpcode, Pixels, RawMetadata};
 pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_file};
 pub use psf::{PsfFaults, PsfMove, PsfOptions, PsfReading, inspect_psf, read_psf, show_shift, write_psf};
+pub use raster::GAIN_OFFSET;
 pub use read::{
     image_of, inspect_image, inspect_mosaic, read_capture_info, read_image, read_image_told, read_layers,
     read_pixels, read_provenance,
@@ -69,7 +70,7 @@ pub use read::{
 pub use shared_input::SharedInput;
 pub use size::read_image_size;
 use write::Contents;
-pub use write::{PixelOptions, WriteOptions, write_image, write_pixels};
+pub use write::{PixelOptions, WriteOptions, write_image, write_pixels, write_with_gains};
 
 /// The largest number of pixels an image may have: 16384 × 16384, four times the largest panorama in use.
 pub const MAX_PIXELS: usize = 1 << 28;

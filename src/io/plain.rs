@@ -35,7 +35,7 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|error| Error::io("read", path, error))
 }
 
-/// SHA-256 of a file, in hexadecimal.
+/// SHA-256 of a file, in hexadecimal; behind a colon the layer that is meant of it, if one is named.
 ///
 /// # Errors
 /// [`Error::Io`] when the file cannot be read.
@@ -43,10 +43,14 @@ pub fn sha256_of_file(path: &Path) -> Result<String> {
     const BLOCK_BYTES: usize = 1 << 18;
     let mut hash = Sha256::new();
     let mut block = vec![0; BLOCK_BYTES];
-    let mut file = fs::File::open(path).map_err(|error| Error::io("read", path, error))?;
+    let (place, layer) = locate(path);
+    let mut file = fs::File::open(place).map_err(|error| Error::io("read", path, error))?;
     loop {
         match file.read(&mut block) {
-            Ok(0) => return Ok(hex(&hash.finalize())),
+            Ok(0) => {
+                let layer = layer.map_or(String::new(), |layer| format!(":{layer}"));
+                return Ok(hex(&hash.finalize()) + &layer);
+            }
             Ok(count) => hash.update(&block[..count]),
             Err(error) if error.kind() == ErrorKind::Interrupted => {}
             Err(error) => return Err(Error::io("read", path, error)),

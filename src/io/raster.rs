@@ -1,6 +1,7 @@
 //! Reads and writes PNG, JPEG, TIFF and Radiance HDR as planes of floats.
 
 mod encode;
+mod gain_map;
 
 use std::io::Cursor;
 use std::path::Path;
@@ -24,6 +25,8 @@ pub(super) const MAX_DECODER_BYTES: u64 = MAX_PIXELS as u64 * 8;
 pub(super) const MAX_RATIO: u64 = 4096;
 
 pub(super) use encode::encode;
+pub use gain_map::GAIN_OFFSET;
+pub(super) use gain_map::attach;
 
 /// What a decoder found, before it becomes planes.
 enum Decoded {

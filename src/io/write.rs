@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use half::f16;
-use ndarray::ArrayView3;
+use ndarray::{ArrayView2, ArrayView3};
 
 use super::format::Format;
 use super::{DomainTag, Pixels, check_output, exr, npy, raster, write_atomically};
@@ -72,15 +72,48 @@ pub struct PixelOptions {
 /// # Errors
 /// As [`write_image`].
 pub fn write_pixels(path: &Path, pixels: &Pixels, options: PixelOptions) -> Result<()> {
-    let contents = Contents {
+    write_contents(path, &contents_of(pixels), options)
+}
+
+fn contents_of(pixels: &Pixels) -> Contents<'_> {
+    Contents {
         planes: pixels.planes.view(),
         domain: pixels.domain,
         exposure_s: pixels.exposure_s,
         iso: pixels.iso,
         provenance: pixels.provenance.as_ref(),
         capture: pixels.capture.as_ref(),
-    };
-    write_contents(path, &contents, options)
+    }
+}
+
+/// Writes a JPEG picture for viewing as [`write_pixels`] does, with the stops by which displays with headroom show each of its
+/// pixels brighter.
+///
+/// # Equation
+/// Of linear light l of the picture and its gain g: `l_HDR = (l + o)·2^g − o` with o = [`GAIN_OFFSET`](super::GAIN_OFFSET).
+///
+/// # Shapes
+/// `gains` is `[height, width]`.
+///
+/// # Errors
+/// As [`write_image`]; [`Error::Unsupported`] for files of other formats.
+pub fn write_with_gains(
+    path: &Path,
+    pixels: &Pixels,
+    gains: ArrayView2<'_, f32>,
+    options: PixelOptions,
+) -> Result<()> {
+    let format = Format::of_extension(path)?;
+    if format != Format::Jpeg {
+        let reason = format!("gains for HDR displays are written in JPEG, and {} is none", path.display());
+        return Err(Error::Unsupported(reason));
+    }
+    check_output(path, options.overwrite)?;
+    let contents = contents_of(pixels);
+    let picture = raster::encode(&contents.planes, format, options, exif_of(&contents));
+    let bytes = picture.and_then(|picture| raster::attach(picture, gains));
+    let bytes = bytes.map_err(|reason| Error::format(path, reason))?;
+    write_atomically(path, options.overwrite, |file| file.write_all(&bytes))
 }
 
 /// What an encoder is given: pixels that belong to somebody else.

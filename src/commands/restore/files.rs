@@ -49,13 +49,14 @@ impl Job {
 impl RestoreArgs {
     /// What to restore to where; refuses outputs that exist before any work.
     pub(super) fn jobs(&self, session: &Session) -> Result<Vec<Job>> {
+        let inputs = self.layer.of(&self.inputs);
         let CaptureGroups { captures, in_folder, warnings } = if self.is_bracket() {
-            CaptureGroups::of_brackets(&self.inputs)?
+            CaptureGroups::of_brackets(&inputs)?
         } else {
             if let Some(flag) = self.raw.flag_of_brackets() {
                 bail!("{flag} is for brackets: add --bracket, or --exposures with the times");
             }
-            CaptureGroups::of_files(&self.inputs)?
+            CaptureGroups::of_files(&inputs)?
         };
         warnings.iter().for_each(|warning| session.warn(warning));
         let destination = Destination {

@@ -41,8 +41,11 @@ pub(super) struct Group {
 }
 
 impl Group {
-    /// The layer of these channels, if they are all there.
+    /// The layer of these channels, if they are all there. Beside an X, a Y is a coordinate and no luminance.
     pub(super) fn pick(&self, wanted: &[&str]) -> Option<Layer> {
+        if wanted == ["Y"] && self.channels.contains_key("X") {
+            return None;
+        }
         let channels = wanted.iter().map(|name| self.channels.get(*name).copied()).collect::<Option<_>>()?;
         Some(Layer { header: self.header, channels })
     }
@@ -83,7 +86,7 @@ pub(super) fn groups_of(meta: &MetaData) -> Vec<Group> {
         }
         for (prefix, channels) in channels {
             let aliases = aliases(header, &part, &prefix, has_parts);
-            let spelled = || ["RGB", "Y"].into_iter().find(|name| has_all(&channels, name));
+            let spelled = || ["RGB", "Y"].into_iter().find(|name| has_all(&channels, name) && (*name != "Y" || !channels.contains_key("X")));
             let first = aliases.iter().find(|alias| !alias.is_empty());
             // The unnamed group of the only part is named by its channels.
             let name = match (has_parts && !part.is_empty()) || !prefix.is_empty() {

@@ -115,7 +115,11 @@ fn matches<'a>(
                 found.extend(group.pick(spelled).map(Ok));
             }
         }
-        for (channel, index) in group.channels.iter().filter(|(channel, _)| channel.as_str() != "Y") {
+        let is_luminance = group.pick(&["Y"]).is_some();
+        for (channel, index) in &group.channels {
+            if is_luminance && channel == "Y" {
+                continue;
+            }
             if group.spells(channel).any(|name| is_meant(&name)) {
                 found.push(Ok(Layer { header: group.header, channels: vec![*index] }));
             }
