@@ -84,7 +84,8 @@ fn info_of(
     let saturation = Some(fused.saturation.map(|white| white as f32));
     let CaptureInfo { orientation, primaries, exif, .. } = said.unwrap_or_default();
     let white_balance = Some(white_balance);
-    let info = CaptureInfo { saturation, white_balance, orientation, primaries, exif, ..CaptureInfo::default() };
+    let info =
+        CaptureInfo { saturation, white_balance, orientation, primaries, exif, ..CaptureInfo::default() };
     match raw {
         None => info,
         Some(raw) => CaptureInfo {

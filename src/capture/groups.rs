@@ -65,7 +65,8 @@ impl CaptureGroups {
         let (folders, files): (Vec<PathBuf>, Vec<PathBuf>) =
             inputs.iter().cloned().partition(|input| input.is_dir());
         if let Some(folder) = files.iter().find(|input| names_folder(input)) {
-            let reason = format!("{}: name the layer of each file of a bracket, not of its folder", folder.display());
+            let reason =
+                format!("{}: name the layer of each file of a bracket, not of its folder", folder.display());
             return Err(Error::Unsupported(reason));
         }
         let mut groups = Self { captures: Vec::new(), in_folder: false, warnings: Vec::new() };

@@ -35,6 +35,8 @@ use style::StyleArgs;
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:\n  udc finish restored.exr -o restored.png\n  \
     udc finish restored.exr --ccm ccm.txt --reference phone.jpg -o restored.jpg\n  \
+    udc finish restored.exr --color-space display-p3 --hdr -o restored.jpg\n  \
+    udc finish render.exr --layer beauty --bits 16 -o beauty.tif\n  \
     udc finish restored/ --ccm real_data/CCM_txt --reference real_data/jpg_ZTE -o finished/\n  \
     udc finish PUBLISHED_ROOT -o finished/ --resume")]
 pub(crate) struct FinishArgs {

@@ -16,7 +16,9 @@ pub(super) struct LayerArgs {
 impl LayerArgs {
     /// The inputs, with the layer that is meant of each.
     pub(super) fn of(&self, inputs: &[PathBuf]) -> Vec<PathBuf> {
-        let with = |input: &PathBuf| self.layer.as_ref().map_or_else(|| input.clone(), |layer| with_layer(input, layer));
+        let with = |input: &PathBuf| {
+            self.layer.as_ref().map_or_else(|| input.clone(), |layer| with_layer(input, layer))
+        };
         inputs.iter().map(with).collect()
     }
 }

@@ -64,8 +64,10 @@ impl CameraColor {
             None => (inverse(&product(&to_camera, &mixed.color_matrix))?, white),
         };
         let to_srgb = inverse(&Primaries::SRGB.to_xyz()?)?;
-        let matrix =
-            product(&product(&to_srgb, &adaptation(xyz_of(light), xyz_of(D65))?), &product(&to_xyz, &diagonal(neutral)));
+        let matrix = product(
+            &product(&to_srgb, &adaptation(xyz_of(light), xyz_of(D65))?),
+            &product(&to_xyz, &diagonal(neutral)),
+        );
         let sums = matrix.map(|row| row.iter().sum::<f64>());
         let is_sound = sums.iter().all(|sum| sum.is_finite() && *sum > 0.0);
         let rows = [0, 1, 2].map(|i| matrix[i].map(|value| value / sums[i]));

@@ -33,7 +33,8 @@ impl Primaries {
     pub const SRGB: Self = Self { red: [0.64, 0.33], green: [0.30, 0.60], blue: [0.15, 0.06], white: D65 };
 
     /// Display P3: those of SMPTE RP 431-2 with the white of sRGB.
-    pub const DISPLAY_P3: Self = Self { red: [0.68, 0.32], green: [0.265, 0.69], blue: [0.15, 0.06], white: D65 };
+    pub const DISPLAY_P3: Self =
+        Self { red: [0.68, 0.32], green: [0.265, 0.69], blue: [0.15, 0.06], white: D65 };
 
     /// ITU-R BT.2020.
     pub const BT2020: Self =
@@ -166,8 +167,7 @@ mod tests {
             blue: [0.128, 0.044],
             white: [0.32168, 0.33767],
         };
-        let expected =
-            [[1.7050, -0.6217, -0.0833], [-0.1302, 1.1408, -0.0106], [-0.0240, -0.1290, 1.1530]];
+        let expected = [[1.7050, -0.6217, -0.0833], [-0.1302, 1.1408, -0.0106], [-0.0240, -0.1290, 1.1530]];
         assert_near(&aces.matrix_to(&Primaries::SRGB).unwrap(), &expected, 2e-3);
         assert_eq!(aces.name(), Some("ACES AP1"));
     }
@@ -175,8 +175,7 @@ mod tests {
     /// The colorants of Display P3 in Apple's own profile.
     #[test]
     fn primaries_return_from_the_colorants_of_a_profile() {
-        let colorants =
-            [[0.5151, 0.2412, -0.0011], [0.2920, 0.6922, 0.0419], [0.1571, 0.0666, 0.7841]];
+        let colorants = [[0.5151, 0.2412, -0.0011], [0.2920, 0.6922, 0.0419], [0.1571, 0.0666, 0.7841]];
         let found = Primaries::of_profile(colorants).unwrap();
         assert!(found.is_near(&Primaries::DISPLAY_P3), "{found:?}");
         assert_eq!(Primaries::of_profile([[0.0; 3]; 3]), None);

@@ -98,12 +98,9 @@ pub(super) fn equalize(planes: &mut Array3<f32>, config: &ClaheConfig, eight_bit
 
 fn to_lab(planes: &Array3<f32>, eight_bit: bool, space: &LabSpace) -> Array3<f32> {
     let codes = LabCodes::new();
-    convert(
-        planes,
-        |rgb| {
-            if eight_bit { codes.encode(rgb.map(code_of)) } else { rgb_to_lab(space, rgb.map(f64::from)) }
-        },
-    )
+    convert(planes, |rgb| {
+        if eight_bit { codes.encode(rgb.map(code_of)) } else { rgb_to_lab(space, rgb.map(f64::from)) }
+    })
 }
 
 fn to_display(lab: &Array3<f32>, planes: &mut Array3<f32>, eight_bit: bool, space: &LabSpace) {

@@ -129,7 +129,9 @@ impl Curve {
         let light = f64::from(light.max(0.0));
         match self {
             Self::Photographic { grey, white } => slope(grey, white) * light,
-            Self::Gamma { .. } | Self::Srgb { .. } | Self::Aces { .. } | Self::None => light / f64::from(self.white()),
+            Self::Gamma { .. } | Self::Srgb { .. } | Self::Aces { .. } | Self::None => {
+                light / f64::from(self.white())
+            }
         }
     }
 

@@ -186,7 +186,10 @@ mod tests {
             for rgb in pixels() {
                 let rgb = rgb.map(|code| f64::from(code) / 255.0);
                 for (found, expected) in lab_to_rgb(&lab, rgb_to_lab(&lab, rgb)).iter().zip(rgb) {
-                    assert!((found - expected).abs() < 1e-4, "{space:?} {rgb:?}: {found} instead of {expected}");
+                    assert!(
+                        (found - expected).abs() < 1e-4,
+                        "{space:?} {rgb:?}: {found} instead of {expected}"
+                    );
                 }
             }
         }

@@ -7,6 +7,7 @@ mod clahe;
 mod color_matrix;
 mod curve;
 mod exposure;
+mod headroom;
 mod highlights;
 mod lab;
 mod noise_floor;
@@ -16,7 +17,7 @@ mod plan;
 mod roll_off;
 mod style;
 
-use ndarray::{Array3, Axis, Zip};
+use ndarray::{Array2, Array3, Axis, Zip};
 use serde::Serialize;
 
 use crate::core::capture::CaptureInfo;
@@ -29,9 +30,9 @@ pub use clahe::ClaheConfig;
 pub use color_matrix::{ColorMatrix, read_color_matrix};
 pub use curve::{Curve, CurveKind};
 pub use exposure::automatic_curve;
+pub use noise_floor::NoiseFloor;
 pub use pairs::{Companions, FinishInputs};
 pub use photograph::{Photograph, photograph};
-pub use noise_floor::NoiseFloor;
 pub use plan::FinishPlan;
 pub use roll_off::RollOff;
 pub use style::{Clip, Style};
@@ -50,6 +51,8 @@ pub struct FinishConfig {
     pub color_space: ColorSpace,
     /// Local contrast.
     pub clahe: Option<ClaheConfig>,
+    /// The stops by which displays with headroom may show highlights brighter than white; none for pictures without gains.
+    pub hdr_stops: Option<f32>,
     /// Whether the result is to be written with 8 bits: local contrast is then computed in 8 bits too.
     pub eight_bit: bool,
 }
@@ -63,6 +66,7 @@ impl Default for FinishConfig {
             roll_off: RollOff::default(),
             color_space: ColorSpace::default(),
             clahe: Some(ClaheConfig::default()),
+            hdr_stops: None,
             eight_bit: true,
         }
     }
@@ -116,6 +120,15 @@ impl Look {
 /// # Errors
 /// [`Error::Config`] naming a setting that is out of range.
 pub fn finish(image: LinearImage, look: &Look, config: &FinishConfig) -> Result<Array3<f32>> {
+    finish_with_gains(image, look, config).map(|(planes, _)| planes)
+}
+
+/// As [`finish`], with the stops by which each pixel may be shown brighter, where they are asked for.
+fn finish_with_gains(
+    image: LinearImage,
+    look: &Look,
+    config: &FinishConfig,
+) -> Result<(Array3<f32>, Option<Array2<f32>>)> {
     config.check()?;
     let mut planes = look.orientation.upright(image.into_planes());
     if let Some(white) = look.saturation {
@@ -131,6 +144,7 @@ pub fn finish(image: LinearImage, look: &Look, config: &FinishConfig) -> Result<
         to_display_colors(config.color_space).apply(&mut planes);
     }
     let (curve, roll_off) = (config.curve, config.roll_off);
+    let gains = config.hdr_stops.map(|stops| headroom::gains(&planes, curve, stops));
     each_pixel(&mut planes, |pixel| roll_off.apply(curve, pixel));
     if let Some(means) = look.reference_means {
         scale_to_means(&mut planes, means);
@@ -138,7 +152,7 @@ pub fn finish(image: LinearImage, look: &Look, config: &FinishConfig) -> Result<
     if let Some(clahe) = &config.clahe {
         clahe::equalize(&mut planes, clahe, config.eight_bit, config.color_space);
     }
-    Ok(planes)
+    Ok((planes, gains))
 }
 
 impl FinishConfig {
@@ -167,6 +181,7 @@ impl FinishConfig {
             }
             Curve::None => {}
         }
+        self.hdr_stops.map_or(Ok(()), |stops| headroom::check(stops, self.curve))?;
         self.clahe.as_ref().map_or(Ok(()), ClaheConfig::check)
     }
 }

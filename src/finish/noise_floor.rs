@@ -43,9 +43,10 @@ const DOUBT: f32 = 2.0;
 impl NoiseFloor {
     pub(super) fn check(self) -> Result<()> {
         match self {
-            Self::Told(codes) if !(0.0..=255.0).contains(&codes) => {
-                Err(Error::config("noise", format!("must be from 0 to 255 codes of lightness, found {codes}")))
-            }
+            Self::Told(codes) if !(0.0..=255.0).contains(&codes) => Err(Error::config(
+                "noise",
+                format!("must be from 0 to 255 codes of lightness, found {codes}"),
+            )),
             _ => Ok(()),
         }
     }
@@ -85,7 +86,8 @@ struct Windows {
 impl Windows {
     fn of(plane: ArrayView2<'_, f32>) -> Self {
         let (height, width) = plane.dim();
-        let around = |place: usize, length: usize| place.saturating_sub(RADIUS)..(place + RADIUS + 1).min(length);
+        let around =
+            |place: usize, length: usize| place.saturating_sub(RADIUS)..(place + RADIUS + 1).min(length);
         let sums_of_rows = |power: i32| {
             let mut sums = Array2::zeros((height, width));
             sums.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(y, mut row)| {
@@ -128,7 +130,11 @@ fn estimate(mean: &Array2<f32>, variance: &Array2<f32>) -> [f32; BINS] {
     }
     let found = windows.map(|mut windows| {
         let count = windows.len();
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index of the windows")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "an index of the windows"
+        )]
         let index = (EVEN_SHARE * count as f64) as usize;
         (count >= LEAST_WINDOWS).then(|| {
             let even = *windows.select_nth_unstable_by(index, f32::total_cmp).1;
@@ -136,7 +142,8 @@ fn estimate(mean: &Array2<f32>, variance: &Array2<f32>) -> [f32; BINS] {
         })
     });
     std::array::from_fn(|bin| {
-        let nearest = (0..BINS).filter(|other| found[*other].is_some()).min_by_key(|other| other.abs_diff(bin));
+        let nearest =
+            (0..BINS).filter(|other| found[*other].is_some()).min_by_key(|other| other.abs_diff(bin));
         nearest.and_then(|other| found[other]).unwrap_or(0.0)
     })
 }

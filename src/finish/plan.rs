@@ -49,6 +49,7 @@ impl FinishPlan {
         self.style.check()?;
         let jobs = inputs.jobs(destination, watcher)?;
         self.check_bits(&jobs)?;
+        self.check_hdr(&jobs)?;
         let finishing = Finishing { plan: self, leaves_out_ccm: inputs.ccm == Companions::Nowhere, watcher };
         batch::run(&finishing, jobs, resume, watcher)
     }
@@ -66,6 +67,25 @@ impl FinishPlan {
             "--bits {bits} is for PNG and TIFF, and {} would ignore it; leave it out",
             job.output.display()
         )))
+    }
+
+    /// Refuses gains for HDR displays in formats that have none, and beside reference pictures, whose curve has no shoulder.
+    fn check_hdr(&self, jobs: &[Job]) -> Result<()> {
+        if self.style.hdr_stops.is_none() {
+            return Ok(());
+        }
+        let is_jpeg =
+            |job: &Job| Format::of_extension(&job.output).is_ok_and(|format| format == Format::Jpeg);
+        if let Some(job) = jobs.iter().find(|job| !is_jpeg(job)) {
+            let output = job.output.display();
+            return Err(Error::Unsupported(format!("--hdr is for JPEG, and {output} is none: name a .jpg")));
+        }
+        match jobs.iter().any(|job| !self.style.is_automatic(job.reference.is_some()))
+            && self.style.curve.is_none()
+        {
+            true => Err(Error::config("hdr", "belongs to the automatic exposure: leave out --reference")),
+            false => Ok(()),
+        }
     }
 
     /// Whether a file is written with 8 bits.

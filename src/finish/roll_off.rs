@@ -119,7 +119,10 @@ mod tests {
                 let [by_channel, by_hue] =
                     [RollOff::Channels, RollOff::Hue].map(|how| how.apply(curve, [light; 3]));
                 assert!(by_hue[0] == by_hue[1] && by_hue[1] == by_hue[2]);
-                assert!((by_channel[0] - by_hue[0]).abs() < 1e-5, "{curve:?} {light}: {by_channel:?} {by_hue:?}");
+                assert!(
+                    (by_channel[0] - by_hue[0]).abs() < 1e-5,
+                    "{curve:?} {light}: {by_channel:?} {by_hue:?}"
+                );
             }
         }
     }

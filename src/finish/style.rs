@@ -37,6 +37,8 @@ pub struct Style {
     /// The noise whose contrast is not raised. Without, it is estimated where the exposure is chosen from the picture, and
     /// ignored elsewhere, as in the published pictures.
     pub noise: Option<NoiseFloor>,
+    /// The stops by which displays with headroom may show highlights brighter.
+    pub hdr_stops: Option<f32>,
 }
 
 impl Default for Style {
@@ -49,6 +51,7 @@ impl Default for Style {
             color_space: ColorSpace::default(),
             clahe: Some(ClaheConfig::default()),
             noise: None,
+            hdr_stops: None,
         }
     }
 }
@@ -59,7 +62,9 @@ impl Style {
     /// # Errors
     /// As [`FinishConfig::check`].
     pub fn check(&self) -> Result<()> {
-        self.published(false).check()
+        let config = self.published(false);
+        // What is asked for beyond white depends on the curve, which may be chosen from the picture.
+        FinishConfig { hdr_stops: config.hdr_stops.filter(|_| self.curve.is_some()), ..config }.check()
     }
 
     /// Whether the exposure of a picture is chosen from it.
@@ -113,6 +118,7 @@ impl Style {
             roll_off: self.roll_off.unwrap_or(roll_off),
             color_space: self.color_space,
             clahe: self.clahe.map(|clahe| ClaheConfig { noise, ..clahe }),
+            hdr_stops: self.hdr_stops,
             eight_bit,
         }
     }

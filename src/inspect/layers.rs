@@ -27,7 +27,10 @@ impl LayersDescription {
 impl fmt::Display for LayersDescription {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write_lines(f, |text| {
-            writeln!(text, "OpenEXR file of several layers, none of which is the image by itself: name one behind a colon")?;
+            writeln!(
+                text,
+                "OpenEXR file of several layers, none of which is the image by itself: name one behind a colon"
+            )?;
             write_layers(text, &self.layers)
         })
     }

@@ -121,7 +121,13 @@ fn of_chunk(name: [u8; 4], data: &[u8]) -> Option<ColorTag> {
                 Transfer::Other => (Transfer::Other, "another curve than sRGB"),
             };
             let says = format!("a gamma of {gamma:.3} ({means})");
-            Some(ColorTag { place: "gAMA chunk", says, transfer: Some(transfer), srgb_primaries: None, primaries: None })
+            Some(ColorTag {
+                place: "gAMA chunk",
+                says,
+                transfer: Some(transfer),
+                srgb_primaries: None,
+                primaries: None,
+            })
         }
         b"cICP" => {
             // Code points of ITU-T H.273.

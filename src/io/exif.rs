@@ -97,7 +97,10 @@ fn read(root: &Directory<'_>) -> Exif {
 
 /// Whether a text is a point in time as EXIF writes it; cameras whose clock is not set write spaces or zeros.
 fn is_time(text: &str) -> bool {
-    text.len() == 19 && text.is_ascii() && text.starts_with(|c: char| c.is_ascii_digit()) && !text.starts_with("0000")
+    text.len() == 19
+        && text.is_ascii()
+        && text.starts_with(|c: char| c.is_ascii_digit())
+        && !text.starts_with("0000")
 }
 
 fn read_position(directory: &Directory<'_>) -> Option<Position> {

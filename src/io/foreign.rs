@@ -74,7 +74,8 @@ pub(super) fn foreign(path: &Path, start: &[u8]) -> Option<String> {
     if let Some(raw) = RAWS.iter().find(|raw| raw.signature.is_some_and(begins)) {
         return Some(convert_raw(path, raw.name));
     }
-    let (name, .., converter) = OTHERS.iter().find(|(_, place, signature, _)| begins((*place, *signature)))?;
+    let (name, .., converter) =
+        OTHERS.iter().find(|(_, place, signature, _)| begins((*place, *signature)))?;
     Some(format!("is a {name} file, which is not read; convert it first, for example by {converter}"))
 }
 
@@ -119,7 +120,10 @@ mod tests {
     fn raw_files_and_pictures_of_other_formats_are_told_what_converts_them() {
         let said = |name: &str, start: &[u8]| foreign(Path::new(name), start).unwrap_or_default();
         let canon = said("photos/IMG_1.CR3", b"\0\0\0\x18ftypcrx \0\0\0\x01");
-        assert!(canon.contains("Canon CR3") && canon.contains("`dnglab convert IMG_1.CR3 IMG_1.dng`"), "{canon}");
+        assert!(
+            canon.contains("Canon CR3") && canon.contains("`dnglab convert IMG_1.CR3 IMG_1.dng`"),
+            "{canon}"
+        );
         assert!(said("a.raf", b"FUJIFILMCCD-RAW 0201").contains("Fujifilm RAF"));
         assert!(said("a.rw2", b"IIU\0\x18\0\0\0").contains("Panasonic RW2"));
         assert!(said("a.orf", b"IIRO\x08\0\0\0").contains("Olympus ORF"));

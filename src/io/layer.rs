@@ -90,7 +90,10 @@ mod tests {
         let file = folder.path().join("a.exr");
         std::fs::write(&file, "contents").unwrap();
         let layer = with_layer(&file, "left/diffuse");
-        assert_eq!((stem_of_input(&file), stem_of_input(&layer)), ("a".to_owned(), "a.left_diffuse".to_owned()));
+        assert_eq!(
+            (stem_of_input(&file), stem_of_input(&layer)),
+            ("a".to_owned(), "a.left_diffuse".to_owned())
+        );
         let whole = sha256_of_input(&file).unwrap().unwrap();
         assert_eq!(sha256_of_input(&layer).unwrap().unwrap(), format!("{whole}:left/diffuse"));
         assert_eq!(sha256_of_input(folder.path()).unwrap(), None);

@@ -9,11 +9,11 @@ use std::path::Path;
 use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use ndarray::Array3;
 
+use super::directory::Directory;
+use super::exif::Said;
 use super::format::{Encoding, Format};
 use super::guard::guarded;
 use super::planes::from_interleaved;
-use super::directory::Directory;
-use super::exif::Said;
 use super::{MAX_PIXELS, Pixels, color_tags, jpeg, tiff};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
@@ -64,8 +64,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: Format, packed: bool) ->
     let Said { exif, orientation } = said;
     let info = CaptureInfo { exif, orientation, primaries, ..CaptureInfo::default() };
     let capture = (info != CaptureInfo::default()).then_some(info);
-    let pixels =
-        Pixels { is_integer, color_tags, capture, exposure_s, iso, ..Pixels::of_planes(planes) };
+    let pixels = Pixels { is_integer, color_tags, capture, exposure_s, iso, ..Pixels::of_planes(planes) };
     Ok((pixels, Encoding { format, sample_type: sample_type.to_owned() }))
 }
 

@@ -33,6 +33,10 @@ pub(super) struct StyleArgs {
     /// Colours of the picture, whose profile is embedded in PNG, JPEG and TIFF
     #[arg(long, value_parser = COLOR_SPACES, value_name = "SPACE", default_value = "srgb")]
     color_space: ColorSpace,
+    /// Let displays with headroom show highlights brighter than white, by up to this many stops: a JPEG with a gain map (Ultra
+    /// HDR), which other displays show as without
+    #[arg(long, value_name = "STOPS", num_args = 0..=1, require_equals = true, default_missing_value = "3")]
+    hdr: Option<f32>,
     /// Height to which CLAHE cuts the histograms [default: 1]
     #[arg(long, value_name = "L")]
     clip_limit: Option<f64>,
@@ -62,7 +66,11 @@ const ROLL_OFFS: Choices<RollOff> = Choices(&[
 
 const COLOR_SPACES: Choices<ColorSpace> = Choices(&[
     ("srgb", ColorSpace::Srgb, "What any display shows"),
-    ("display-p3", ColorSpace::DisplayP3, "More saturated red and green, for displays of phones and newer computers"),
+    (
+        "display-p3",
+        ColorSpace::DisplayP3,
+        "More saturated red and green, for displays of phones and newer computers",
+    ),
 ]);
 
 fn parse_noise(text: &str) -> Result<NoiseFloor, String> {
@@ -97,6 +105,7 @@ impl StyleArgs {
             color_space: self.color_space,
             clahe: (!self.no_clahe).then_some(clahe),
             noise: self.noise,
+            hdr_stops: self.hdr,
         })
     }
 

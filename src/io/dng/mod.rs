@@ -17,8 +17,8 @@ use std::path::Path;
 use ndarray::{Array3, s};
 
 use super::directory::{BITS, COMPRESSION, Directory, GREY, PHOTOMETRIC, RGB, SAMPLES, WIDTH};
-use super::format::{Encoding, Format};
 use super::exif::Said;
+use super::format::{Encoding, Format};
 use super::{Pixels, RawMetadata, raster};
 use crate::core::bayer::BayerPattern;
 use crate::core::capture::is_exposure;

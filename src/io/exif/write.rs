@@ -2,8 +2,8 @@
 
 use super::{
     ALTITUDE, ARTIST, COPYRIGHT, DATE, EXIF, EXPOSURE_BIAS, EXPOSURE_TIME, F_NUMBER, FOCAL_LENGTH,
-    FOCAL_LENGTH_35MM, ISO, LATITUDE, LENS, LONGITUDE, MAKE, MODEL, ORIENTATION, POSITION, TAKEN, TAKEN_OFFSET,
-    TAKEN_SUBSECOND, TIME,
+    FOCAL_LENGTH_35MM, ISO, LATITUDE, LENS, LONGITUDE, MAKE, MODEL, ORIENTATION, POSITION, TAKEN,
+    TAKEN_OFFSET, TAKEN_SUBSECOND, TIME,
 };
 use crate::core::exif::{Exif, Position};
 
@@ -93,11 +93,8 @@ fn exif_fields(exif: &Exif, picture: Picture) -> Vec<Field> {
         (TAKEN_SUBSECOND, &exif.taken_subsecond),
         (LENS, &exif.lens),
     ]);
-    let numbers = [
-        (EXPOSURE_TIME, exif.exposure_s),
-        (F_NUMBER, exif.f_number),
-        (FOCAL_LENGTH, exif.focal_length_mm),
-    ];
+    let numbers =
+        [(EXPOSURE_TIME, exif.exposure_s), (F_NUMBER, exif.f_number), (FOCAL_LENGTH, exif.focal_length_mm)];
     let found = numbers.into_iter().filter_map(|(tag, value)| Some(rational(tag, &[fraction(value?)])));
     fields.extend(found);
     if let Some(stops) = exif.exposure_bias_ev {
@@ -110,7 +107,9 @@ fn exif_fields(exif: &Exif, picture: Picture) -> Vec<Field> {
     for (tag, value) in [(ISO, exif.iso), (FOCAL_LENGTH_35MM, exif.focal_length_35mm)] {
         let Some(value) = value else { continue };
         // Larger ones than 16 bits hold are written with 32, as newer cameras do.
-        fields.push(u16::try_from(whole(value)).map_or_else(|_| long(tag, whole(value)), |value| short(tag, value)));
+        fields.push(
+            u16::try_from(whole(value)).map_or_else(|_| long(tag, whole(value)), |value| short(tag, value)),
+        );
     }
     if exif.iso.is_some() {
         fields.push(short(SENSITIVITY_KIND, 3));

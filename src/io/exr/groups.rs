@@ -86,7 +86,11 @@ pub(super) fn groups_of(meta: &MetaData) -> Vec<Group> {
         }
         for (prefix, channels) in channels {
             let aliases = aliases(header, &part, &prefix, has_parts);
-            let spelled = || ["RGB", "Y"].into_iter().find(|name| has_all(&channels, name) && (*name != "Y" || !channels.contains_key("X")));
+            let spelled = || {
+                ["RGB", "Y"]
+                    .into_iter()
+                    .find(|name| has_all(&channels, name) && (*name != "Y" || !channels.contains_key("X")))
+            };
             let first = aliases.iter().find(|alias| !alias.is_empty());
             // The unnamed group of the only part is named by its channels.
             let name = match (has_parts && !part.is_empty()) || !prefix.is_empty() {
@@ -111,7 +115,9 @@ fn aliases(header: &Header, part: &str, prefix: &str, has_parts: bool) -> Vec<St
         ("", "") => {}
         (part, "") => names.push(part.to_owned()),
         (part, prefix) if part.is_empty() || !has_parts || part == prefix => names.push(prefix.to_owned()),
-        (part, prefix) => names.extend([format!("{part}.{prefix}"), format!("{part}/{prefix}"), prefix.to_owned()]),
+        (part, prefix) => {
+            names.extend([format!("{part}.{prefix}"), format!("{part}/{prefix}"), prefix.to_owned()])
+        }
     }
     if prefix.is_empty() {
         // Of a file of several views the first one has no prefix; parts say which one they show.

@@ -85,11 +85,15 @@ fn named(groups: &[Group], pictures: &[&[&str]], name: &str) -> Result<Layer, St
         [Ok(layer)] => Ok(layer.clone()),
         [Err(group)] => {
             let names: Vec<String> = group.channels.keys().map(|channel| group.name_of(channel)).collect();
-            Err(format!("`{name}` is no picture of R, G, B or Y; name one of its channels: {}", names.join(", ")))
+            Err(format!(
+                "`{name}` is no picture of R, G, B or Y; name one of its channels: {}",
+                names.join(", ")
+            ))
         }
         [] => {
             let names = all_names(groups);
-            let meant = nearest(name, &names).map_or(String::new(), |known| format!("; did you mean `{known}`?"));
+            let meant =
+                nearest(name, &names).map_or(String::new(), |known| format!("; did you mean `{known}`?"));
             Err(format!("has no layer `{name}`, but {}{meant}", names.join(", ")))
         }
         _ => Err(format!("has several layers `{name}`; name one of {}", all_names(groups).join(", "))),

@@ -34,11 +34,7 @@ pub(in crate::io) fn encode(
         return Err(format!("{} cannot hold {channels} channels; write .npy", format.name()));
     }
     check_values(planes, format, options)?;
-    if format == Format::Hdr {
-        encode_hdr(planes)
-    } else {
-        encode_integers(planes, format, options, exif)
-    }
+    if format == Format::Hdr { encode_hdr(planes) } else { encode_integers(planes, format, options, exif) }
 }
 
 /// Refuses values that the format would change beyond rounding, unless they may be clipped.
@@ -117,7 +113,9 @@ fn encode_integers(
             true => Samples::Bytes(to_interleaved(planes, |v| [to_u8(v)])),
             false => {
                 let bytes = to_interleaved(planes, |v| to_u16(v).to_ne_bytes());
-                Samples::Words(bytes.as_chunks::<2>().0.iter().map(|word| u16::from_ne_bytes(*word)).collect())
+                Samples::Words(
+                    bytes.as_chunks::<2>().0.iter().map(|word| u16::from_ne_bytes(*word)).collect(),
+                )
             }
         };
         return tiff::encode(&samples, channels, picture, options.color_space, exif);

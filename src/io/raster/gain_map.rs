@@ -41,7 +41,8 @@ pub(in crate::io) fn attach(picture: Vec<u8>, gains: ArrayView2<'_, f32>) -> Res
         return Ok(picture);
     }
     let shares = gains.mapv(|gain| (gain / most).clamp(0.0, 1.0)).insert_axis(Axis(0));
-    let map = encode(&shares.view(), Format::Jpeg, PixelOptions { clip: true, ..PixelOptions::default() }, None)?;
+    let map =
+        encode(&shares.view(), Format::Jpeg, PixelOptions { clip: true, ..PixelOptions::default() }, None)?;
     let map = with_segments(&map, &[segment(XMP, &[XMP_NAME, xmp_of_map(most).as_bytes()])?]);
     let xmp = segment(XMP, &[XMP_NAME, xmp_of_picture(map.len()).as_bytes()])?;
     // The directory says where it stands itself: it is laid out twice, of the same length.
@@ -157,7 +158,8 @@ mod tests {
 
     /// A gradient with a lamp, as display values, and stops that the lamp is to have more.
     fn scene() -> (Array3<f32>, Array2<f32>) {
-        let lamp = |y: usize, x: usize| (-((y as f32 - 40.0).powi(2) + (x as f32 - 60.0).powi(2)) / 200.0).exp();
+        let lamp =
+            |y: usize, x: usize| (-((y as f32 - 40.0).powi(2) + (x as f32 - 60.0).powi(2)) / 200.0).exp();
         let picture = Array3::from_shape_fn((3, 96, 120), |(c, y, x)| {
             (0.1 + x as f32 / 400.0 + lamp(y, x) * [0.9, 0.7, 0.4][c]).min(1.0)
         });

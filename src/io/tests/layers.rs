@@ -15,7 +15,8 @@ const SIDE: usize = 4;
 
 /// Channels of these names, of which each is even and has its place among all as its value.
 fn part(name: &str, channels: &[(&str, f32)]) -> Layer<AnyChannels<FlatSamples>> {
-    let channel = |(name, value): &(&str, f32)| AnyChannel::new(*name, FlatSamples::F32(vec![*value; SIDE * SIDE]));
+    let channel =
+        |(name, value): &(&str, f32)| AnyChannel::new(*name, FlatSamples::F32(vec![*value; SIDE * SIDE]));
     let channels = AnyChannels::sort(channels.iter().map(channel).collect());
     let named = if name.is_empty() { LayerAttributes::default() } else { LayerAttributes::named(name) };
     Layer::new((SIDE, SIDE), named, ExrEncoding::FAST_LOSSLESS, channels)
@@ -88,7 +89,8 @@ fn prefixed_layers_and_single_channels_are_read_by_name() {
     }
     assert_eq!(read_pixels(&path).unwrap().planes[[0, 0, 0]], 1.0, "the unprefixed layer is the image");
     let listed = read_layers(&path).unwrap();
-    let names: Vec<(&str, bool)> = listed.iter().map(|layer| (layer.name.as_str(), layer.is_default)).collect();
+    let names: Vec<(&str, bool)> =
+        listed.iter().map(|layer| (layer.name.as_str(), layer.is_default)).collect();
     assert_eq!(
         names,
         [
@@ -119,8 +121,7 @@ fn a_wrong_name_lists_those_that_exist_with_the_nearest() {
 fn parts_are_read_by_their_names_and_one_must_be_named() {
     let folder = tempfile::tempdir().unwrap();
     let rgb = |first: f32| [("R", first), ("G", first + 1.0), ("B", first + 2.0)];
-    let with_layers =
-        [&rgb(7.0)[..], &[("spec.R", 17.0), ("spec.G", 18.0), ("spec.B", 19.0)]].concat();
+    let with_layers = [&rgb(7.0)[..], &[("spec.R", 17.0), ("spec.G", 18.0), ("spec.B", 19.0)]].concat();
     let path = write(
         "stereo.exr",
         vec![part("left", &rgb(1.0)), part("right", &with_layers), part("depth", &[("Z", 5.0)])],
@@ -183,10 +184,8 @@ fn layers_are_named_of_folders_and_patterns() {
 #[test]
 fn views_are_read_by_their_names() {
     let folder = tempfile::tempdir().unwrap();
-    let mut both = part(
-        "",
-        &[("R", 1.0), ("G", 2.0), ("B", 3.0), ("right.R", 4.0), ("right.G", 5.0), ("right.B", 6.0)],
-    );
+    let mut both =
+        part("", &[("R", 1.0), ("G", 2.0), ("B", 3.0), ("right.R", 4.0), ("right.G", 5.0), ("right.B", 6.0)]);
     both.attributes.multi_view_names = Some(vec![Text::from("left"), Text::from("right")]);
     let path = write("views.exr", vec![both], folder.path());
     assert_eq!(read(&path, "left"), Ok(vec![1.0, 2.0, 3.0]));

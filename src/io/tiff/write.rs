@@ -2,11 +2,11 @@
 
 use std::io::{Cursor, Seek, Write};
 
+use tiff::Directory;
 use tiff::TiffError;
 use tiff::encoder::colortype::{ColorType, Gray8, Gray16, RGB8, RGB16};
 use tiff::encoder::{DirectoryEncoder, TiffEncoder, TiffKindStandard, TiffValue};
 use tiff::tags::{Tag, Type};
-use tiff::Directory;
 
 use crate::core::exif::Exif;
 use crate::core::primaries::ColorSpace;
