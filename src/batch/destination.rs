@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf, is_separator};
 
 use crate::core::error::{Error, Result};
-use crate::io::{Format, check_output};
+use crate::io::{Format, check_output, names_folder, stem_of_input};
 
 /// What the user names for the results, and how files are named in it if it is a folder.
 #[derive(Clone, Copy, Debug)]
@@ -28,8 +28,7 @@ pub struct Unplaced {
 impl Unplaced {
     /// The result of one file, named as it.
     pub fn of_file(file: &Path) -> Self {
-        let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Self { name, source: file.display().to_string() }
+        Self { name: stem_of_input(file), source: file.display().to_string() }
     }
 }
 
@@ -40,7 +39,7 @@ impl Destination<'_> {
     /// As [`place`](Self::place).
     pub fn place_files(&self, files: &[PathBuf], named: &[PathBuf]) -> Result<Vec<PathBuf>> {
         let results: Vec<Unplaced> = files.iter().map(|file| Unplaced::of_file(file)).collect();
-        self.place(&results, named.iter().any(|input| input.is_dir()))
+        self.place(&results, named.iter().any(|input| names_folder(input)))
     }
 
     /// Names a file for each result, before any work; `in_folder` says that they belong to one whatever their number.

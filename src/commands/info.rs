@@ -8,6 +8,7 @@ use clap::Args;
 use udc::inspect::{inspect, subjects};
 
 use super::Session;
+use super::layer::LayerArgs;
 use super::psf_file::PsfFileArgs;
 
 /// Describe a file or folder: image, PSF, kernel bank, model, dataset, training run, configuration
@@ -20,6 +21,8 @@ pub(crate) struct InfoArgs {
     /// Files, datasets, training runs, folders of images, or patterns
     #[arg(required = true, value_name = "FILE")]
     inputs: Vec<PathBuf>,
+    #[command(flatten)]
+    layer: LayerArgs,
     /// Describe images as PSFs: peak, energy radii, identity
     #[arg(long, alias = "psf")]
     as_psf: bool,
@@ -33,8 +36,8 @@ pub(crate) struct InfoArgs {
 impl InfoArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let mut files: Vec<Result<PathBuf>> = Vec::new();
-        for input in &self.inputs {
-            match subjects(input) {
+        for input in self.layer.of(&self.inputs) {
+            match subjects(&input) {
                 Ok(found) => files.extend(found.into_iter().map(Ok)),
                 Err(error) => files.push(Err(error.into())),
             }

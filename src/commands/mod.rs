@@ -15,6 +15,7 @@ mod examples;
 mod finish;
 mod fuse;
 mod info;
+mod layer;
 mod man;
 mod metrics;
 mod pose;

@@ -27,6 +27,7 @@ use udc::restore::{
 
 use super::bracket::BracketArgs;
 use super::choices::{Choices, DOMAINS, HIGHLIGHTS, OUTPUT_DOMAINS, PRECISIONS};
+use super::layer::LayerArgs;
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
 use super::{Session, misuse, text_of};
 use files::Job;
@@ -87,6 +88,8 @@ pub(crate) struct RestoreArgs {
     method: MethodArgs,
     #[command(flatten)]
     kernel: KernelArgs,
+    #[command(flatten)]
+    layer: LayerArgs,
     #[command(flatten)]
     psf_file: PsfAmongImagesArgs,
     /// The files are one bracket, and each folder is one, with the exposure times and ISO that the files tell

@@ -132,8 +132,7 @@ impl Cut {
 fn name_by_stem(paths: Vec<PathBuf>) -> Result<BTreeMap<String, PathBuf>> {
     let mut named: BTreeMap<String, PathBuf> = BTreeMap::new();
     for path in paths {
-        let stem =
-            path.file_stem().unwrap_or(Path::new("panorama").as_os_str()).to_string_lossy().into_owned();
+        let stem = io::stem_of_input(&path);
         if let Some(other) = named.get(&stem) {
             return Err(Error::Unsupported(format!(
                 "{} and {} would write the same views; rename one of them",

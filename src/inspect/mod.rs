@@ -4,6 +4,7 @@ mod array;
 mod configuration;
 mod dataset;
 mod image;
+mod layers;
 mod model;
 mod psf;
 mod run;
@@ -24,6 +25,7 @@ pub use array::ArrayDescription;
 pub use configuration::{DisplayDescription, FieldDescription, SensorDescription, TrainingDescription};
 pub use dataset::{DatasetDescription, SplitDescription};
 pub use image::{ImageDescription, Statistics};
+pub use layers::LayersDescription;
 pub use model::{ModelDescription, NetworkDescription};
 pub use psf::{PsfChannel, PsfDescription};
 pub use run::{CheckpointDescription, RunDescription};
@@ -35,6 +37,8 @@ pub use tensors::{BankDescription, TensorsDescription};
 pub enum Inspection {
     /// An image.
     Image(ImageDescription),
+    /// A file of several layers, none of which is the image by itself.
+    Layers(LayersDescription),
     /// An image, looked at as a PSF.
     Psf(PsfDescription),
     /// A kernel bank.
@@ -66,6 +70,7 @@ impl fmt::Display for Inspection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Image(found) => found.fmt(f),
+            Self::Layers(found) => found.fmt(f),
             Self::Psf(found) => found.fmt(f),
             Self::KernelBank(found) => found.fmt(f),
             Self::Model(found) => found.fmt(f),
@@ -110,7 +115,15 @@ pub fn inspect(path: &Path, as_psf: Option<PsfOptions>) -> Result<Inspection> {
         (_, Some(options)) => PsfDescription::read(path, options).map(Inspection::Psf),
         (Some("safetensors"), _) => tensors::inspect_tensors(path),
         (Some("npy"), _) => inspect_npy(path),
-        _ => ImageDescription::read(path).map(Inspection::Image),
+        _ => inspect_picture(path),
+    }
+}
+
+/// A file that only lacks a word on which of its layers is meant is described by these.
+fn inspect_picture(path: &Path) -> Result<Inspection> {
+    match ImageDescription::read(path) {
+        Ok(found) => Ok(Inspection::Image(found)),
+        Err(error) => LayersDescription::read(path).map(Inspection::Layers).ok_or(error),
     }
 }
 

@@ -108,7 +108,7 @@ pub fn list_scenes(paths: Vec<PathBuf>, division: Division, seed: u64) -> Result
 }
 
 fn stem(path: &Path) -> String {
-    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    io::stem_of_input(path)
 }
 
 /// The margin that scenes have around the frame: what was asked for, or what their files declare.
