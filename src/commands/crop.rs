@@ -4,11 +4,12 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
+use serde_json::json;
 
 use udc::crop::{Cut, CutReport, View, aimed_views, spread_views};
 use udc::io;
 
-use super::Session;
+use super::{Session, text_of};
 use super::choices::FLOAT_FORMATS;
 use super::domain::SceneDomainArgs;
 
@@ -85,6 +86,7 @@ impl CropArgs {
             }
         })?;
         let count = panoramas * cut.views.len();
+        session.results_of(json!({ "output": text_of(&self.output), "panoramas": panoramas, "views": count }));
         let margin = match self.margin {
             0 => String::new(),
             margin => format!(" and a margin of {margin} on each side"),

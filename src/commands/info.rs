@@ -25,9 +25,6 @@ pub(crate) struct InfoArgs {
     as_psf: bool,
     #[command(flatten)]
     psf_file: PsfFileArgs,
-    /// Print one JSON object a file
-    #[arg(long)]
-    json: bool,
 }
 
 impl InfoArgs {
@@ -62,7 +59,7 @@ impl InfoArgs {
 
     fn show(&self, file: &Path, session: &Session) -> Result<()> {
         let found = inspect(file, self.as_psf.then(|| self.psf_file.options()))?;
-        if self.json {
+        if session.is_json {
             let mut object = serde_json::to_value(&found)?;
             object["file"] = file.to_string_lossy().into();
             session.say(object)

@@ -9,6 +9,7 @@ pub mod capture;
 pub mod color;
 pub mod config;
 pub mod error;
+pub mod event;
 pub mod fft;
 pub mod field;
 pub mod image;

@@ -6,7 +6,7 @@ use std::time::{Duration, SystemTime};
 
 use tempfile::{Builder, NamedTempFile};
 
-use super::{list_folder, remove};
+use super::{list_folder, remove, written};
 use crate::core::error::{Error, Result};
 
 /// How temporary files are named: with random letters between the two.
@@ -43,7 +43,10 @@ pub fn write_atomically(
     file.as_file().sync_all().map_err(fail)?;
     let renamed = if overwrite { file.persist(path) } else { file.persist_noclobber(path) };
     match renamed {
-        Ok(_) => Ok(()),
+        Ok(_) => {
+            written::tell(path);
+            Ok(())
+        }
         Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => Err(exists(path)),
         Err(error) => Err(fail(error.error)),
     }

@@ -35,6 +35,7 @@ mod size;
 mod tell;
 mod tiff;
 mod write;
+mod written;
 
 pub use any_image::{AnyImage, ImageReading, any_image_of, check_output_domain, inspect_any_image};
 pub use array::{read_array, write_array};
@@ -64,6 +65,7 @@ pub use shared_input::SharedInput;
 pub use size::read_image_size;
 use write::Contents;
 pub use write::{PixelOptions, WriteOptions, write_image, write_pixels};
+pub use written::tell_of_files;
 
 /// The largest number of pixels an image may have: 16384 × 16384, four times the largest panorama in use.
 pub const MAX_PIXELS: usize = 1 << 28;
