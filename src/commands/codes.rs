@@ -13,8 +13,8 @@ use udc::core::psf::Psf;
 use udc::io;
 use udc::psf::DisplayConfig;
 
-use super::{Session, text_of};
 use super::psf_file::PsfFileArgs;
+use super::{Session, text_of};
 
 /// Make kernel codes: rotate a PSF, find its PCA basis, store both as a kernel bank
 ///

@@ -6,8 +6,8 @@ use anyhow::{Context as _, Result};
 use clap::Args;
 use serde_json::json;
 
-use super::{Session, text_of};
 use super::choices::DOMAINS;
+use super::{Session, text_of};
 use udc::io::{Conversion, DomainTag, FloatWidth, check_output, what_is_lost};
 use udc::network::weights;
 

@@ -9,9 +9,9 @@ use serde_json::json;
 use udc::crop::{Cut, CutReport, View, aimed_views, spread_views};
 use udc::io;
 
-use super::{Session, text_of};
 use super::choices::FLOAT_FORMATS;
 use super::domain::SceneDomainArgs;
+use super::{Session, text_of};
 
 /// Cut perspective views out of equirectangular HDR panoramas
 ///
@@ -86,7 +86,8 @@ impl CropArgs {
             }
         })?;
         let count = panoramas * cut.views.len();
-        session.results_of(json!({ "output": text_of(&self.output), "panoramas": panoramas, "views": count }));
+        session
+            .results_of(json!({ "output": text_of(&self.output), "panoramas": panoramas, "views": count }));
         let margin = match self.margin {
             0 => String::new(),
             margin => format!(" and a margin of {margin} on each side"),

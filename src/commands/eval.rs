@@ -18,10 +18,10 @@ use udc::network::Model;
 use udc::report::{self, picture};
 use udc::restore::{Highlights, Precision};
 
-use super::{Session, text_of};
 use super::choices::DOMAINS;
 use super::choices::{HIGHLIGHTS, PRECISIONS, RESTORATIONS, SPLITS};
 use super::metrics::MetricArgs;
+use super::{Session, text_of};
 
 /// Measure models and deconvolutions on datasets, or restored images against ground truth
 ///

@@ -122,12 +122,17 @@ const ABOUT_TELLING: [&str; 6] = ["help", "version", "json", "progress", "quiet"
 
 /// Every flag and argument of a command with its value, as the command line or a default gives it.
 pub(crate) fn configuration(command: &clap::Command, matches: &ArgMatches) -> Map<String, Value> {
-    let arguments = command.get_arguments().filter(|argument| !ABOUT_TELLING.contains(&argument.get_id().as_str()));
+    let arguments =
+        command.get_arguments().filter(|argument| !ABOUT_TELLING.contains(&argument.get_id().as_str()));
     let named = arguments.filter_map(|argument| {
         let id = argument.get_id().as_str();
         let name = match argument.get_long() {
             Some(long) => long.to_owned(),
-            None => argument.get_value_names().and_then(|names| names.first()).map_or(id, |name| name).to_lowercase(),
+            None => argument
+                .get_value_names()
+                .and_then(|names| names.first())
+                .map_or(id, |name| name)
+                .to_lowercase(),
         };
         let values: Vec<String> = matches
             .try_get_raw(id)

@@ -71,7 +71,8 @@ impl FuseArgs {
 
         let told = self.told()?;
         let read = || Pictures::read(&files, &told, &session.progress);
-        let pictures = session.timed(format_args!("reading {}", names_of(&files)), read).with_context(doing)?;
+        let pictures =
+            session.timed(format_args!("reading {}", names_of(&files)), read).with_context(doing)?;
         pictures.warnings.iter().for_each(|warning| session.warn(warning));
         session.progress.check()?;
         let develop = || pictures.develop();
@@ -79,7 +80,8 @@ impl FuseArgs {
             session.timed("fusing", develop).with_context(doing)?;
         session.progress.check()?;
         let cut_out = |measure| measure_psf(&fused.image, told.mask.as_ref(), measure);
-        let measured = measure.as_ref().map(|measure| session.timed("measuring the PSF", || cut_out(measure)));
+        let measured =
+            measure.as_ref().map(|measure| session.timed("measuring the PSF", || cut_out(measure)));
         let measured = measured.transpose().with_context(doing)?;
         session.progress.check()?;
 

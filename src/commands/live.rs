@@ -84,7 +84,12 @@ impl Reporter for Live {
         });
         let shown = self.screen.as_ref().filter(|_| work.is_outer).map(|screen| screen.bar(&work));
         work.tell(&mut work.state());
-        Box::new(LiveBar { work, shown: Mutex::new(shown), is_over: AtomicBool::new(false), bars: Arc::clone(&self.bars) })
+        Box::new(LiveBar {
+            work,
+            shown: Mutex::new(shown),
+            is_over: AtomicBool::new(false),
+            bars: Arc::clone(&self.bars),
+        })
     }
 
     fn task(&self, what: String) -> Box<dyn Task> {
@@ -155,8 +160,7 @@ impl Work {
             events.tell(Event::Progress { unit, done, total, per_second, eta_seconds, values });
         }
         let Some(delay) = self.log else { return };
-        let interval =
-            (self.begun.elapsed() / LINE_SHARE).clamp(delay.max(LINE_INTERVAL), LONGEST_INTERVAL);
+        let interval = (self.begun.elapsed() / LINE_SHARE).clamp(delay.max(LINE_INTERVAL), LONGEST_INTERVAL);
         let is_due = match since(state.last_line) {
             None => self.begun.elapsed() >= delay,
             Some(since) => is_done || since >= interval,

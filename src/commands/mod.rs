@@ -8,6 +8,7 @@ mod completions;
 mod convert;
 mod crop;
 mod demo;
+mod doctor;
 mod domain;
 mod eval;
 mod events;
@@ -106,7 +107,11 @@ enum ProgressMode {
 }
 
 const PROGRESS: Choices<ProgressMode> = Choices(&[
-    ("auto", ProgressMode::Auto, "As bars where stderr is a terminal, else as lines of work that takes longer than ten seconds"),
+    (
+        "auto",
+        ProgressMode::Auto,
+        "As bars where stderr is a terminal, else as lines of work that takes longer than ten seconds",
+    ),
     ("always", ProgressMode::Always, "As bars where stderr is a terminal, else as lines from the beginning"),
     ("never", ProgressMode::Never, ""),
 ]);
@@ -131,6 +136,7 @@ enum Command {
     Report(report::ReportArgs),
     Bench(bench::BenchArgs),
     Info(info::InfoArgs),
+    Doctor(doctor::DoctorArgs),
     Convert(convert::ConvertArgs),
     Completions(completions::CompletionsArgs),
     Man(man::ManArgs),
@@ -256,6 +262,7 @@ impl Command {
             Self::Report(args) => args.run(session),
             Self::Bench(args) => args.run(session),
             Self::Info(args) => args.run(session),
+            Self::Doctor(args) => args.run(session),
             Self::Convert(args) => args.run(session),
             Self::Completions(args) => args.run(session),
             Self::Man(args) => args.run(session),

@@ -12,9 +12,9 @@ use udc::core::tone::ToneCurve;
 use udc::io::{DomainTag, check_output, expand_inputs};
 use udc::restore::{Capture, Pose, PoseConfig, PoseEstimate, find_pose, write_pose};
 
-use super::{Session, text_of};
 use super::choices::DOMAINS;
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
+use super::{Session, text_of};
 
 /// Find by how much a panel is turned and scaled against its PSF, from the flare of lamps
 ///

@@ -9,8 +9,8 @@ use udc::io;
 use udc::report::page::Page;
 use udc::report::{self, sections};
 
-use super::{Session, text_of};
 use super::psf_file::PsfFileArgs;
+use super::{Session, text_of};
 
 /// Gather results in one self-contained page
 ///

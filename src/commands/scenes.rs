@@ -11,8 +11,8 @@ use udc::core::error::Error;
 use udc::scenes::SceneSet;
 use udc::synth::Shard;
 
-use super::{Session, text_of};
 use super::choices::FLOAT_FORMATS;
+use super::{Session, text_of};
 
 /// Paint HDR scenes with the statistics of natural images, in any number
 ///

@@ -13,10 +13,10 @@ use udc::dataset::Split;
 use udc::io;
 use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, SynthesisConfig};
 
-use super::{Session, text_of};
 use super::choices::SPLITS;
 use super::domain::SceneDomainArgs;
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
+use super::{Session, text_of};
 use options::{FormationArgs, KernelArgs, StorageArgs};
 
 /// The largest number that `dataset.toml` can hold.

@@ -180,7 +180,8 @@ mod tests {
 
     #[test]
     fn names_are_in_kebab_case_and_texts_stay_on_their_line() {
-        let failed = Event::Failed { message: "a\nb", causes: vec!["a\nb".to_owned()], items: 0, exit_code: 2 };
+        let failed =
+            Event::Failed { message: "a\nb", causes: vec!["a\nb".to_owned()], items: 0, exit_code: 2 };
         let expected = json!({
             "event": "failed", "seconds": 1.5, "message": "a\nb", "causes": ["a\nb"], "items": 0, "exit-code": 2,
         });

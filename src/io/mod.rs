@@ -22,6 +22,7 @@ mod icc;
 mod inputs;
 mod jpeg;
 mod lost;
+mod machine;
 mod npy;
 mod owned_folder;
 mod pixels;
@@ -39,7 +40,7 @@ mod written;
 
 pub use any_image::{AnyImage, ImageReading, any_image_of, check_output_domain, inspect_any_image};
 pub use array::{read_array, write_array};
-pub use atomic::{WriteSeek, check_output, remove_unfinished, write_atomically};
+pub use atomic::{WriteSeek, check_output, list_unfinished, remove_unfinished, write_atomically};
 pub use bank::{
     FORMAT as BANK_FORMAT, bank_sha256, bank_sha256_of, encode_bank, is_bank_of_sha256, read_bank,
     read_bank_codes, write_bank, write_published_bank,
@@ -53,6 +54,7 @@ pub use format::{Encoding, Format, check_extension};
 pub use half_tensors::{HalfTensor, HalfTensors, read_half_tensors};
 pub use inputs::{expand_inputs, identity, is_hidden, without_repeats};
 pub use lost::what_is_lost;
+pub use machine::{available_memory_bytes, check_writable, free_disk_bytes};
 pub use owned_folder::OwnedFolder;
 pub use pixels::{DomainTag, IgnoredOpcode, Pixels, RawMetadata};
 pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_file};

@@ -29,7 +29,11 @@ pub(super) fn rate(unit: &str, per_second: Option<f64>, left: Option<f64>) -> St
 
 /// A time in its two largest units.
 pub(super) fn duration(seconds: f64) -> String {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped, of work that somebody waits for")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "clamped, of work that somebody waits for"
+    )]
     let whole = seconds.clamp(0.0, 1e9).round() as u64;
     match whole {
         0..10 => format!("{seconds:.1} s"),
@@ -56,7 +60,10 @@ mod tests {
         assert_eq!(rate("images", Some(2.0), Some(75.0)), "2.0/s, 1 min 15 s left");
         assert_eq!(rate("steps", Some(0.1), None), "10 s each");
         assert_eq!(rate("steps", None, None), "");
-        assert_eq!((count("images", 3, 12), count(PIXELS, 2_000_000, 8_000_000)), ("images 3/12".into(), "2.0/8.0 MP".into()));
+        assert_eq!(
+            (count("images", 3, 12), count(PIXELS, 2_000_000, 8_000_000)),
+            ("images 3/12".into(), "2.0/8.0 MP".into())
+        );
         assert_eq!(rate(PIXELS, Some(1.5e6), Some(2.0)), "1.50 MP/s, 2.0 s left");
     }
 }
