@@ -28,7 +28,7 @@ pub(crate) struct InfoArgs {
     as_psf: bool,
     #[command(flatten)]
     psf_file: PsfFileArgs,
-    /// Draw images and PSFs (by decades of light) on the terminal, in 24-bit colour; with a number of columns also where stdout
+    /// Draw images, PSFs and kernel banks (by decades of light) on the terminal, in 24-bit colour; with a number of columns also where stdout
     /// is no terminal, as for `less -R`
     #[arg(long, value_name = "COLUMNS", num_args = 0..=1, require_equals = true, default_missing_value = "0")]
     #[arg(value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(..=1000))]

@@ -78,7 +78,7 @@ struct Findings(Vec<Finding>);
 
 impl Findings {
     fn ok(&mut self, about: impl fmt::Display, check: &'static str, what: impl Into<String>) {
-        self.add(Level::Ok, about, check, what.into(), None);
+        self.add(Level::Ok, (about.to_string(), check), what.into(), None);
     }
 
     fn warn(
@@ -88,7 +88,7 @@ impl Findings {
         what: impl Into<String>,
         mend: impl Into<String>,
     ) {
-        self.add(Level::Warning, about, check, what.into(), Some(mend.into()));
+        self.add(Level::Warning, (about.to_string(), check), what.into(), Some(mend.into()));
     }
 
     fn fail(
@@ -98,23 +98,21 @@ impl Findings {
         what: impl Into<String>,
         mend: impl Into<String>,
     ) {
-        self.add(Level::Error, about, check, what.into(), Some(mend.into()));
+        self.add(Level::Error, (about.to_string(), check), what.into(), Some(mend.into()));
     }
 
     /// What a reader refuses; its message says what is wrong, and mostly what to do.
     fn refused(&mut self, about: impl fmt::Display, check: &'static str, error: &Error, mend: &str) {
-        self.add(Level::Error, about, check, error.in_full(), Some(mend.to_owned()));
+        self.fail(about, check, error.in_full(), mend);
     }
 
     fn add(
         &mut self,
         level: Level,
-        about: impl fmt::Display,
-        check: &'static str,
+        (about, check): (String, &'static str),
         what: String,
         mend: Option<String>,
     ) {
-        let about = about.to_string();
         // A file's reader names it too.
         let what = what.strip_prefix(&format!("{about}: ")).map(str::to_owned).unwrap_or(what);
         self.0.push(Finding { level, about, check, what, mend });

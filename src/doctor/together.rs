@@ -28,6 +28,9 @@ pub(super) fn look(opened: &Opened, findings: &mut Findings) {
         }
         for (path, psf) in &opened.psfs {
             psf_and_images((path, psf), &dataset.root, sizes, findings);
+            if let Some(bank) = &dataset.bank {
+                psf_and_bank((path, psf), (&dataset.root, bank), findings);
+            }
         }
     }
     for (path, bank, sha256) in &opened.banks {
@@ -152,7 +155,7 @@ fn model_and_bank(
     }
     match &model.origin().kernel_bank_sha256 {
         Some(own) if own == sha256 => {
-            findings.ok(about, "model-and-bank", "the model was trained with these codes")
+            findings.ok(about, "model-and-bank", "the model was trained with these codes");
         }
         Some(own) => {
             let what = format!(
@@ -253,7 +256,7 @@ fn configuration_and_data(data: &Path, (path, config): (&Path, &TrainConfig), fi
         Ok(warnings) if warnings.is_empty() => findings.ok(about, check, "a training of these can begin"),
         Ok(warnings) => findings.warn(about, check, warnings.join("; "), "see what the text says"),
         Err(error) => {
-            findings.refused(about, check, &error, "change the key that the text names, by --set KEY=VALUE")
+            findings.refused(about, check, &error, "change the key that the text names, by --set KEY=VALUE");
         }
     }
 }

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use ndarray::{Array3, s};
+use ndarray::{Array3, Axis, concatenate, s};
 
 use super::Inspection;
 use crate::core::error::Result;
-use crate::io::{DomainTag, Pixels, inspect_psf, read_pixels};
-use crate::io::{Format, PsfOptions};
+use crate::core::psf::Psf;
+use crate::io::{DomainTag, Format, Pixels, PsfOptions, inspect_psf, read_bank, read_pixels};
 
 /// A small picture, three bytes a pixel: red, green, blue.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -44,8 +44,8 @@ impl Thumbnail {
         self.pixels.len() / self.width.max(1)
     }
 
-    /// Makes a thumbnail of what was found in a file: at most so many pixels wide, and twice as high; none of what is no
-    /// picture.
+    /// Makes a thumbnail of what was found in a file: at most so many pixels wide, and twice as high; the PSFs of a
+    /// bank side by side; none of what is no picture.
     ///
     /// # Errors
     /// Those of reading the file.
@@ -58,6 +58,12 @@ impl Thumbnail {
                 Some(Self::of_psf(read_pixels(path)?.planes, columns))
             }
             Inspection::Image(_) => Some(Self::of_image(path, read_pixels(path)?, columns)),
+            Inspection::KernelBank(_) => {
+                let bank = read_bank(path)?;
+                let side_by_side: Vec<_> = bank.psfs.iter().map(Psf::planes).collect();
+                let planes = concatenate(Axis(2), &side_by_side);
+                planes.ok().map(|planes| Self::of_psf(planes, columns))
+            }
             _ => None,
         })
     }
@@ -135,7 +141,7 @@ fn colored(planes: Array3<f32>) -> Array3<f32> {
         return planes;
     }
     #[expect(clippy::cast_precision_loss, reason = "images have few channels")]
-    let mean = planes.sum_axis(ndarray::Axis(0)) / channels as f32;
+    let mean = planes.sum_axis(Axis(0)) / channels as f32;
     Array3::from_shape_fn((3, height, width), |(_, y, x)| mean[[y, x]])
 }
 
