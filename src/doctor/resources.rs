@@ -26,7 +26,7 @@ pub(super) fn look(patient: &Patient, opened: &Opened, findings: &mut Findings) 
         let needed = training_bytes(config);
         tell_of_memory(
             path,
-            ("training-memory", "a step of the training takes about", needed),
+            ("training-memory", "with its cache of images, the training takes about", needed),
             memory,
             findings,
         );
@@ -78,7 +78,7 @@ fn restoring(opened: &Opened, memory: Option<u64>, findings: &mut Findings) {
     }
 }
 
-/// About what a step of a training takes, and the images that it keeps.
+/// About what a training takes: a step, the weights with what the optimiser keeps, and the images that are kept.
 fn training_bytes(config: &TrainConfig) -> u64 {
     let data = &config.data;
     let batch = (data.batch as u64).saturating_mul((data.crop as u64).pow(2)).saturating_mul(PIXEL_BYTES);
@@ -142,7 +142,7 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_found() {
         let path = Path::new("config.toml");
-        let told = |needed| ("training-memory", "a step takes about", needed);
+        let told = |needed| ("training-memory", "it takes about", needed);
         assert_eq!(level(|f| tell_of_memory(path, told(5), Some(5), f)), Level::Ok);
         assert_eq!(level(|f| tell_of_memory(path, told(6), Some(5), f)), Level::Warning);
         assert_eq!(level(|f| tell_of_disk(path, 5, Some(5), f)), Level::Ok);

@@ -55,20 +55,24 @@ impl LiveView {
 
     fn in_words(&self, step: &Step) -> String {
         let mut text = format!(
-            "loss {:.5}, learning rate {:.2e}, {}, waiting for data {:.0} %",
+            "loss {:.5}, rate {:.1e}, {}, data wait {:.0} %",
             self.loss.value(),
             step.learning_rate,
             in_time(self.seconds.value()),
             100.0 * self.wait_share()
         );
-        let (name, decimals) = (self.metric.heading(), self.metric.decimals());
+        let (heading, decimals) = (self.metric.heading(), self.metric.decimals());
+        let (name, unit) = match heading.strip_suffix(" (dB)") {
+            Some(name) => (name, " dB"),
+            None => (heading, ""),
+        };
         if let Some(validation) = &self.validation
             && let Some(value) = validation.restored(self.metric)
         {
-            let _ = write!(text, ", {name} {value:.decimals$} at {}", validation.iteration);
+            let _ = write!(text, ", {name} {value:.decimals$}{unit} at {}", validation.iteration);
         }
         if let Some(Best { iteration, value }) = self.best {
-            let _ = write!(text, ", best {value:.decimals$} at {iteration}");
+            let _ = write!(text, ", best {value:.decimals$}{unit} at {iteration}");
         }
         text
     }
@@ -94,7 +98,7 @@ impl LiveView {
 
 /// The time of a step.
 fn in_time(seconds: f64) -> String {
-    if seconds < 1.0 { format!("{:.0} ms a step", seconds * 1e3) } else { format!("{seconds:.2} s a step") }
+    if seconds < 1.0 { format!("{:.0} ms/step", seconds * 1e3) } else { format!("{seconds:.2} s/step") }
 }
 
 /// A mean in which values fade; of few values the plain mean.
@@ -137,10 +141,7 @@ mod tests {
     fn people_and_scripts_are_told_the_same_numbers() {
         let mut view = LiveView::new(Metric::Psnr, Some(Best { iteration: 4, value: 31.5 }));
         let status = view.after(&step(5, 0.25), Duration::from_millis(200), Duration::from_millis(50));
-        assert_eq!(
-            status.text,
-            "loss 0.25000, learning rate 2.00e-4, 200 ms a step, waiting for data 25 %, best 31.50 at 4"
-        );
+        assert_eq!(status.text, "loss 0.25000, rate 2.0e-4, 200 ms/step, data wait 25 %, best 31.50 dB at 4");
         assert_eq!(status.values["loss"], 0.25);
         assert_eq!(status.values["data-wait-share"], 0.25);
         assert_eq!(status.values["best"], json!({ "iteration": 4, "metric": "psnr", "value": 31.5 }));

@@ -10,6 +10,7 @@ use udc::core::image::LinearImage;
 use udc::core::psf::Psf;
 use udc::dataset::Split;
 use udc::io::{self, WriteOptions};
+use udc::network::weights;
 use udc::restore::{Pose, write_pose};
 
 use super::common::{succeed, udc};
@@ -210,7 +211,10 @@ fn what_is_wrong_with_the_images_of_a_dataset_is_found() {
     find("dark", "warning", "black");
     write_planes(&place, scene(32) - 0.3);
     find("negative", "warning", "negative");
-    write_planes(&place, Array3::from_elem((4, 32, 32), 0.5));
+    // A file is what it holds, whatever its name.
+    let packed = folder.join("packed.npy");
+    write_planes(&packed, Array3::from_elem((4, 32, 32), 0.5));
+    fs::rename(&packed, &place).unwrap();
     find("channels", "error", "three channels");
     let image = udc::core::image::ToneMappedImage::from_planes(scene(32)).unwrap();
     io::write_image(&place, &image, &WriteOptions { overwrite: true, ..Default::default() }).unwrap();
@@ -287,7 +291,13 @@ fn what_is_wrong_with_a_model_or_a_run_is_found() {
     infinite[end..].copy_from_slice(&f32::INFINITY.to_le_bytes());
     fs::write(folder.join("infinite.safetensors"), infinite).unwrap();
     assert_found(folder, &["--model", "infinite.safetensors"], "model-unreadable", "error", "");
-    assert_found(folder, &["guided"], "model-untrained", "warning", "not trained");
+    let mut weights = weights::read(&folder.join(model)).unwrap();
+    let last =
+        weights.parameters.iter_mut().filter(|parameter| parameter.name.ends_with("weight")).next_back();
+    last.expect("a network has weights").values.fill(0.0);
+    weights::write(&folder.join("zero.safetensors"), &weights, false).unwrap();
+    assert_found(folder, &["zero.safetensors"], "model-untrained", "warning", "not trained");
+    assert_found(folder, &["guided"], "model", "ok", "finite");
     let bank = make_rotated_bank(&psf(15, 0.0, 0.0), &[-40.0, 0.0, 40.0], 2).unwrap();
     io::write_bank(&folder.join("other.safetensors"), &bank, false).unwrap();
     assert_found(folder, &[model, "other.safetensors"], "model-and-bank", "error", "another bank");
