@@ -292,8 +292,8 @@ fn what_is_wrong_with_a_model_or_a_run_is_found() {
     fs::write(folder.join("infinite.safetensors"), infinite).unwrap();
     assert_found(folder, &["--model", "infinite.safetensors"], "model-unreadable", "error", "");
     let mut weights = weights::read(&folder.join(model)).unwrap();
-    let last =
-        weights.parameters.iter_mut().filter(|parameter| parameter.name.ends_with("weight")).next_back();
+    let is_weight = |name: &str| name.ends_with("weight");
+    let last = weights.parameters.iter_mut().filter(|parameter| is_weight(&parameter.name)).last();
     last.expect("a network has weights").values.fill(0.0);
     weights::write(&folder.join("zero.safetensors"), &weights, false).unwrap();
     assert_found(folder, &["zero.safetensors"], "model-untrained", "warning", "not trained");
