@@ -1,6 +1,6 @@
 //! What a run tells scripts: one JSON object a line, as `--json` writes it to stdout.
 //!
-//! Each line is an [`Line`]: `event` names its kind, `seconds` is the time since the run began, and the other keys are
+//! Each line is a [`Line`]: `event` names its kind, `seconds` is the time since the run began, and the other keys are
 //! the fields of the [`Event`] in kebab-case. Numbers that are not finite are `null`; paths are as the run names them. A
 //! line is written whole and at once.
 //!

@@ -40,7 +40,7 @@ pub fn free_disk_bytes(_path: &Path) -> Option<u64> {
     None
 }
 
-/// Checks that files can be written in a folder, or that the folder can be made: writes one that has no name, or removes it.
+/// Checks that files can be written in a folder, or that the folder can be made: writes one and removes it.
 ///
 /// # Errors
 /// [`Error::Io`] with the system's reason.
