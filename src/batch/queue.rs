@@ -83,6 +83,10 @@ fn run_all<S: Stages>(stages: &S, jobs: &[S::Job], watcher: &dyn Watcher) -> Res
     let progress = watcher.progress();
     let progress = if jobs.len() > 1 { progress.clone() } else { progress.without_bars() };
     let bar = progress.bar(jobs.len() as u64, "images");
+    let single = match jobs {
+        [job] => Some(watcher.progress().task(stages.doing(job))),
+        _ => None,
+    };
     let failures = std::thread::scope(|scope| {
         let (read, inputs) = sync_channel(0);
         let (computed, outputs) = sync_channel(0);
@@ -97,6 +101,7 @@ fn run_all<S: Stages>(stages: &S, jobs: &[S::Job], watcher: &dyn Watcher) -> Res
         stopped.map(|()| failures)
     })?;
     bar.finish_and_clear();
+    drop(single);
     if failures.is_empty() {
         return Ok(());
     }

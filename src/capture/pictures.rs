@@ -312,7 +312,15 @@ mod tests {
         let shots = vec![Shot { seconds: None, iso: None }; count];
         let lights = Group { planes: vec![Array3::zeros((3, 4, 4)); count], shots };
         let config = FuseConfig::default();
-        Pictures { warnings: Vec::new(), told, config, raw: None, said: None, lights, darks: Group::default() }
+        Pictures {
+            warnings: Vec::new(),
+            told,
+            config,
+            raw: None,
+            said: None,
+            lights,
+            darks: Group::default(),
+        }
     }
 
     #[test]

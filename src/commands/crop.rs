@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
+use serde_json::json;
 
 use udc::crop::{Cut, CutReport, View, aimed_views, spread_views};
 use udc::io;
 
-use super::Session;
 use super::choices::FLOAT_FORMATS;
 use super::domain::SceneDomainArgs;
+use super::{Session, text_of};
 
 /// Cut perspective views out of equirectangular HDR panoramas
 ///
@@ -85,6 +86,8 @@ impl CropArgs {
             }
         })?;
         let count = panoramas * cut.views.len();
+        session
+            .results_of(json!({ "output": text_of(&self.output), "panoramas": panoramas, "views": count }));
         let margin = match self.margin {
             0 => String::new(),
             margin => format!(" and a margin of {margin} on each side"),

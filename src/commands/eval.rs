@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::{ArgGroup, Args};
+use serde_json::json;
 
 use udc::core::metrics::Measure;
 use udc::dataset::{Dataset, KernelChoice, Split};
@@ -17,10 +18,10 @@ use udc::network::Model;
 use udc::report::{self, picture};
 use udc::restore::{Highlights, Precision};
 
-use super::Session;
 use super::choices::DOMAINS;
 use super::choices::{HIGHLIGHTS, PRECISIONS, RESTORATIONS, SPLITS};
 use super::metrics::MetricArgs;
+use super::{Session, text_of};
 
 /// Measure models and deconvolutions on datasets, or restored images against ground truth
 ///
@@ -230,6 +231,12 @@ impl EvalArgs {
             let count = evaluation.excluded.len();
             session.warn(format_args!("{count} images are excluded from all means; the table names them"));
         }
+        let methods = results.methods.iter().map(|method| {
+            json!({ "name": method.name, "dataset": method.dataset, "count": method.count, "mean": method.mean })
+        });
+        session.results_of(json!({
+            "output": text_of(&self.output), "methods": methods.collect::<Vec<_>>(), "excluded": results.excluded.len(),
+        }));
         session.tell(evaluation.to_markdown());
         session.tell(self.output.join(RESULTS[0]).display());
         Ok(())

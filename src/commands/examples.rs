@@ -4,12 +4,13 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
 use clap::Args;
+use serde_json::json;
 
 use udc::examples::{ExampleSet, ExamplesConfig, MadeExamples};
 use udc::io;
 use udc::synth::{Existing, Shard};
 
-use super::Session;
+use super::{Session, text_of};
 
 /// Make examples that a network learns to restore captures of any panel from
 ///
@@ -51,6 +52,7 @@ pub(crate) struct ExamplesArgs {
 impl ExamplesArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let set = ExampleSet { config: self.read_config()?, shard: self.shard };
+        session.configured(&set.config);
         let existing = match (session.overwrite, self.resume) {
             (true, _) => Existing::Overwrite,
             (false, true) => Existing::Resume,
@@ -59,6 +61,9 @@ impl ExamplesArgs {
         let MadeExamples { made, kept, validation } = set
             .make(&self.output, existing, &session.progress)
             .with_context(|| format!("making examples in {}", self.output.display()))?;
+        session.results_of(json!({
+            "output": text_of(&self.output), "made": made, "kept": kept, "validation": validation,
+        }));
         let kept = if kept == 0 { String::new() } else { format!(", {kept} were there") };
         let root = self.output.display();
         session.say(format_args!("{root}: {made} examples made{kept}; {validation} are for validation"))

@@ -310,6 +310,16 @@ impl<'a> Run<'a> {
 
     /// Tells what was found of the light of a capture.
     fn tell_of_light(&self, job: &Job, restored: &Restored) {
+        let pose =
+            restored.pose.as_ref().map(|pose| json!({ "turn-deg": pose.turn_deg, "scale": pose.scale }));
+        let angle = restored.angle.as_ref();
+        let angle = angle.map(|angle| json!({ "angle-deg": angle.angle_deg, "lead-nats": angle.lead }));
+        let brightest: Vec<_> = restored.lamps.iter().take(TOLD_LAMPS).collect();
+        let found = json!({
+            "lamps": brightest, "lamps-in-all": restored.lamps.len(), "saturation": restored.levels, "pose": pose,
+            "angle": angle,
+        });
+        self.session.found(&job.name(), found);
         if let Some([red, green, blue]) = restored.levels {
             self.session.note(format_args!(
                 "{}: saturates at {red}, {green} and {blue} in red, green and blue, as its brightest pixels show; --x-max says \

@@ -83,10 +83,14 @@ impl SweepArgs {
         let listener = Listener { progress: &session.progress, warn: &warn };
         let sweep = Sweep::new(&config, &dataset, &self.output, listener)?;
         let results = sweep.run(&entries, &|event| match event {
-            SweepEvent::Begins(name) => session.tell(format_args!("# {name}")),
+            SweepEvent::Begins(name) => {
+                session.stage(name);
+                session.tell(format_args!("# {name}"));
+            }
             SweepEvent::WasFinished(name) => session.tell(format_args!("{name}: finished before")),
             SweepEvent::Trains(parameters) => session.detail(format_args!("{parameters} parameters")),
         })?;
+        session.results_of(serde_json::from_str(&results.to_json())?);
         if !results.rows.is_empty() || !self.output.join(TABLES[0]).exists() {
             write_tables(&results, &self.output, session)?;
         }

@@ -6,16 +6,17 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
 use clap::{ArgGroup, Args, value_parser};
+use serde_json::json;
 
 use udc::core::bytes::{format_bytes, parse_bytes};
 use udc::dataset::Split;
 use udc::io;
 use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, SynthesisConfig};
 
-use super::Session;
 use super::choices::SPLITS;
 use super::domain::SceneDomainArgs;
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
+use super::{Session, text_of};
 use options::{FormationArgs, KernelArgs, StorageArgs};
 
 /// The largest number that `dataset.toml` can hold.
@@ -91,6 +92,7 @@ impl SynthArgs {
             0 => String::new(),
             margin => format!(" with a margin of {margin}"),
         };
+        session.configured(formation);
         session.tell(format_args!(
             "{count} scenes of {}{height} × {width}{margin} through {} kernels: {} images, at most {} on disk and {} of \
              memory",
@@ -118,6 +120,7 @@ impl SynthArgs {
             })
             .with_context(|| format!("synthesising {}", self.output.display()))?;
         let kept = needs.images - made;
+        session.results_of(json!({ "output": text_of(&self.output), "made": made, "kept": kept }));
         let kept = if kept == 0 { String::new() } else { format!(", {kept} were there") };
         session.say(format_args!("{}: {made} images made{kept}", self.output.display()))
     }

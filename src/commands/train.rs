@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result};
 use clap::Args;
 use clap::error::ErrorKind;
+use serde_json::json;
 
 use udc::examples::{ExampleSet, ExamplesConfig};
 use udc::experiment::validation_measures;
@@ -14,7 +15,8 @@ use udc::network::{Backend, GUIDED};
 use udc::synth::{Existing, Shard};
 use udc::train::{self, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationScore, read_initial};
 
-use super::Session;
+use super::events::Stopped;
+use super::{Session, text_of};
 
 /// Train a restoration network
 ///
@@ -74,6 +76,7 @@ impl TrainArgs {
     /// Trains as far as the configuration, or the user, wants.
     pub(super) fn train(&self, session: &Session) -> Result<Outcome> {
         let config = self.read_config()?;
+        session.configured(&config);
         let start = self.start(&config, session)?;
         let made = self.psf.as_deref().map(|psf| self.make_examples(psf, session)).transpose()?;
         let data = made.as_deref().or(self.data.as_deref()).expect("one of --data and --psf is required");
@@ -148,11 +151,16 @@ pub(super) fn configure(text: &str, path: &Path, settings: &[String]) -> Result<
 fn report(outcome: &Outcome, folder: &Path, session: &Session) -> Result<()> {
     let model = folder.join("model.safetensors");
     if outcome.interrupted {
-        bail!(
-            "interrupted after iteration {}; a checkpoint was written, pass --resume to go on from it",
-            outcome.iteration
+        let iteration = outcome.iteration;
+        let how = format!(
+            "interrupted after iteration {iteration}; a checkpoint was written, pass --resume to go on from it"
         );
+        return Err(Stopped(how).into());
     }
+    session.results_of(json!({
+        "model": text_of(&model), "iteration": outcome.iteration, "last-step": outcome.last_step,
+        "validation": outcome.last_validation,
+    }));
     for ValidationScore { metric, restored, degraded, deconvolved } in outcome.validation_scores() {
         let (name, decimals) = (metric.heading(), metric.decimals());
         let told = |value: Option<f64>, what: &str| {

@@ -9,6 +9,7 @@ pub mod capture;
 pub mod color;
 pub mod config;
 pub mod error;
+pub mod event;
 pub mod exif;
 pub mod fft;
 pub mod field;

@@ -102,6 +102,19 @@ impl ImageDescription {
     }
 }
 
+/// Channel sums this close to one are those of a PSF, whose half floats are off by 2⁻¹¹ at most.
+const PSF_SUM_TOLERANCE: f64 = 1.0 / (1 << 11) as f64;
+
+impl ImageDescription {
+    /// Whether it is a PSF as this program writes them: three channels of unit sum, nothing of which is negative.
+    pub fn is_likely_psf(&self) -> bool {
+        let pixels = (self.width * self.height) as f64;
+        let sums_to_one = |mean: f64| (mean * pixels - 1.0).abs() < PSF_SUM_TOLERANCE;
+        let is_energy = self.negative == 0 && self.non_finite == 0;
+        self.channels.len() == 3 && is_energy && self.channels.iter().all(|channel| sums_to_one(channel.mean))
+    }
+}
+
 fn channel_statistics(planes: &Array3<f32>) -> Vec<Statistics> {
     planes.axis_iter(Axis(0)).map(|plane| statistics(plane.iter().copied())).collect()
 }

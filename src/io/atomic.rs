@@ -1,12 +1,12 @@
 //! Writes whole files or nothing: to a temporary name in the same folder, flushed, then renamed.
 
 use std::io::{self, BufWriter, Seek, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use tempfile::{Builder, NamedTempFile};
 
-use super::{list_folder, remove};
+use super::{list_folder, remove, written};
 use crate::core::error::{Error, Result};
 
 /// How temporary files are named: with random letters between the two.
@@ -43,7 +43,10 @@ pub fn write_atomically(
     file.as_file().sync_all().map_err(fail)?;
     let renamed = if overwrite { file.persist(path) } else { file.persist_noclobber(path) };
     match renamed {
-        Ok(_) => Ok(()),
+        Ok(_) => {
+            written::tell(path);
+            Ok(())
+        }
         Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => Err(exists(path)),
         Err(error) => Err(fail(error.error)),
     }
@@ -55,20 +58,29 @@ pub fn write_atomically(
 /// # Errors
 /// [`Error::Io`] when the folder cannot be listed or a file cannot be removed.
 pub fn remove_unfinished(folder: &Path, unchanged_for: Duration) -> Result<()> {
-    if !folder.is_dir() {
-        return Ok(());
-    }
     let now = SystemTime::now();
-    for name in list_folder(folder)? {
-        let path = folder.join(&name);
+    for path in list_unfinished(folder)? {
         // A file that is renamed meanwhile is no longer there.
         let changed = path.symlink_metadata().and_then(|file| file.modified()).unwrap_or(now);
         let age = now.duration_since(changed).unwrap_or_default();
-        if name.starts_with(PREFIX) && name.ends_with(SUFFIX) && age >= unchanged_for {
+        if age >= unchanged_for {
             remove(&path)?;
         }
     }
     Ok(())
+}
+
+/// Lists the temporary files directly inside of a folder: of runs that go on, or that killed ones left. None where there is
+/// no folder.
+///
+/// # Errors
+/// [`Error::Io`] when the folder cannot be listed.
+pub fn list_unfinished(folder: &Path) -> Result<Vec<PathBuf>> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let is_temporary = |name: &String| name.starts_with(PREFIX) && name.ends_with(SUFFIX);
+    Ok(list_folder(folder)?.into_iter().filter(is_temporary).map(|name| folder.join(name)).collect())
 }
 
 /// Checks that an output may be written, before the work that makes it starts.

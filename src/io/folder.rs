@@ -4,6 +4,7 @@ use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
+use super::written;
 use crate::core::error::{Error, Result};
 
 /// Makes a folder, with its parents, unless it is there.
@@ -59,7 +60,9 @@ pub fn remove(path: &Path) -> Result<()> {
 /// # Errors
 /// [`Error::Io`] when `to` exists and is not empty, or the folder cannot be renamed.
 pub fn publish_folder(from: &Path, to: &Path) -> Result<()> {
-    fs::rename(from, to).map_err(|source| Error::io("create", to, source))
+    fs::rename(from, to).map_err(|source| Error::io("create", to, source))?;
+    written::tell(to);
+    Ok(())
 }
 
 /// A file that grows piece by piece.

@@ -6,7 +6,7 @@ use ndarray::{Array3, s};
 use crate::core::bytes::format_bytes;
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, ToneMappedImage};
-use crate::core::progress::Progress;
+use crate::core::progress::{PIXELS, Progress};
 
 /// Tiles and windows start at multiples of this at least: the published network halves its resolution twice.
 pub(super) const ALIGNMENT: usize = 4;
@@ -195,14 +195,13 @@ pub(super) fn restore_tiled(
     operator: &dyn WindowOperator,
     progress: &Progress,
 ) -> Result<ToneMappedImage> {
-    let bar = progress.bar(tiling.len() as u64, "restoring");
     if tiling.len() == 1 {
         progress.check()?;
         let restored = operator.apply(image, 0, 0, progress)?;
         assert_eq!(restored.planes().dim(), image.planes().dim());
-        bar.finish_and_clear();
         return Ok(restored);
     }
+    let bar = progress.bar((image.height() * image.width()) as u64, PIXELS);
     let mut restored = Array3::zeros(image.planes().dim());
     for row in &tiling.rows {
         for column in &tiling.columns {
@@ -215,7 +214,7 @@ pub(super) fn restore_tiled(
             restored
                 .slice_mut(s![.., row.start..row.end, column.start..column.end])
                 .assign(&window.planes().slice(kept));
-            bar.inc(1);
+            bar.inc(((row.end - row.start) * (column.end - column.start)) as u64);
         }
     }
     bar.finish_and_clear();

@@ -11,6 +11,7 @@ mod config;
 mod data;
 mod identity;
 mod instruction_sets;
+mod live;
 mod loss;
 mod optimizer;
 mod preview;

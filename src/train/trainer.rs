@@ -1,5 +1,7 @@
 //! The training itself, without files: weights, optimiser and position, advanced one step at a time.
 
+use std::time::{Duration, Instant};
+
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Gradients as BurnGradients, Tensor, TensorData};
 use rayon::prelude::*;
@@ -40,6 +42,8 @@ pub struct Trainer {
     recent: Vec<Patch>,
     /// The batch of a number that was drawn while the one before was computed.
     ahead: Option<(u64, Vec<Patch>)>,
+    /// How long the last step waited for samples.
+    waited: Duration,
     pub(super) state: State,
 }
 
@@ -97,6 +101,7 @@ impl Trainer {
             loss,
             recent: Vec::new(),
             ahead: None,
+            waited: Duration::ZERO,
             state,
         })
     }
@@ -104,6 +109,11 @@ impl Trainer {
     /// Number of steps done.
     pub fn iteration(&self) -> u64 {
         self.state.iteration
+    }
+
+    /// How long the last step waited for samples, which are drawn while others are computed with.
+    pub fn waited(&self) -> Duration {
+        self.waited
     }
 
     /// The weights to use: their running mean when it is asked for.
@@ -129,17 +139,21 @@ impl Trainer {
         let network = Network::new(&config.architecture, &self.state.parameters, &self.device);
         let (mut total, mut gradients) = (0.0, Gradients::new());
         let batches = config.data.accumulate as u64;
+        self.waited = Duration::ZERO;
         for number in self.state.iteration * batches..(self.state.iteration + 1) * batches {
+            let began = Instant::now();
             let patches = self.batch(data, number)?;
+            let drawn_at = Instant::now();
             let next = number + 1;
             let is_due = next < config.iterations.saturating_mul(batches);
             let samples = is_due.then(|| self.samples(next));
             // Another thread draws if one is free; else this one does, once it has computed. What cannot be drawn is
             // drawn again when its turn comes, and reported then.
-            let (computed, drawn) = rayon::join(
-                || self.differentiate(&network, &patches),
+            let ((computed, computing), drawn) = rayon::join(
+                || (self.differentiate(&network, &patches), drawn_at.elapsed()),
                 || draw(data, samples?, config.data.crop).ok(),
             );
+            self.waited += (drawn_at - began) + drawn_at.elapsed().saturating_sub(computing);
             self.ahead = drawn.map(|patches| (next, patches));
             let (loss, part) = computed?;
             total += loss / config.data.accumulate as f64;
