@@ -9,7 +9,7 @@ mod tone_mapping;
 mod watcher;
 
 pub use destination::{Destination, Unplaced};
-pub use queue::{Stages, run};
+pub use queue::{Selection, Stages, run};
 pub use tone_mapping::ToneMapping;
 #[cfg(test)]
 pub(crate) use watcher::testing;

@@ -7,8 +7,8 @@ use anyhow::Result;
 use clap::Args;
 
 use udc::core::error::Error;
+use udc::core::shard::Shard;
 use udc::scenes::SceneSet;
-use udc::synth::Shard;
 
 use super::Session;
 use super::choices::FLOAT_FORMATS;
