@@ -2,6 +2,7 @@
 //! writing at the same time.
 
 mod destination;
+mod estimate;
 mod output_folder;
 mod queue;
 mod resume;
@@ -9,6 +10,7 @@ mod tone_mapping;
 mod watcher;
 
 pub use destination::{Destination, Unplaced};
+pub use estimate::{Clock, Estimate, HEADER_BYTES, LinearCost, PROCESS_BYTES, Sampler, Span, Spent};
 pub use queue::{Selection, Stages, run};
 pub use tone_mapping::ToneMapping;
 #[cfg(test)]

@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::Args;
 use serde_json::json;
 
-use udc::core::estimate::Estimate;
+use udc::batch::Estimate;
 
 use super::{Session, print_line};
 

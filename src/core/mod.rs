@@ -9,7 +9,6 @@ pub mod capture;
 pub mod color;
 pub mod config;
 pub mod error;
-pub mod estimate;
 pub mod fft;
 pub mod field;
 pub mod image;

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use super::Cut;
 use super::cut::name_by_stem;
+use crate::batch::{Estimate, HEADER_BYTES, PROCESS_BYTES, Sampler};
 use crate::core::error::Result;
-use crate::core::estimate::{Estimate, HEADER_BYTES, PROCESS_BYTES, Sampler};
 use crate::core::image::{CHANNELS, Linear};
 use crate::core::shard::Shard;
 use crate::io;
@@ -41,13 +41,16 @@ impl Cut {
         let first: Vec<PathBuf> = work.first().map(|panorama| panorama.path.clone()).into_iter().collect();
         let sampled = sample.run(first, scratch.path(), &sampler.progress(), |_| {});
         sampled.map(|_| ()).or_else(|error| if error.is_interrupt() { Ok(()) } else { Err(error) })?;
-        let time = sampler.time().unwrap_or_default();
+        let cost = sampler.cost();
+        // Each panorama is read.
+        let fixed = cost.fixed.times(work.len() as f64);
         Ok(Estimate {
             items: views,
             unit: "views",
             disk_bytes: views * (view_pixels * sample_bytes + HEADER_BYTES),
             memory_bytes: PROCESS_BYTES + largest * PANORAMA_PIXEL_BYTES + view_pixels * VIEW_PIXEL_BYTES,
-            seconds: work.len() as f64 * time.fixed + views as f64 * time.each,
+            cost: fixed.and(cost.each.times(views as f64)),
+            fixed,
             threads: rayon::current_num_threads(),
             measured: format!("{} views of one panorama", sampler.steps()),
         })

@@ -7,8 +7,8 @@ use super::score::MacCounts;
 use super::{
     ComparedMethod, EvalConfig, Evaluation, Label, Listener, Measured, Regions, Sample, measure_part,
 };
+use crate::batch::LinearCost;
 use crate::core::error::{Error, Result};
-use crate::core::estimate::LinearTime;
 use crate::core::image::{LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
 use crate::core::shard::Shard;
@@ -125,19 +125,19 @@ impl<'a> Comparison<'a> {
         self.candidates
     }
 
-    /// The time that a candidate takes by the number of pixels, and the memory for a whole image.
-    pub(super) fn time(
+    /// The cost of a candidate by the number of pixels, and the memory for a whole image.
+    pub(super) fn cost(
         &self,
         candidate: &Candidate,
         (triplet, image): (&Triplet, &LinearImage),
         progress: &Progress,
-    ) -> Result<(LinearTime, u64)> {
+    ) -> Result<(LinearCost, u64)> {
         let kernel = self.dataset.kernel_index(triplet)?;
         let degraded = Degraded { dataset: self.dataset, image, kernel, max_memory: self.max_memory };
         let Some(restoration) = candidate.restoration(&degraded)? else { return Ok(Default::default()) };
         let capture = Capture::from(image.clone());
         let bytes = restoration.plan(capture.image.size())?.bytes;
-        Ok((restoration.time(&capture, progress)?, bytes))
+        Ok((restoration.cost(&capture, progress)?, bytes))
     }
 
     /// How tables name the candidates.

@@ -1,10 +1,8 @@
 //! Says beforehand what an evaluation takes, from parts of the first image by every candidate.
 
-use std::time::Instant;
-
 use super::run::Experiment;
+use crate::batch::{Clock, Estimate, HEADER_BYTES, PROCESS_BYTES, Spent};
 use crate::core::error::{Error, Result};
-use crate::core::estimate::{Estimate, HEADER_BYTES, PROCESS_BYTES};
 use crate::core::image::CHANNELS;
 use crate::core::progress::Progress;
 
@@ -27,42 +25,42 @@ impl Experiment<'_> {
             unit: "images",
             disk_bytes: HEADER_BYTES,
             memory_bytes: 0,
-            seconds: 0.0,
+            cost: Spent::default(),
+            fixed: Spent::default(),
             threads: rayon::current_num_threads(),
             measured: "two parts of an image by each candidate".to_owned(),
         };
         let mut largest = 0;
         for comparison in self.comparisons() {
             let Some((_, triplet)) = comparison.own().next() else { continue };
-            let started = Instant::now();
+            let clock = Clock::start();
             let (clean, degraded) = comparison.read(triplet)?;
-            let reading = started.elapsed().as_secs_f64();
             let size = [clean.height(), clean.width()];
             let pixels = (size[0] * size[1]) as u64;
             let curve = comparison.dataset.formation.curve()?;
             let truth = curve.tone_map(&clean);
             largest = largest.max(pixels);
-            let (mut seconds, mut memory) = (reading, 0);
+            let (mut cost, mut memory) = (clock.spent(), 0);
             let kernels = comparison.dataset.kernel_names().len() as f64;
             let measures = &self.config().measuring;
-            let started = Instant::now();
+            let clock = Clock::start();
             let shown = curve.tone_map(&degraded);
             measures
                 .metrics
                 .iter()
                 .try_for_each(|m| m.compare(&shown, &truth, &measures.definition).map(|_| ()))?;
-            let measuring = started.elapsed().as_secs_f64();
+            let measuring = clock.spent();
             for candidate in comparison.candidates() {
-                let (time, bytes) = comparison.time(candidate, (triplet, &degraded), progress)?;
-                let each = time.of(pixels as f64) + measuring;
+                let (time, bytes) = comparison.cost(candidate, (triplet, &degraded), progress)?;
+                let each = time.of(pixels as f64).and(measuring);
                 let mismatch = self.config().mismatch && candidate.knows_the_kernel();
-                seconds += each * if mismatch { 1.0 + kernels } else { 1.0 };
+                cost = cost.and(each.times(if mismatch { 1.0 + kernels } else { 1.0 }));
                 memory = memory.max(bytes);
             }
             let (own, candidates) = (comparison.own().len() as u64, comparison.candidates().len() as u64);
             let beside = pixels * (PIXEL_BYTES + (candidates + 1) * (CHANNELS * size_of::<f32>()) as u64);
             estimate.items += own;
-            estimate.seconds += own as f64 * seconds;
+            estimate.cost = estimate.cost.and(cost.times(own as f64));
             estimate.disk_bytes += own * candidates * ROW_BYTES;
             estimate.memory_bytes = estimate.memory_bytes.max(PROCESS_BYTES + memory + beside);
         }

@@ -56,7 +56,7 @@ pub use lost::what_is_lost;
 pub use owned_folder::OwnedFolder;
 pub use pixels::{DomainTag, IgnoredOpcode, Pixels, RawMetadata};
 pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_file};
-pub use process::{peak_memory_bytes, scratch_folder};
+pub use process::{core_seconds, peak_memory_bytes, scratch_folder};
 pub use psf::{PsfFaults, PsfMove, PsfOptions, PsfReading, inspect_psf, read_psf, show_shift, write_psf};
 pub use read::{
     image_of, inspect_image, inspect_mosaic, read_capture_info, read_image, read_image_told, read_pixels,

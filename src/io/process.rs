@@ -15,6 +15,18 @@ pub fn peak_memory_bytes() -> Option<u64> {
     Some(kibibytes * 1024)
 }
 
+/// Ticks of the clock that the system counts processor time by, in a second: 100 on every Linux that is in use.
+const TICKS_PER_SECOND: f64 = 100.0;
+
+/// Seconds that this process has spent on all cores together, where the system tells.
+pub fn core_seconds() -> Option<f64> {
+    let stat = fs::read_to_string("/proc/self/stat").ok()?;
+    // The name of the program, which may hold anything, stands in parentheses.
+    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+    let ticks = |index: usize| fields.get(index)?.parse::<f64>().ok();
+    Some((ticks(11)? + ticks(12)?) / TICKS_PER_SECOND)
+}
+
 /// Makes a folder for files that nobody is to keep, on the disk that `output` is to be written to where that may be
 /// written; it goes with what is returned.
 ///
@@ -50,7 +62,12 @@ mod tests {
 
     #[test]
     #[cfg(target_os = "linux")]
-    fn a_process_has_some_memory() {
+    fn a_process_has_some_memory_and_spends_time() {
         assert!(peak_memory_bytes().unwrap() > 1 << 20);
+        let before = core_seconds().unwrap();
+        let begun = std::time::Instant::now();
+        while core_seconds().unwrap() < before + 0.05 {
+            assert!(begun.elapsed().as_secs() < 60, "time passes");
+        }
     }
 }

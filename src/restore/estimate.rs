@@ -1,10 +1,8 @@
 //! Times a restoration on small parts of a capture, from which follows what it takes for all of it.
 
-use std::time::Instant;
-
 use super::{Capture, Restoration};
+use crate::batch::{Clock, LinearCost, Spent};
 use crate::core::error::Result;
-use crate::core::estimate::LinearTime;
 use crate::core::progress::Progress;
 use crate::io::AnyImage;
 
@@ -12,14 +10,14 @@ use crate::io::AnyImage;
 const SIDES: [usize; 2] = [128, 256];
 
 impl Restoration {
-    /// The time of a restoration by the number of pixels, from two parts in the middle of a capture, or from all of a
+    /// The cost of a restoration by the number of pixels, from two parts in the middle of a capture, or from all of a
     /// smaller one.
     ///
     /// # Errors
     /// Those of [`Restoration::restore`].
-    pub fn time(&self, capture: &Capture, progress: &Progress) -> Result<LinearTime> {
+    pub fn cost(&self, capture: &Capture, progress: &Progress) -> Result<LinearCost> {
         self.prepare();
-        let mut measured: Vec<(f64, f64)> = Vec::new();
+        let mut measured: Vec<(f64, Spent)> = Vec::new();
         for side in SIDES {
             let part = Capture { image: middle(&capture.image, side), info: capture.info.clone() };
             let [height, width] = part.image.size();
@@ -27,14 +25,14 @@ impl Restoration {
             if measured.last().is_some_and(|(less, _)| *less >= pixels) {
                 break;
             }
-            let started = Instant::now();
+            let clock = Clock::start();
             self.restore(part, &progress.without_bars())?;
-            measured.push((pixels, started.elapsed().as_secs_f64()));
+            measured.push((pixels, clock.spent()));
         }
         Ok(match measured[..] {
-            [less, more] => LinearTime::through(less, more),
-            [(pixels, seconds), ..] => LinearTime { fixed: 0.0, each: seconds / pixels },
-            [] => LinearTime::default(),
+            [less, more] => LinearCost::through(less, more),
+            [(pixels, spent), ..] => LinearCost::of_each(spent.times(1.0 / pixels)),
+            [] => LinearCost::default(),
         })
     }
 }

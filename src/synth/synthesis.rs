@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use crate::batch::{Estimate, HEADER_BYTES, PROCESS_BYTES, Sampler};
 use crate::core::error::{Error, Result};
-use crate::core::estimate::{Estimate, HEADER_BYTES, PROCESS_BYTES, Sampler};
 use crate::core::field::PsfField;
 use crate::core::image::{CHANNELS, Linear};
 use crate::core::kernel_code::KernelBank;
@@ -152,7 +152,7 @@ impl Synthesis {
                 synthesis.scenes.iter().map(|scene| io::read_image_size::<Linear>(&scene.path, self.told));
             sizes.map(|size| size.map(|[height, width]| (height * width) as f64)).sum()
         };
-        let time = sampler.time().unwrap_or_default();
+        let cost = sampler.cost();
         // In images of the sampled scene's size.
         let images = self.bank.len() as f64 * pixels(self)? / pixels(sample)?;
         Ok(Estimate {
@@ -160,7 +160,8 @@ impl Synthesis {
             unit: "images",
             disk_bytes: needs.disk_bytes,
             memory_bytes: needs.memory.bytes + PROCESS_BYTES,
-            seconds: time.of(images),
+            cost: cost.of(images),
+            fixed: cost.fixed,
             threads: rayon::current_num_threads(),
             measured: format!("{} images of one scene", sampler.steps()),
         })

@@ -1,10 +1,10 @@
 //! Says beforehand what a training takes, from steps on one sample and on two.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use super::{TrainConfig, Trainer, TrainingData};
+use crate::batch::{Clock, Estimate, HEADER_BYTES, LinearCost, PROCESS_BYTES, Spent};
 use crate::core::error::Result;
-use crate::core::estimate::{Estimate, HEADER_BYTES, LinearTime, PROCESS_BYTES};
 use crate::core::image::CHANNELS;
 use crate::io;
 use crate::kernels::keep_freed_memory;
@@ -38,11 +38,11 @@ pub fn estimate(
     let one = time_step(config, data, backend, 1)?;
     let after_one = io::peak_memory_bytes().unwrap_or(before);
     let mut memory = StepMemory { before, each: after_one - before };
-    let mut time = LinearTime { fixed: 0.0, each: one };
+    let mut cost = LinearCost::of_each(one);
     let mut timed = "1 sample";
-    if config.data.batch > 1 && one < patience.as_secs_f64() {
+    if config.data.batch > 1 && one.seconds < patience.as_secs_f64() {
         let two = time_step(config, data, backend, 2)?;
-        time = LinearTime::through((1.0, one), (2.0, two));
+        cost = LinearCost::through((1.0, one), (2.0, two));
         let each = io::peak_memory_bytes().unwrap_or(after_one) - after_one;
         if each > 0 {
             memory = StepMemory { before: after_one - each.min(after_one), each };
@@ -53,8 +53,7 @@ pub fn estimate(
     let checked =
         config.validation.images as f64 * (config.iterations / config.validation.every.max(1)) as f64;
     let validation_pixels = (config.validation.crop as f64 / config.data.crop as f64).powi(2);
-    let seconds =
-        steps * time.of(config.data.batch as f64) + checked * time.each / PASSES * validation_pixels;
+    let validation = cost.each.times(checked / PASSES * validation_pixels);
     Ok(Estimate {
         items: config.iterations,
         unit: "steps",
@@ -62,21 +61,27 @@ pub fn estimate(
         memory_bytes: memory.before
             + memory.each * config.data.batch as u64
             + ((config.data.cache_mib as u64) << 20),
-        seconds,
+        cost: cost.of(config.data.batch as f64).times(steps).and(validation),
+        fixed: Spent::default(),
         threads: rayon::current_num_threads(),
         measured: format!("steps on {timed} of {} × {} pixels", config.data.crop, config.data.crop),
     })
 }
 
-/// The second of two steps on so many samples, in seconds.
-fn time_step(config: &TrainConfig, data: &dyn TrainingData, backend: Backend, samples: usize) -> Result<f64> {
+/// The cost of the second of two steps on so many samples.
+fn time_step(
+    config: &TrainConfig,
+    data: &dyn TrainingData,
+    backend: Backend,
+    samples: usize,
+) -> Result<Spent> {
     let mut config = config.clone();
     (config.data.batch, config.data.accumulate) = (samples, 1);
     let mut trainer = Trainer::new(&config, None, data.len(), backend)?;
     trainer.step(data)?;
-    let started = Instant::now();
+    let clock = Clock::start();
     trainer.step(data)?;
-    Ok(started.elapsed().as_secs_f64())
+    Ok(clock.spent())
 }
 
 /// Checkpoints with weights, their mean and the optimiser's two moments, the latest and the best model, previews, logs.

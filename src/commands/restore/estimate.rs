@@ -1,10 +1,7 @@
 //! Says beforehand what restoring captures takes.
 
-use std::time::Instant;
-
-use udc::batch::Stages as _;
+use udc::batch::{Clock, Estimate, HEADER_BYTES, LinearCost, Spent, Stages as _};
 use udc::core::error;
-use udc::core::estimate::{Estimate, HEADER_BYTES, LinearTime};
 use udc::core::image::{CHANNELS, Linear};
 use udc::core::shard::Shard;
 use udc::io::{Format, read_image_size, scratch_folder};
@@ -23,19 +20,20 @@ impl Run<'_> {
             unit: "images",
             disk_bytes: 0,
             memory_bytes: 0,
-            seconds: 0.0,
+            cost: Spent::default(),
+            fixed: Spent::default(),
             threads: rayon::current_num_threads(),
             measured: "two parts of the first image".to_owned(),
         };
         let Some(first) = jobs.first() else { return Ok(estimate) };
-        let started = Instant::now();
+        let clock = Clock::start();
         let capture = self.read(first)?;
         let first_size = capture.image.size();
         let pixels_of = |[height, width]: [usize; 2]| (height * width) as f64;
-        let reading = started.elapsed().as_secs_f64() / pixels_of(first_size);
-        let time = self.restoration.time(&capture, &self.progress)?;
-        let writing = self.time_of_writing(first, capture)? / pixels_of(first_size);
-        let time = LinearTime { fixed: time.fixed, each: time.each + reading + writing };
+        let reading = clock.spent();
+        let cost = self.restoration.cost(&capture, &self.progress)?;
+        let files = reading.and(self.cost_of_writing(first, capture)?).times(1.0 / pixels_of(first_size));
+        let cost = LinearCost { fixed: cost.fixed, each: cost.each.and(files) };
         for job in &jobs {
             // Raw pictures and brackets are taken to be of the first one's size: their headers do not tell it.
             let own = match &job.inputs[..] {
@@ -43,24 +41,24 @@ impl Run<'_> {
                 _ => None,
             };
             let size = own.unwrap_or(first_size);
-            estimate.seconds += time.of(pixels_of(size));
+            estimate.cost = estimate.cost.and(cost.of(pixels_of(size)));
             estimate.memory_bytes = estimate.memory_bytes.max(self.restoration.plan(size)?.bytes);
             estimate.disk_bytes += self.disk_bytes(job, size);
         }
         Ok(estimate)
     }
 
-    /// Seconds that writing an image of a capture's size takes.
-    fn time_of_writing(&self, job: &Job, capture: Capture) -> error::Result<f64> {
+    /// What writing an image of a capture's size costs.
+    fn cost_of_writing(&self, job: &Job, capture: Capture) -> error::Result<Spent> {
         let scratch = scratch_folder(&job.output)?;
         let path = scratch.path().join("sample.exr");
-        let started = Instant::now();
+        let clock = Clock::start();
         let options = udc::io::WriteOptions { half: self.args.half, ..Default::default() };
         match capture.image {
             udc::io::AnyImage::Linear(image) => udc::io::write_image(&path, &image, &options)?,
             udc::io::AnyImage::ToneMapped(image) => udc::io::write_image(&path, &image, &options)?,
         }
-        Ok(started.elapsed().as_secs_f64())
+        Ok(clock.spent())
     }
 
     /// Bytes of an image's file at most.
