@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf, is_separator};
 
 use crate::core::error::{Error, Result};
+use crate::core::shard::Shard;
 use crate::io::{Format, check_output, names_folder, stem_of_input};
 
 /// What the user names for the results, and how files are named in it if it is a folder.
@@ -14,6 +15,8 @@ pub struct Destination<'a> {
     pub extension: &'a str,
     /// Whether files that are there do not matter.
     pub accepts_existing: bool,
+    /// Whose files must not be there: those of the other shards may be.
+    pub shard: Shard,
 }
 
 /// A result before it has a file.
@@ -73,7 +76,8 @@ impl Destination<'_> {
             }
         }
         if self.path.is_dir() {
-            files.iter().try_for_each(|file| check_output(file, self.accepts_existing))?;
+            let own = self.shard.choose(files.iter().collect());
+            own.into_iter().try_for_each(|file| check_output(file, self.accepts_existing))?;
         }
         Ok(files)
     }
@@ -93,7 +97,8 @@ mod tests {
         let files = ["x/a.exr", "x/b.exr", "y/a.npy"].map(PathBuf::from);
         let place = |name: &str, files: &[PathBuf], accepts_existing| {
             let path = scratch.path().join(name);
-            Destination { path: &path, extension: "png", accepts_existing }.place_files(files, &[])
+            Destination { path: &path, extension: "png", accepts_existing, shard: Shard::WHOLE }
+                .place_files(files, &[])
         };
         assert_eq!(place("a.tif", &files[..1], false).unwrap(), [scratch.path().join("a.tif")]);
         let placed = place("out", &files[..2], false).unwrap();
@@ -107,5 +112,8 @@ mod tests {
         std::fs::write(&placed[1], "there").unwrap();
         assert!(place("out", &files[..2], false).is_err());
         assert_eq!(place("out", &files[..2], true).unwrap(), placed);
+        let (path, shard) = (scratch.path().join("out"), Shard { index: 0, count: 2 });
+        let to = Destination { path: &path, extension: "png", accepts_existing: false, shard };
+        assert_eq!(to.place_files(&files[..2], &[]).unwrap(), placed, "the file of another shard is there");
     }
 }

@@ -10,6 +10,7 @@ use clap::Args;
 use udc::batch::Destination;
 use udc::core::capture::{CaptureInfo, parse_exposure, parse_level};
 use udc::core::orientation::Orientation;
+use udc::core::shard::Shard;
 use udc::core::tone::ToneCurve;
 use udc::finish::{Companions, FinishInputs, FinishPlan};
 use udc::io::DomainTag;
@@ -38,7 +39,8 @@ use style::StyleArgs;
     udc finish restored.exr --color-space display-p3 --hdr -o restored.jpg\n  \
     udc finish render.exr --layer beauty --bits 16 -o beauty.tif\n  \
     udc finish restored/ --ccm real_data/CCM_txt --reference real_data/jpg_ZTE -o finished/\n  \
-    udc finish PUBLISHED_ROOT -o finished/ --resume")]
+    udc finish PUBLISHED_ROOT -o finished/ --resume\n  \
+    udc finish restored/ -o finished/ --shard 2/8")]
 pub(crate) struct FinishArgs {
     /// Images, folders or patterns; also the folder of the published dataset
     #[arg(required = true, value_name = "IN")]
@@ -89,6 +91,9 @@ pub(crate) struct FinishArgs {
     /// Leave out what the camera says of the picture: its name, time, exposure, position
     #[arg(long)]
     no_exif: bool,
+    /// Finish only the I-th of N parts; all parts may be finished at the same time, into one folder
+    #[arg(long, value_name = "I/N", default_value = "1/1")]
+    shard: Shard,
     /// Bits of PNG and TIFF [default: 8 for PNG, 16 for TIFF]
     #[arg(long, alias = "depth", value_name = "8|16", value_parser = BITS)]
     bits: Option<u8>,
@@ -118,6 +123,7 @@ impl FinishArgs {
             path: &self.output,
             extension: self.format,
             accepts_existing: session.overwrite || self.resume,
+            shard: self.shard,
         };
         Ok(plan.run(&inputs, &destination, self.resume, session)?)
     }

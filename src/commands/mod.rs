@@ -10,6 +10,7 @@ mod crop;
 mod demo;
 mod doctor;
 mod domain;
+mod dry_run;
 mod eval;
 mod events;
 mod examples;
@@ -47,6 +48,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
 use udc::core::event::{Event, SCHEMA};
+use udc::io::peak_memory_bytes;
 use udc::kernels::Isa;
 
 use choices::Choices;
@@ -323,6 +325,14 @@ const LOG_DELAY: Duration = Duration::from_secs(10);
 /// What is being done when stdout takes no more.
 const WRITING_TO_STDOUT: &str = "writing to stdout";
 
+/// Prints a line on stdout, whatever the verbosity: what the command was called for.
+///
+/// # Errors
+/// When stdout is closed, or takes no more.
+fn print_line(text: impl Display) -> Result<()> {
+    writeln!(std::io::stdout().lock(), "{text}").context(WRITING_TO_STDOUT)
+}
+
 /// Prints a line on stderr, if anybody reads it.
 pub(crate) fn print_error(text: impl Display) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");
@@ -355,14 +365,6 @@ pub(crate) fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         cause.downcast_ref::<std::io::Error>().is_some_and(|io| io.kind() == std::io::ErrorKind::BrokenPipe)
     })
-}
-
-/// The most memory that this process has held at once, where the system tells.
-fn peak_memory_bytes() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
-    let kibibytes: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
-    Some(kibibytes * 1024)
 }
 
 fn mebibytes(bytes: u64) -> String {

@@ -8,8 +8,8 @@ use clap::Args;
 use serde_json::json;
 
 use udc::core::error::Error;
+use udc::core::shard::Shard;
 use udc::scenes::SceneSet;
-use udc::synth::Shard;
 
 use super::choices::FLOAT_FORMATS;
 use super::{Session, text_of};

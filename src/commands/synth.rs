@@ -9,12 +9,14 @@ use clap::{ArgGroup, Args, value_parser};
 use serde_json::json;
 
 use udc::core::bytes::{format_bytes, parse_bytes};
+use udc::core::shard::Shard;
 use udc::dataset::Split;
 use udc::io;
-use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, SynthesisConfig};
+use udc::synth::{Division, Existing, SceneReport, Synthesis, SynthesisConfig};
 
 use super::choices::SPLITS;
 use super::domain::SceneDomainArgs;
+use super::dry_run::{DryRunArgs, PATIENCE};
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
 use super::{Session, text_of};
 use options::{FormationArgs, KernelArgs, StorageArgs};
@@ -77,14 +79,23 @@ pub(crate) struct SynthArgs {
     /// that killed runs left more than an hour ago are removed
     #[arg(long)]
     resume: bool,
+    /// As --resume, even where another process holds the same part: one of a machine that is gone, whose locks a network file
+    /// system has kept. If it still runs, it does no harm, and its work is done again
+    #[arg(long)]
+    take_over: bool,
     /// Memory that may be used
     #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = parse_bytes)]
     max_memory: u64,
+    #[command(flatten)]
+    dry_run: DryRunArgs,
 }
 
 impl SynthArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let synthesis = self.plan(session)?;
+        if self.dry_run.dry_run {
+            return self.estimate(&synthesis, session);
+        }
         let needs = synthesis.needs().context("planning the synthesis")?;
         let ([height, width], count) = (needs.size, synthesis.scenes.len());
         let formation = &synthesis.config.formation;
@@ -106,10 +117,11 @@ impl SynthArgs {
             session.warn(warning);
         }
         self.warn_of_one_source(session, &synthesis);
-        let existing = match (session.overwrite, self.resume) {
-            (true, _) => Existing::Overwrite,
-            (false, true) => Existing::Resume,
-            (false, false) => Existing::Refuse,
+        let existing = match (session.overwrite, self.resume, self.take_over) {
+            (true, ..) => Existing::Overwrite,
+            (false, _, true) => Existing::TakeOver,
+            (false, true, false) => Existing::Resume,
+            (false, false, false) => Existing::Refuse,
         };
         let mut made = 0;
         synthesis
@@ -125,7 +137,21 @@ impl SynthArgs {
         session.say(format_args!("{}: {made} images made{kept}", self.output.display()))
     }
 
+    /// Says what the synthesis would take.
+    fn estimate(&self, synthesis: &Synthesis, session: &Session) -> Result<()> {
+        // Before a scene is sampled: a shard may have none.
+        synthesis.needs().context("planning the synthesis")?;
+        let sample: Vec<PathBuf> = synthesis.scenes.iter().take(1).map(|scene| scene.path.clone()).collect();
+        let sample = self.plan_scenes(sample, Shard::WHOLE, session)?;
+        let estimate = synthesis.estimate(&sample, &self.output, PATIENCE)?;
+        self.dry_run.tell("synth", &estimate, session)
+    }
+
     fn plan(&self, session: &Session) -> Result<Synthesis> {
+        self.plan_scenes(io::expand_inputs(&self.scenes)?, self.shard, session)
+    }
+
+    fn plan_scenes(&self, scenes: Vec<PathBuf>, shard: Shard, session: &Session) -> Result<Synthesis> {
         let degradations = self.kernels.read(&self.psf_file, session)?;
         let config = SynthesisConfig {
             formation: self.formation.resolve(),
@@ -135,13 +161,13 @@ impl SynthArgs {
                 None => Division::TestFraction(self.test_fraction),
             },
             seed: self.seed,
-            shard: self.shard,
+            shard,
             told: self.scene.domain,
             image_format: self.storage.format,
             half: self.storage.half,
             max_bytes: self.max_memory,
         };
-        Ok(Synthesis::plan(io::expand_inputs(&self.scenes)?, degradations, config)?)
+        Ok(Synthesis::plan(scenes, degradations, config)?)
     }
 
     fn warn_of_one_source(&self, session: &Session, synthesis: &Synthesis) {

@@ -6,6 +6,7 @@ use anyhow::Result;
 use clap::Args;
 
 use udc::batch::{Destination, ToneMapping};
+use udc::core::shard::Shard;
 use udc::core::tone::ToneCurve;
 use udc::io::DomainTag;
 
@@ -63,8 +64,12 @@ impl TonemapArgs {
             half: self.half,
             overwrite: session.overwrite,
         };
-        let destination =
-            Destination { path: &self.output, extension: self.format, accepts_existing: session.overwrite };
+        let destination = Destination {
+            path: &self.output,
+            extension: self.format,
+            accepts_existing: session.overwrite,
+            shard: Shard::WHOLE,
+        };
         Ok(mapping.run(&self.layer.of(&self.inputs), &destination, session)?)
     }
 }

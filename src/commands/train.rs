@@ -2,19 +2,21 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use clap::error::ErrorKind;
 use serde_json::json;
 
+use udc::core::shard::Shard;
 use udc::examples::{ExampleSet, ExamplesConfig};
 use udc::experiment::validation_measures;
 use udc::io;
 use udc::kernels::keep_freed_memory;
 use udc::network::{Backend, GUIDED};
-use udc::synth::{Existing, Shard};
+use udc::synth::Existing;
 use udc::train::{self, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationScore, read_initial};
 
+use super::dry_run::{DryRunArgs, PATIENCE};
 use super::events::Stopped;
 use super::{Session, text_of};
 
@@ -65,10 +67,15 @@ pub(crate) struct TrainArgs {
     /// Burn backend to compute with: flex or ndarray
     #[arg(long, default_value = "flex", value_name = "NAME")]
     pub(super) backend: Backend,
+    #[command(flatten)]
+    pub(super) dry_run: DryRunArgs,
 }
 
 impl TrainArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        if self.dry_run.dry_run {
+            return self.estimate(session);
+        }
         let outcome = self.train(session)?;
         report(&outcome, &self.output, session)
     }
@@ -92,6 +99,21 @@ impl TrainArgs {
         };
         keep_freed_memory();
         Ok(training.run(&self.output, start)?)
+    }
+
+    /// Says what the training would take, all of its iterations counted.
+    fn estimate(&self, session: &Session) -> Result<()> {
+        let config = self.read_config()?;
+        let Some(data) = self.data.as_deref() else {
+            bail!(
+                "--dry-run needs examples that are there: make them with `udc examples`, and name them with --data"
+            );
+        };
+        let set = TrainingSet::open(data, self.bank.as_deref(), &config)?;
+        let warn = |text: &str| session.warn(text);
+        let samples = set.samples(&config, &warn)?;
+        let estimate = train::estimate(&config, &*samples, self.backend, PATIENCE)?;
+        self.dry_run.tell("train", &estimate, session)
     }
 
     fn read_config(&self) -> Result<TrainConfig> {

@@ -25,5 +25,6 @@ pub mod provenance;
 pub mod psf;
 pub mod rng;
 pub mod saturation;
+pub mod shard;
 pub mod spread;
 pub mod tone;

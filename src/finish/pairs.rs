@@ -198,6 +198,7 @@ fn pair(files: &[PathBuf], companions: &[Companion; 2], watcher: &dyn Watcher) -
 mod tests {
     use super::*;
     use crate::batch::testing::Notes;
+    use crate::core::shard::Shard;
 
     fn folder_of(root: &Path, folder: &str, names: &[&str]) -> PathBuf {
         let folder = root.join(folder);
@@ -208,7 +209,8 @@ mod tests {
 
     fn jobs(root: &Path, inputs: &FinishInputs, notes: &Notes) -> Result<Vec<Job>> {
         let path = root.join("out/");
-        inputs.jobs(&Destination { path: &path, extension: "png", accepts_existing: false }, notes)
+        let (extension, accepts_existing, shard) = ("png", false, Shard::WHOLE);
+        inputs.jobs(&Destination { path: &path, extension, accepts_existing, shard }, notes)
     }
 
     #[test]

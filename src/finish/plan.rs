@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::pairs::Job;
 use super::{Companions, Curve, FinishInputs, Look, Photograph, Style, channel_means, read_color_matrix};
-use crate::batch::{self, Destination, Stages, Watcher, timed};
+use crate::batch::{self, Destination, Selection, Stages, Watcher, timed};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::exif::Exif;
@@ -34,7 +34,7 @@ pub struct FinishPlan {
 }
 
 impl FinishPlan {
-    /// Finishes all images; with `resume`, the pictures that are there are kept.
+    /// Finishes all images, or those of the destination's shard; with `resume`, the pictures that are there are kept.
     ///
     /// # Errors
     /// When a setting is out of range, an image does not exist or has no companion where all have one, or an output may not
@@ -51,7 +51,7 @@ impl FinishPlan {
         self.check_bits(&jobs)?;
         self.check_hdr(&jobs)?;
         let finishing = Finishing { plan: self, leaves_out_ccm: inputs.ccm == Companions::Nowhere, watcher };
-        batch::run(&finishing, jobs, resume, watcher)
+        batch::run(&finishing, jobs, Selection { shard: destination.shard, resume }, watcher)
     }
 
     /// Refuses a number of bits that the format of an output does not have.

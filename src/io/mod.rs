@@ -32,6 +32,7 @@ mod owned_folder;
 mod pixels;
 mod plain;
 mod planes;
+mod process;
 mod psf;
 mod raster;
 mod read;
@@ -44,7 +45,7 @@ mod written;
 
 pub use any_image::{AnyImage, ImageReading, any_image_of, check_output_domain, inspect_any_image};
 pub use array::{read_array, write_array};
-pub use atomic::{WriteSeek, check_output, list_unfinished, remove_unfinished, write_atomically};
+pub use atomic::{WriteSeek, check_output, list_unfinished, remove_unfinished, write_atomically, write_once};
 pub use bank::{
     FORMAT as BANK_FORMAT, bank_sha256, bank_sha256_of, encode_bank, is_bank_of_sha256, read_bank,
     read_bank_codes, write_bank, write_published_bank,
@@ -64,6 +65,7 @@ pub use machine::{available_memory_bytes, check_writable, free_disk_bytes};
 pub use owned_folder::OwnedFolder;
 pub use pixels::{DomainTag, IgnoredOpcode, Pixels, RawMetadata};
 pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_file};
+pub use process::{core_seconds, peak_memory_bytes, scratch_folder};
 pub use psf::{PsfFaults, PsfMove, PsfOptions, PsfReading, inspect_psf, read_psf, show_shift, write_psf};
 pub use raster::GAIN_OFFSET;
 pub use read::{

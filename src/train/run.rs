@@ -312,8 +312,9 @@ fn open_log(path: &Path, iteration: u64) -> Result<LineLog> {
         value.and_then(|value| value["iteration"].as_u64()).is_some_and(|found| found <= iteration)
     };
     let kept: String = text.lines().take_while(is_done).map(|line| format!("{line}\n")).collect();
-    io::write_atomically(path, true, |out| out.write_all(kept.as_bytes()))?;
-    LineLog::open(path)
+    // Where folders cannot be locked, as on network file systems, files may be.
+    LineLog::open(path)?.try_lock()?;
+    LineLog::replace(path, &kept)
 }
 
 /// A run between two steps.

@@ -46,6 +46,7 @@ mod resume;
 mod run_folder;
 mod scale;
 mod scenes;
+mod shards;
 mod sweep;
 mod synth;
 #[path = "../common/tiff.rs"]

@@ -63,6 +63,7 @@ impl RestoreArgs {
             path: &self.output,
             extension: self.format,
             accepts_existing: session.overwrite || self.resume,
+            shard: self.shard,
         };
         let unplaced =
             |files: &CaptureFiles| Unplaced { name: files.name.clone(), source: names_of(&files.files) };
