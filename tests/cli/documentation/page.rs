@@ -104,9 +104,10 @@ fn conversation(lines: &[&str]) -> (String, Vec<String>) {
     (script.join("\n"), said)
 }
 
-/// The calls of `udc` in a script, as far as the flags go: without comments, pipes and redirections.
+/// The calls of `udc` in a script, as far as the flags go: without comments, pipes and redirections, the names of variables for
+/// their values.
 pub(super) fn calls(script: &str) -> Vec<String> {
-    let joined = script.replace("\\\n", " ");
+    let joined = script.replace("\\\n", " ").replace('$', "");
     let without_comment = |line: &str| {
         let at = line.find(" #").unwrap_or(line.len());
         if line.trim_start().starts_with('#') { String::new() } else { line[..at].to_owned() }
@@ -114,7 +115,7 @@ pub(super) fn calls(script: &str) -> Vec<String> {
     let lines: Vec<String> = joined.lines().map(without_comment).collect();
     let commands =
         lines.iter().flat_map(|line| line.split("&&")).flat_map(|part| part.split(['|', ';', '>']));
-    commands.map(|part| part.trim()).filter(|part| part.starts_with("udc ")).map(str::to_owned).collect()
+    commands.map(str::trim).filter(|part| part.starts_with("udc ")).map(str::to_owned).collect()
 }
 
 #[test]
