@@ -111,7 +111,11 @@ fn run_block(name: &str, block: &Block, folder: &Path, replacements: &mut [(Stri
     let mut rest = &lines[..];
     for expected in block.said.iter().filter(|line| !line.trim().is_empty() && line.trim() != "…") {
         let wanted = without_numbers(expected);
-        let found = rest.iter().position(|line| *line == wanted);
+        let says = |line: &String| match wanted.strip_suffix('…') {
+            Some(beginning) => line.starts_with(beginning),
+            None => *line == wanted,
+        };
+        let found = rest.iter().position(says);
         let found = found.unwrap_or_else(|| panic!("{at}: {script}\ndoes not say {expected:?}, but\n{said}"));
         rest = &rest[found + 1..];
     }

@@ -1,7 +1,7 @@
 //! Takes the command lines out of a page of Markdown, with what its comments tell the tests to do.
 //!
 //! Blocks fenced as `sh` are scripts of a shell; of those fenced as `console`, lines that begin with `$ ` are, and the others
-//! are what is said. Comments, which readers do not see, tell what readers need not:
+//! are what is said, among other lines; a line that ends with `…` goes on. Comments, which readers do not see, tell what readers need not:
 //!
 //! | comment | means |
 //! |---|---|
