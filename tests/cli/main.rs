@@ -14,6 +14,7 @@ mod compare;
 mod crop_codes;
 mod demo;
 mod doctor;
+mod documentation;
 mod domains;
 mod eval;
 mod events;
