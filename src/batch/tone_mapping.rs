@@ -120,6 +120,7 @@ mod tests {
     use super::*;
     use crate::batch::testing::Notes;
     use crate::core::image::LinearImage;
+    use crate::core::shard::Shard;
     use crate::io::{read_image, write_image};
     use ndarray::Array3;
 
