@@ -120,7 +120,8 @@ fn place_of(lightness: f32) -> f32 {
     (lightness / 256.0 * BINS as f32).clamp(0.0, BINS as f32 - 1e-3)
 }
 
-/// The variance of noise in each range of lightness; of ranges with few pixels that of the nearest with many.
+/// The variance of noise in each range of lightness; of ranges with few pixels that of the nearest with many. It changes
+/// slowly: a range that has more than its neighbours is one of edges and texture.
 fn estimate(mean: &Array2<f32>, variance: &Array2<f32>) -> [f32; BINS] {
     let mut windows: [Vec<f32>; BINS] = Default::default();
     for (mean, variance) in mean.iter().zip(variance) {
@@ -141,11 +142,13 @@ fn estimate(mean: &Array2<f32>, variance: &Array2<f32>) -> [f32; BINS] {
             (even / OF_TRUE).min(MOST_NOISE * MOST_NOISE)
         })
     });
-    std::array::from_fn(|bin| {
+    let known: [f32; BINS] = std::array::from_fn(|bin| {
         let nearest =
             (0..BINS).filter(|other| found[*other].is_some()).min_by_key(|other| other.abs_diff(bin));
         nearest.and_then(|other| found[other]).unwrap_or(0.0)
-    })
+    });
+    let around = |bin: usize| known[bin.saturating_sub(1)..(bin + 2).min(BINS)].iter();
+    std::array::from_fn(|bin| around(bin).copied().fold(f32::INFINITY, f32::min))
 }
 
 /// The variance of noise at a lightness, between the middles of two ranges.

