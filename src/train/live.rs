@@ -131,7 +131,7 @@ mod tests {
     #[test]
     fn a_mean_of_few_is_plain_and_of_many_follows() {
         let mut mean = RunningMean::default();
-        [1.0, 3.0].map(|value| mean.add(value));
+        [1.0, 3.0].into_iter().for_each(|value| mean.add(value));
         assert!((mean.value() - 2.0).abs() < 0.01);
         (0..1000).for_each(|_| mean.add(7.0));
         assert!((mean.value() - 7.0).abs() < 1e-3);
