@@ -119,7 +119,7 @@ fn dataset_and_model(dataset: &Dataset, (path, model): (&Path, &Model), findings
         findings.ok(about, "tone-curve", format!("both under α {} and x-max {}", formed.alpha, formed.x_max));
     } else if model.architecture().planes().is_empty() {
         let what = format!(
-            "the model was trained under α {} and x-max {}, and the dataset was formed under {} and {}",
+            "the model was trained under α {} and x-max {}, and the dataset was formed under α {} and x-max {}",
             trained.alpha, trained.x_max, formed.alpha, formed.x_max
         );
         let mend = "train on this dataset, or make one on the model's scale: `udc synth --x-max X --alpha A`";

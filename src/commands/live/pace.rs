@@ -71,7 +71,7 @@ mod tests {
     #[test]
     fn a_steady_pace_is_found_and_its_end() {
         let mut pace = Pace::default();
-        (1..=40).for_each(|step| pace.note(f64::from(step) * 2.0, step as u64));
+        (1..=40_u32).for_each(|step| pace.note(f64::from(step) * 2.0, u64::from(step)));
         assert!((pace.per_second(80.0).unwrap() - 0.5).abs() < 1e-12);
         assert!((pace.seconds_left(80.0, 100).unwrap() - 120.0).abs() < 1e-9);
         assert!((pace.seconds_left(81.0, 100).unwrap() - 119.0).abs() < 1e-9, "it counts down");
@@ -81,15 +81,15 @@ mod tests {
     #[test]
     fn the_present_counts_and_not_the_past() {
         let mut pace = Pace::default();
-        (1..=1000).for_each(|step| pace.note(f64::from(step) * 0.1, step as u64));
-        (1..=60).for_each(|step| pace.note(100.0 + f64::from(step), 1000 + step as u64));
+        (1..=1000_u32).for_each(|step| pace.note(f64::from(step) * 0.1, u64::from(step)));
+        (1..=60_u32).for_each(|step| pace.note(100.0 + f64::from(step), 1000 + u64::from(step)));
         assert!((pace.per_second(160.0).unwrap() - 1.0).abs() < 0.05);
     }
 
     #[test]
     fn a_step_that_hangs_slows_the_pace() {
         let mut pace = Pace::default();
-        (1..=4).for_each(|step| pace.note(f64::from(step), step as u64));
+        (1..=4_u32).for_each(|step| pace.note(f64::from(step), u64::from(step)));
         assert!((pace.per_second(4.5).unwrap() - 1.0).abs() < 1e-12, "it is within its time");
         assert!((pace.per_second(16.0).unwrap() - 0.25).abs() < 1e-12);
     }
