@@ -42,6 +42,7 @@ pages! {
     formats: "docs/src/formats.md",
     light: "docs/src/light.md",
     performance: "docs/src/performance.md",
+    sharing: "docs/src/sharing.md",
     determinism: "docs/src/determinism.md",
     limits: "docs/src/limits.md",
     questions: "docs/src/questions.md",
