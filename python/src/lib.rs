@@ -1,1 +1,1 @@
-//! x
+//! Python module.
