@@ -22,7 +22,8 @@ pub(crate) fn misuse(reason: &str) -> PyErr {
 
 fn exception(reason: &str, number: Option<i32>) -> PyErr {
     Python::attach(|py| {
-        let made = py.import("udc._errors").and_then(|errors| errors.call_method1("exception", (reason, number)));
+        let made =
+            py.import("udc._errors").and_then(|errors| errors.call_method1("exception", (reason, number)));
         made.map_or_else(|error| error, PyErr::from_value)
     })
 }

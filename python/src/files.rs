@@ -8,7 +8,8 @@ use pyo3::prelude::*;
 use udc::core::capture::CaptureInfo;
 use udc::core::image::{Linear, ToneMapped};
 use udc::io::{
-    DomainTag, PixelOptions, Pixels, PsfOptions, WriteOptions, image_of, inspect_psf, write_image, write_pixels,
+    DomainTag, PixelOptions, Pixels, PsfOptions, WriteOptions, image_of, inspect_psf, write_image,
+    write_pixels,
 };
 use udc::restore::Notice;
 
@@ -21,7 +22,11 @@ type Read<'py> = (Bound<'py, PyArray3<f32>>, &'static str, Option<String>, Notic
 
 /// Reads an image; a camera's raw file is developed to linear light.
 #[pyfunction]
-pub(crate) fn read_image<'py>(py: Python<'py>, path: PathBuf, domain_told: Option<&str>) -> PyResult<Read<'py>> {
+pub(crate) fn read_image<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    domain_told: Option<&str>,
+) -> PyResult<Read<'py>> {
     let domain = domain("domain", domain_told).map_err(|error| to_python(&error))?;
     let (capture, notices) = run(py, |progress| {
         let mut notices = Notices::new();
@@ -61,7 +66,12 @@ pub(crate) struct WriteSettings {
 
 /// Writes an image in the format of the path's extension.
 #[pyfunction]
-pub(crate) fn write_image_file(py: Python<'_>, path: PathBuf, image: Source<'_>, settings: WriteSettings) -> PyResult<()> {
+pub(crate) fn write_image_file(
+    py: Python<'_>,
+    path: PathBuf,
+    image: Source<'_>,
+    settings: WriteSettings,
+) -> PyResult<()> {
     let choices = [DomainTag::Linear, DomainTag::ToneMapped, DomainTag::Display].map(|tag| (tag.name(), tag));
     let domain = choice("domain", &settings.domain, &choices).map_err(|error| to_python(&error))?;
     let given = image.own(settings.info.as_deref())?;
@@ -75,10 +85,13 @@ pub(crate) fn write_image_file(py: Python<'_>, path: PathBuf, image: Source<'_>,
         match domain {
             DomainTag::ToneMapped => write_image(&path, &image_of::<ToneMapped>(&name, pixels)?, &options),
             DomainTag::Display => {
-                let options = PixelOptions { half, overwrite, clip: true, eight_bit, ..PixelOptions::default() };
+                let options =
+                    PixelOptions { half, overwrite, clip: true, eight_bit, ..PixelOptions::default() };
                 write_pixels(&path, &pixels, options)
             }
-            DomainTag::Linear | DomainTag::Srgb => write_image(&path, &image_of::<Linear>(&name, pixels)?, &options),
+            DomainTag::Linear | DomainTag::Srgb => {
+                write_image(&path, &image_of::<Linear>(&name, pixels)?, &options)
+            }
         }
     })
 }

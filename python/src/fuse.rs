@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use numpy::PyArray3;
 use pyo3::prelude::*;
 
-use udc::capture::{Developed, MergeRule, PSF_BRACKET, Pictures, SCENE_BRACKET, Told, ToldLevels, read_mask, uncorrected};
+use udc::capture::{
+    Developed, MergeRule, PSF_BRACKET, Pictures, SCENE_BRACKET, Told, ToldLevels, read_mask, uncorrected,
+};
 use udc::core::bayer::BayerPattern;
 use udc::core::error::Result;
 use udc::psf::{MeasureConfig, Normalization, measure_psf};
@@ -71,7 +73,8 @@ impl FuseSettings {
             ("none", Normalization::None),
         ];
         let default = MeasureConfig::default();
-        let normalize = self.normalize.as_deref().map(|word| choice("normalize", word, &names)).transpose()?;
+        let normalize =
+            self.normalize.as_deref().map(|word| choice("normalize", word, &names)).transpose()?;
         let size = self.size.unwrap_or(default.size);
         let config = MeasureConfig { size, normalize: normalize.unwrap_or(default.normalize) };
         config.check()?;
@@ -84,7 +87,11 @@ type FusedArray<'py> = (Bound<'py, PyArray3<f32>>, Option<String>, Notices);
 
 /// Fuses the pictures of files.
 #[pyfunction]
-pub(crate) fn fuse<'py>(py: Python<'py>, files: Vec<PathBuf>, settings: FuseSettings) -> PyResult<FusedArray<'py>> {
+pub(crate) fn fuse<'py>(
+    py: Python<'py>,
+    files: Vec<PathBuf>,
+    settings: FuseSettings,
+) -> PyResult<FusedArray<'py>> {
     let measure = settings.measure_config().map_err(|error| to_python(&error))?;
     let (planes, info, notices) = run(py, |progress| {
         let told = settings.told()?;

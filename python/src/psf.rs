@@ -81,7 +81,8 @@ pub(crate) fn simulate_psf<'py>(py: Python<'py>, settings: PsfSettings) -> PyRes
         let psf = match &display {
             Some(display) => {
                 if display.display.is_featureless() {
-                    let lens = "the panel has no sub-pixels, openings or wiring: its PSF is that of the bare lens";
+                    let lens =
+                        "the panel has no sub-pixels, openings or wiring: its PSF is that of the bare lens";
                     notices.push(warning(lens.to_owned()));
                 }
                 let simulated = udc::psf::simulate_psf(display, progress)?;

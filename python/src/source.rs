@@ -34,7 +34,10 @@ pub(crate) type Notices = Vec<(&'static str, String)>;
 impl Source<'_> {
     /// Copies an array, once; `info` is what is known of its capture.
     pub(crate) fn own(self, info: Option<&str>) -> PyResult<Given> {
-        let info = info.map(CaptureInfo::from_json).transpose().map_err(|reason| misuse(&format!("info: {reason}")))?;
+        let info = info
+            .map(CaptureInfo::from_json)
+            .transpose()
+            .map_err(|reason| misuse(&format!("info: {reason}")))?;
         Ok(match self {
             Self::File(path) => Given::File(path),
             Self::Planes(planes, is_integer, name) => {
@@ -56,7 +59,11 @@ impl Given {
     }
 
     /// An image in a domain of light.
-    pub(crate) fn image(self, told: Option<DomainTag>, notices: &mut Notices) -> Result<(AnyImage, Option<CaptureInfo>)> {
+    pub(crate) fn image(
+        self,
+        told: Option<DomainTag>,
+        notices: &mut Notices,
+    ) -> Result<(AnyImage, Option<CaptureInfo>)> {
         let (path, pixels) = self.pixels()?;
         let ImageReading { image, info, contradiction } = any_image_of(&path, pixels, told)?;
         notices.extend(contradiction.map(warning));
@@ -64,7 +71,12 @@ impl Given {
     }
 
     /// A capture, which may be a camera's raw file.
-    pub(crate) fn capture(self, told: Option<DomainTag>, progress: &Progress, notices: &mut Notices) -> Result<Capture> {
+    pub(crate) fn capture(
+        self,
+        told: Option<DomainTag>,
+        progress: &Progress,
+        notices: &mut Notices,
+    ) -> Result<Capture> {
         if let Self::File(path) = &self {
             let told = Told { domain: told, ..Told::default() };
             let (capture, warnings) = Capture::open(path, &told, progress)?;
@@ -92,7 +104,10 @@ pub(crate) fn told(notice: &Notice) -> (&'static str, String) {
 }
 
 /// Planes `[3, H, W]` as an array `[H, W, 3]`, in the same memory.
-pub(crate) fn to_array(py: Python<'_>, planes: Array3<f32>) -> PyResult<Bound<'_, PyArray3<f32>>> {
+pub(crate) fn to_array<T: numpy::Element>(
+    py: Python<'_>,
+    planes: Array3<T>,
+) -> PyResult<Bound<'_, PyArray3<T>>> {
     PyArray3::from_owned_array(py, planes).permute(Some([1, 2, 0]))
 }
 
