@@ -9,16 +9,16 @@ use serde_json::json;
 use udc::core::bytes::parse_bytes;
 use udc::core::error::{Error, Result};
 use udc::dataset::NoiseConfig;
-use udc::io::{DomainTag, PsfOptions};
+use udc::io::{AnyImage, DomainTag, PsfOptions};
 use udc::network::GUIDED;
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, Method};
 use udc::restore::{
-    Angle, Highlights, KernelFiles, MemoryBudget, MethodConfig, PoseSource, Precision, RestorationConfig,
+    Angle, FoundAngle, Highlights, KernelFiles, MemoryBudget, MethodConfig, PoseSource, Precision, RestorationConfig,
     is_guided,
 };
 
 use crate::error::to_python;
-use crate::source::{Notices, Source, choice, domain, light_domain, planes_of, to_array, told};
+use crate::source::{Notices, Source, choice, domain, light_domain, planes_of, to_array, told, warning};
 use crate::work::run;
 
 /// How to restore, as `udc restore` takes it.
@@ -187,32 +187,26 @@ pub(crate) fn restore<'py>(
     };
     let (domain_told, output) = resolve().map_err(|error| to_python(&error))?;
     let capture = capture.own(info)?;
-    let (image, restored, notices) = run(py, |progress| {
+    let (image, info, found, notices) = run(py, |progress| {
         let mut notices = Notices::new();
         let (restoration, of_files) = settings.config()?.open()?;
         notices.extend(of_files.iter().map(told));
         let capture = capture.capture(domain_told, progress, &mut notices)?;
         let usual = if settings.true_highlights { DomainTag::Linear } else { capture.image.domain() };
-        let mut restored = restoration.restore(capture, progress)?;
-        let warning = restored.angle.as_ref().and_then(|angle| angle.warning());
-        notices.extend(warning.map(|text| crate::source::warning(text.to_string())));
-        let image = restored.image.clone();
-        restored.image = udc::io::AnyImage::Linear(udc::core::image::LinearImage::from_planes(
-            ndarray::Array3::zeros((3, 1, 1)),
-        )?);
+        let Restored { image, info, angle, curve, lamps, levels, pose } = restoration.restore(capture, progress)?;
+        notices.extend(angle.as_ref().and_then(FoundAngle::warning).map(|text| warning(text.to_string())));
+        let found = json!({
+            "angle": angle.map(|angle| angle.to_string()),
+            "levels": levels,
+            "lamps": lamps,
+            "pose": pose.map(|pose| json!({"turn": pose.turn_deg, "scale": pose.scale})),
+        });
         let image = match output.unwrap_or(usual) {
-            DomainTag::ToneMapped => udc::io::AnyImage::ToneMapped(image.into_tone_mapped(restored.curve)),
-            DomainTag::Linear | DomainTag::Display | DomainTag::Srgb => {
-                udc::io::AnyImage::Linear(image.into_linear(restored.curve))
-            }
+            DomainTag::ToneMapped => AnyImage::ToneMapped(image.into_tone_mapped(curve)),
+            DomainTag::Linear | DomainTag::Display | DomainTag::Srgb => AnyImage::Linear(image.into_linear(curve)),
         };
-        Ok((image, restored, notices))
+        Ok((image, info.map(|info| info.to_json()), found.to_string(), notices))
     })?;
     let (planes, domain) = planes_of(image);
-    let found = json!({
-        "angle": restored.angle.as_ref().map(ToString::to_string), "levels": restored.levels, "lamps": restored.lamps,
-        "pose": restored.pose.as_ref().map(|pose| json!({"turn": pose.turn_deg, "scale": pose.scale})),
-    });
-    let info = restored.info.map(|info| info.to_json());
-    Ok((to_array(py, planes)?, domain, info, found.to_string(), notices))
+    Ok((to_array(py, planes)?, domain, info, found, notices))
 }
