@@ -10,7 +10,7 @@
 //! - [`kernels`]: the loops that networks spend their time in; [`network`]: the networks made of them;
 //! - [`capture`], [`psf`], [`codes`], [`crop`], [`scenes`], [`synth`], [`finish`]: the stages before and after a network;
 //! - [`perceptual`]: what trained eyes see;
-//! - [`restore`]; [`examples`] to learn restoring any panel from; [`train`]; [`inspect`]: what a file or folder of the project holds; [`experiment`], [`report`].
+//! - [`restore`]; [`examples`] to learn restoring any panel from; [`train`]; [`inspect`]: what a file or folder of the project holds; [`doctor`]: what is wrong with it, and what mends that; [`experiment`], [`report`].
 //!
 //! The binary's commands turn flags into configurations of these.
 //!
@@ -80,6 +80,7 @@ pub mod codes;
 pub mod core;
 pub mod crop;
 pub mod dataset;
+pub mod doctor;
 pub mod examples;
 pub mod experiment;
 pub mod finish;

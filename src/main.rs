@@ -9,13 +9,12 @@ fn main() -> ExitCode {
     match cli.run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if commands::is_broken_pipe(&error) => ExitCode::SUCCESS,
-        Err(error) if error.is::<clap::Error>() => {
-            commands::print_error(format_args!("{error}"));
-            ExitCode::from(2)
-        }
         Err(error) => {
-            commands::print_error(format_args!("error: {error:#}"));
-            ExitCode::FAILURE
+            match error.is::<clap::Error>() {
+                true => commands::print_error(format_args!("{error}")),
+                false => commands::print_error(format_args!("error: {error:#}")),
+            }
+            ExitCode::from(commands::exit_code(&error))
         }
     }
 }

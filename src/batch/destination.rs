@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf, is_separator};
 
 use crate::core::error::{Error, Result};
-use crate::io::{Format, check_output};
+use crate::core::shard::Shard;
+use crate::io::{Format, check_output, names_folder, stem_of_input};
 
 /// What the user names for the results, and how files are named in it if it is a folder.
 #[derive(Clone, Copy, Debug)]
@@ -14,6 +15,8 @@ pub struct Destination<'a> {
     pub extension: &'a str,
     /// Whether files that are there do not matter.
     pub accepts_existing: bool,
+    /// Whose files must not be there: those of the other shards may be.
+    pub shard: Shard,
 }
 
 /// A result before it has a file.
@@ -28,8 +31,7 @@ pub struct Unplaced {
 impl Unplaced {
     /// The result of one file, named as it.
     pub fn of_file(file: &Path) -> Self {
-        let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Self { name, source: file.display().to_string() }
+        Self { name: stem_of_input(file), source: file.display().to_string() }
     }
 }
 
@@ -40,7 +42,7 @@ impl Destination<'_> {
     /// As [`place`](Self::place).
     pub fn place_files(&self, files: &[PathBuf], named: &[PathBuf]) -> Result<Vec<PathBuf>> {
         let results: Vec<Unplaced> = files.iter().map(|file| Unplaced::of_file(file)).collect();
-        self.place(&results, named.iter().any(|input| input.is_dir()))
+        self.place(&results, named.iter().any(|input| names_folder(input)))
     }
 
     /// Names a file for each result, before any work; `in_folder` says that they belong to one whatever their number.
@@ -74,7 +76,8 @@ impl Destination<'_> {
             }
         }
         if self.path.is_dir() {
-            files.iter().try_for_each(|file| check_output(file, self.accepts_existing))?;
+            let own = self.shard.choose(files.iter().collect());
+            own.into_iter().try_for_each(|file| check_output(file, self.accepts_existing))?;
         }
         Ok(files)
     }
@@ -94,7 +97,8 @@ mod tests {
         let files = ["x/a.exr", "x/b.exr", "y/a.npy"].map(PathBuf::from);
         let place = |name: &str, files: &[PathBuf], accepts_existing| {
             let path = scratch.path().join(name);
-            Destination { path: &path, extension: "png", accepts_existing }.place_files(files, &[])
+            Destination { path: &path, extension: "png", accepts_existing, shard: Shard::WHOLE }
+                .place_files(files, &[])
         };
         assert_eq!(place("a.tif", &files[..1], false).unwrap(), [scratch.path().join("a.tif")]);
         let placed = place("out", &files[..2], false).unwrap();
@@ -108,5 +112,8 @@ mod tests {
         std::fs::write(&placed[1], "there").unwrap();
         assert!(place("out", &files[..2], false).is_err());
         assert_eq!(place("out", &files[..2], true).unwrap(), placed);
+        let (path, shard) = (scratch.path().join("out"), Shard { index: 0, count: 2 });
+        let to = Destination { path: &path, extension: "png", accepts_existing: false, shard };
+        assert_eq!(to.place_files(&files[..2], &[]).unwrap(), placed, "the file of another shard is there");
     }
 }

@@ -2,6 +2,7 @@
 //! writing at the same time.
 
 mod destination;
+mod estimate;
 mod output_folder;
 mod queue;
 mod resume;
@@ -9,7 +10,8 @@ mod tone_mapping;
 mod watcher;
 
 pub use destination::{Destination, Unplaced};
-pub use queue::{Stages, run};
+pub use estimate::{Clock, Estimate, HEADER_BYTES, LinearCost, PROCESS_BYTES, Sampler, Span, Spent};
+pub use queue::{Selection, Stages, run};
 pub use tone_mapping::ToneMapping;
 #[cfg(test)]
 pub(crate) use watcher::testing;

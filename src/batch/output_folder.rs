@@ -32,6 +32,13 @@ impl OutputFolder {
     }
 }
 
+impl OutputFolder {
+    /// Leaves the folder even without a result: others may be about to write into it.
+    pub(super) fn keep(mut self) {
+        self.made.clear();
+    }
+}
+
 impl Drop for OutputFolder {
     fn drop(&mut self) {
         // What holds a result is not removed by this.

@@ -7,8 +7,9 @@ use serde_json::{Map, Value};
 
 use super::Watcher;
 use super::output_folder::OutputFolder;
-use super::resume::remaining;
+use super::resume::{is_done, remaining};
 use crate::core::error::{Error, Result};
+use crate::core::shard::Shard;
 
 /// What is done to each job.
 ///
@@ -65,29 +66,55 @@ pub trait Stages: Sync {
     fn write(&self, job: &Self::Job, output: Self::Output) -> Result<()>;
 }
 
-/// Does all jobs, whose outputs lie in one folder, and tells of every file that is written. With `resume`, the outputs that
-/// are there are kept. A job that fails does not keep the others from being done; the failures are named at the end.
+/// Which of the jobs are done.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Selection {
+    /// Those of which run; other runs, perhaps at the same time, write the others into the same folder.
+    pub shard: Shard,
+    /// Only those whose outputs are not there.
+    pub resume: bool,
+}
+
+/// Does the selected jobs, whose outputs lie in one folder, and tells of every file that is written. A job that fails does
+/// not keep the others from being done; the failures are named at the end.
 ///
 /// # Errors
-/// The failures; an interrupt at once. With `resume` also, before any work, an output that says it was made otherwise.
-pub fn run<S: Stages>(stages: &S, mut jobs: Vec<S::Job>, resume: bool, watcher: &dyn Watcher) -> Result<()> {
+/// The failures; an interrupt at once. Before any work, more shards than jobs; and where outputs are kept, one that says it
+/// was made otherwise.
+pub fn run<S: Stages>(
+    stages: &S,
+    jobs: Vec<S::Job>,
+    selection: Selection,
+    watcher: &dyn Watcher,
+) -> Result<()> {
+    let Selection { shard, resume } = selection;
+    shard.check(jobs.len(), "images")?;
+    let mut jobs = shard.choose(jobs);
     if resume {
         jobs = remaining(stages, jobs, watcher)?;
     }
-    let _folder = OutputFolder::of(&mut jobs.iter().map(|job| stages.output(job)))?;
-    run_all(stages, &jobs, watcher)
+    let folder = OutputFolder::of(&mut jobs.iter().map(|job| stages.output(job)))?;
+    if shard.is_part() {
+        folder.keep();
+    }
+    run_all(stages, &jobs, resume, watcher)
 }
 
-fn run_all<S: Stages>(stages: &S, jobs: &[S::Job], watcher: &dyn Watcher) -> Result<()> {
+fn run_all<S: Stages>(stages: &S, jobs: &[S::Job], resume: bool, watcher: &dyn Watcher) -> Result<()> {
     // A single job shows its own progress.
     let progress = watcher.progress();
     let progress = if jobs.len() > 1 { progress.clone() } else { progress.without_bars() };
     let bar = progress.bar(jobs.len() as u64, "images");
+    let single = match jobs {
+        [job] => Some(watcher.progress().task(stages.doing(job))),
+        _ => None,
+    };
     let failures = std::thread::scope(|scope| {
         let (read, inputs) = sync_channel(0);
         let (computed, outputs) = sync_channel(0);
         scope.spawn(move || read_jobs(stages, jobs, watcher, &read));
-        let writer = scope.spawn(|| write_jobs(stages, outputs, jobs.len() > 1, watcher, || bar.inc(1)));
+        let writer =
+            scope.spawn(|| write_jobs(stages, outputs, (jobs.len() > 1, resume), watcher, || bar.inc(1)));
         if !jobs.is_empty() {
             stages.prepare();
         }
@@ -97,6 +124,7 @@ fn run_all<S: Stages>(stages: &S, jobs: &[S::Job], watcher: &dyn Watcher) -> Res
         stopped.map(|()| failures)
     })?;
     bar.finish_and_clear();
+    drop(single);
     if failures.is_empty() {
         return Ok(());
     }
@@ -145,7 +173,7 @@ fn compute_jobs<'a, S: Stages>(
 fn write_jobs<'a, S: Stages>(
     stages: &S,
     outputs: Receiver<Outcomes<'a, S>>,
-    several: bool,
+    (several, resume): (bool, bool),
     watcher: &dyn Watcher,
     on_job: impl Fn(),
 ) -> Result<Vec<String>>
@@ -154,7 +182,11 @@ where
 {
     let mut failures = Vec::new();
     for (job, output) in outputs {
-        let written = output.and_then(|output| stages.write(job, output));
+        let written = output.and_then(|output| match stages.write(job, output) {
+            // Another process, as a job that a cluster began again, has made the same meanwhile.
+            Err(error) if resume && error.is_already_there() && is_done(stages, job)? => Ok(()),
+            written => written,
+        });
         if written.is_ok() {
             watcher.tell(&stages.output(job).display());
         }

@@ -26,7 +26,11 @@ pub(super) fn remaining<S: Stages>(
     Ok(remaining)
 }
 
-fn is_done<S: Stages>(stages: &S, job: &S::Job) -> Result<bool> {
+/// Whether the output of a job is there.
+///
+/// # Errors
+/// When it carries a provenance that says it was made otherwise.
+pub(super) fn is_done<S: Stages>(stages: &S, job: &S::Job) -> Result<bool> {
     let output = stages.output(job);
     if !output.exists() {
         return Ok(false);

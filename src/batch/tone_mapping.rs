@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::{Destination, Stages, Watcher, run};
+use super::{Destination, Selection, Stages, Watcher, run};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::Result;
 use crate::core::image::{Linear, ToneMapped};
@@ -43,7 +43,7 @@ impl ToneMapping {
         let files = without_repeats(expand_inputs(inputs)?);
         let outputs = destination.place_files(&files, inputs)?;
         let jobs = files.into_iter().zip(outputs).map(|(input, output)| Job { input, output });
-        run(&Mapping { how: self, watcher }, jobs.collect(), false, watcher)
+        run(&Mapping { how: self, watcher }, jobs.collect(), Selection::default(), watcher)
     }
 }
 
@@ -120,6 +120,7 @@ mod tests {
     use super::*;
     use crate::batch::testing::Notes;
     use crate::core::image::LinearImage;
+    use crate::core::shard::Shard;
     use crate::io::{read_image, write_image};
     use ndarray::Array3;
 
@@ -140,7 +141,7 @@ mod tests {
             half: false,
             overwrite: false,
         };
-        let to = |path| Destination { path, extension: "exr", accepts_existing: false };
+        let to = |path| Destination { path, extension: "exr", accepts_existing: false, shard: Shard::WHOLE };
         how.run(std::slice::from_ref(&light), &to(&mapped), &notes).unwrap();
         let inverse = ToneMapping { inverse: true, ..how };
         inverse.run(std::slice::from_ref(&mapped), &to(&back), &notes).unwrap();

@@ -23,7 +23,7 @@ pub trait Watcher: Sync {
     fn detail(&self, text: &dyn Display);
 }
 
-/// Does a step of the work, and tells as a detail how long it took.
+/// Does a step of the work, which is shown meanwhile, and tells as a detail how long it took.
 ///
 /// # Errors
 /// Those of the step.
@@ -33,7 +33,10 @@ pub fn timed<T, E>(
     step: impl FnOnce() -> Result<T, E>,
 ) -> Result<T, E> {
     let started = Instant::now();
+    let doing = doing.to_string();
+    let task = watcher.progress().task(&doing);
     let result = step()?;
+    drop(task);
     watcher.detail(&format_args!("{doing}: {:.2} s", started.elapsed().as_secs_f64()));
     Ok(result)
 }

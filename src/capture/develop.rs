@@ -53,12 +53,12 @@ impl Pictures {
     }
 
     fn fuse(self, bracket: Bracket, times: &[f64]) -> Result<Developed> {
-        let Self { mut warnings, config, raw, .. } = self;
+        let Self { mut warnings, config, raw, said, .. } = self;
         let fused = fuse(bracket, &config)?;
         warnings.extend(fused.much_is_saturated());
         warnings.extend(fused.warnings());
         warnings.extend(raw.as_ref().and_then(uncorrected));
-        let info = info_of(&fused, raw.as_ref(), config.white_balance);
+        let info = info_of(&fused, raw.as_ref(), said, config.white_balance);
         Ok(Developed { fused, info, raw, config, exposures: relative_times(times), warnings })
     }
 
@@ -74,16 +74,25 @@ impl Pictures {
 }
 
 /// What finishing needs to know of a capture that was read from raw files, or of a fused bracket.
-fn info_of(fused: &Fused, raw: Option<&RawMetadata>, white_balance: [f64; 3]) -> CaptureInfo {
+fn info_of(
+    fused: &Fused,
+    raw: Option<&RawMetadata>,
+    said: Option<CaptureInfo>,
+    white_balance: [f64; 3],
+) -> CaptureInfo {
     #[expect(clippy::cast_possible_truncation, reason = "an irradiance in f32")]
     let saturation = Some(fused.saturation.map(|white| white as f32));
-    let info = CaptureInfo { saturation, white_balance: Some(white_balance), ..CaptureInfo::default() };
+    let CaptureInfo { orientation, primaries, exif, .. } = said.unwrap_or_default();
+    let white_balance = Some(white_balance);
+    let info =
+        CaptureInfo { saturation, white_balance, orientation, primaries, exif, ..CaptureInfo::default() };
     match raw {
         None => info,
         Some(raw) => CaptureInfo {
             orientation: Some(raw.orientation),
             baseline_exposure_ev: raw.baseline_exposure_ev,
             color: raw.color.clone(),
+            exif: raw.exif.clone(),
             ..info
         },
     }

@@ -5,7 +5,9 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use crate::core::error::{Error, Result};
-use crate::io::{expand_inputs, identity, is_hidden, list_folder, without_repeats};
+use crate::io::{
+    expand_inputs, identity, is_hidden, list_folder, names_folder, stem_of_input, without_repeats,
+};
 
 /// Where the published dataset keeps its captures.
 const PUBLISHED_CAPTURES: &str = "real_data/input";
@@ -49,8 +51,8 @@ impl CaptureGroups {
         };
         let files = without_repeats(expand_inputs(&inputs.iter().map(of_published).collect::<Vec<_>>())?);
         let captures =
-            files.into_iter().map(|file| CaptureFiles::new(&file, vec![file.clone()], file.file_stem()));
-        let in_folder = inputs.iter().any(|input| input.is_dir());
+            files.into_iter().map(|file| CaptureFiles { name: stem_of_input(&file), files: vec![file] });
+        let in_folder = inputs.iter().any(|input| names_folder(input));
         Ok(Self { captures: captures.collect(), in_folder, warnings: Vec::new() })
     }
 
@@ -62,11 +64,16 @@ impl CaptureGroups {
     pub fn of_brackets(inputs: &[PathBuf]) -> Result<Self> {
         let (folders, files): (Vec<PathBuf>, Vec<PathBuf>) =
             inputs.iter().cloned().partition(|input| input.is_dir());
+        if let Some(folder) = files.iter().find(|input| names_folder(input)) {
+            let reason =
+                format!("{}: name the layer of each file of a bracket, not of its folder", folder.display());
+            return Err(Error::Unsupported(reason));
+        }
         let mut groups = Self { captures: Vec::new(), in_folder: false, warnings: Vec::new() };
         if !files.is_empty() {
             let files = without_repeats(expand_inputs(&files)?);
             let first = files[0].clone();
-            groups.captures.push(CaptureFiles::new(&first, files, first.file_stem()));
+            groups.captures.push(CaptureFiles { name: stem_of_input(&first), files });
         }
         for folder in folders {
             groups.add_folder(folder)?;

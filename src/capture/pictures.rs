@@ -10,6 +10,7 @@ use super::levels::{Kind, Levels, Samples, Unit};
 use super::plausible::{check_floats, check_reachable};
 use super::shots::{Shot, differ, exposures, exposures_of_darks, is_in_doubt, without_dark};
 use super::told::Told;
+use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::progress::Progress;
 use crate::io::{DomainTag, Pixels, RawMetadata, expand_inputs, inspect_image, inspect_mosaic, read_pixels};
@@ -25,6 +26,8 @@ pub struct Pictures {
     pub(super) config: FuseConfig,
     /// What the first file says, where it is a camera's raw one.
     pub(super) raw: Option<RawMetadata>,
+    /// What the first file says of its capture, where it is no raw one.
+    pub(super) said: Option<CaptureInfo>,
     lights: Group,
     darks: Group,
 }
@@ -51,10 +54,10 @@ impl Pictures {
             return Err(Error::shape("capture", "at least one picture", "none"));
         };
         let dark_files = told.darks.as_deref().map_or(Ok(Vec::new()), expand_inputs)?;
-        let mut reader = Reader { told, first: None, warnings: Vec::new() };
+        let mut reader = Reader { told, first: None, said: None, warnings: Vec::new() };
         let lights = reader.read_group(files, progress)?;
         let darks = reader.read_group(&dark_files, progress)?;
-        let Reader { first: of_first, mut warnings, .. } = reader;
+        let Reader { first: of_first, said, mut warnings, .. } = reader;
         let (raw, samples) = of_first.expect("at least one picture was read");
 
         let unit = Unit::of(told.levels.white, samples);
@@ -76,7 +79,7 @@ impl Pictures {
             warnings.push(format!("{}: {warning}", names_of(files)));
         }
         let config = FuseConfig { white, black, bayer, white_balance, ..config };
-        Ok(Self { warnings, told: told.clone(), config, raw, lights, darks })
+        Ok(Self { warnings, told: told.clone(), config, raw, said, lights, darks })
     }
 
     /// The exposures in the order of the files: of the user, else of the files, else the default ones.
@@ -163,6 +166,8 @@ struct Reader<'a> {
     told: &'a Told,
     /// What the first file says.
     first: Option<(Option<RawMetadata>, Samples)>,
+    /// What the first file says of its capture.
+    said: Option<CaptureInfo>,
     warnings: Vec<String>,
 }
 
@@ -185,6 +190,9 @@ impl Reader<'_> {
         };
         let samples = Samples::of(&pixels, &encoding);
         self.settle_domain(file, &mut pixels, Kind::of(samples, &self.told.levels, self.told.is_raw()))?;
+        if self.first.is_none() {
+            self.said = pixels.capture.take();
+        }
         let (raw, of_first) = self.first.get_or_insert_with(|| (pixels.raw.clone(), samples));
         check_alike(file, self.told, raw.as_ref(), pixels.raw.as_ref())?;
         let is_of_integers = Unit::is_of_integers(self.told.levels.white, of_first.is_camera_raw);
@@ -304,7 +312,15 @@ mod tests {
         let shots = vec![Shot { seconds: None, iso: None }; count];
         let lights = Group { planes: vec![Array3::zeros((3, 4, 4)); count], shots };
         let config = FuseConfig::default();
-        Pictures { warnings: Vec::new(), told, config, raw: None, lights, darks: Group::default() }
+        Pictures {
+            warnings: Vec::new(),
+            told,
+            config,
+            raw: None,
+            said: None,
+            lights,
+            darks: Group::default(),
+        }
     }
 
     #[test]

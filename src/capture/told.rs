@@ -7,7 +7,7 @@ use ndarray::Array2;
 use super::fuse::{FuseConfig, MergeRule};
 use crate::core::bayer::BayerPattern;
 use crate::core::error::Result;
-use crate::io::{DomainTag, expand_inputs, sha256_of_file};
+use crate::io::{DomainTag, expand_inputs, sha256_of_input};
 
 /// The exposure times of the paper's bracket of a PSF.
 pub const PSF_BRACKET: [f64; 3] = [1.0, 1.0 / 32.0, 1.0 / 768.0];
@@ -91,8 +91,7 @@ impl Told {
     /// [`Error::Io`](crate::core::error::Error::Io) for files that cannot be read.
     pub fn darks_sha256(&self) -> Result<Option<Vec<Option<String>>>> {
         let Some(named) = &self.darks else { return Ok(None) };
-        let of_file = |file: &PathBuf| file.is_file().then(|| sha256_of_file(file)).transpose();
-        expand_inputs(named)?.iter().map(of_file).collect::<Result<_>>().map(Some)
+        expand_inputs(named)?.iter().map(|file| sha256_of_input(file)).collect::<Result<_>>().map(Some)
     }
 }
 

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::Args;
+use serde_json::json;
 
 use udc::kernels::{Isa, benchmark, peak};
 use udc::network::benchmark::time_network;
@@ -47,15 +48,25 @@ impl BenchArgs {
         } else {
             session.say(backend)?;
         }
+        let mut timings = Vec::new();
         for side in &self.size {
-            time_network(backend, *side as usize, self.patience, |timing| session.say(timing))?;
+            time_network(backend, *side as usize, self.patience, |timing| {
+                timings.push(json!({
+                    "side": timing.side, "bf16": timing.has_bf16_products, "seconds": timing.seconds,
+                    "operations": timing.operations, "bytes": timing.bytes,
+                }));
+                session.say(timing)
+            })?;
         }
+        session.result("networks", std::mem::take(&mut timings));
         for batch in &self.train {
             let ms = time_step(backend, *batch, self.patience)? * 1e3;
+            timings.push(json!({ "batch": batch.to_string(), "seconds": ms / 1e3 }));
             let memory = peak_memory_bytes()
                 .map_or(String::new(), |bytes| format!(", the process has taken up to {} MiB", bytes >> 20));
             session.say(format_args!("training step {batch}: {ms:.1} ms{memory}"))?;
         }
+        session.result("training-steps", timings);
         Ok(())
     }
 
@@ -68,8 +79,14 @@ impl BenchArgs {
             Isa::current().name(),
             peak / 1e9
         ))?;
-        let mut outcome = Ok(());
+        session.results_of(json!({
+            "instruction-set": Isa::current().name(), "threads": threads, "peak-flops": peak,
+        }));
+        let (mut outcome, mut timings) = (Ok(()), Vec::new());
         benchmark::run(&self.only, self.patience, |timing| {
+            timings.push(json!({
+                "name": timing.name, "seconds": timing.seconds, "operations": timing.operations,
+            }));
             let speed = timing.operations / timing.seconds;
             let (ms, share) = (timing.seconds * 1e3, speed / peak * 100.0);
             let line = format!("{:44} {ms:9.2} ms {:7.0} GFLOP/s {share:5.0} %", timing.name, speed / 1e9);
@@ -77,7 +94,9 @@ impl BenchArgs {
                 outcome = session.say(line);
             }
         });
-        outcome
+        outcome?;
+        session.result("operations", timings);
+        Ok(())
     }
 }
 

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
+use serde_json::json;
 
 use udc::codes::{self, CODE_DIM, PUBLISHED_ANGLES_DEG};
 use udc::core::kernel_code::KernelBank;
@@ -12,8 +13,8 @@ use udc::core::psf::Psf;
 use udc::io;
 use udc::psf::DisplayConfig;
 
-use super::Session;
 use super::psf_file::PsfFileArgs;
+use super::{Session, text_of};
 
 /// Make kernel codes: rotate a PSF, find its PCA basis, store both as a kernel bank
 ///
@@ -76,18 +77,25 @@ impl CodesArgs {
         io::check_extension(output, "safetensors")?;
         io::check_output(output, session.overwrite)?;
         let started = Instant::now();
+        let task = session.progress.task("making kernels and their codes");
         let bank = match &self.display {
             Some(display) => self
                 .turned_bank(session, display)
                 .with_context(|| format!("turning the panel of {}", display.display()))?,
             None => self.bank_of(session, &io::expand_inputs(&self.psfs)?)?,
         };
+        drop(task);
         session.detail(format_args!("{} kernels and codes: {:.2?}", bank.len(), started.elapsed()));
         if let Some(folder) = &self.npy {
             let name = output.file_stem().unwrap_or_default().to_string_lossy();
             io::write_published_bank(folder, &name, &bank, session.overwrite)?;
         }
         io::write_bank(output, &bank, session.overwrite)?;
+        session.results_of(json!({
+            "output": text_of(output), "kernels": bank.len(), "angles-deg": bank.angles_deg,
+            "code-dim": bank.code_dim(), "codes": bank.codes.rows().into_iter().map(|code| code.to_vec()).collect::<Vec<_>>(),
+            "bank-sha256": io::bank_sha256(output)?,
+        }));
         codes::code_lines(&bank).into_iter().try_for_each(|line| session.say(line))?;
         session.say(format_args!("{}: {}", output.display(), codes::bank_in_words(&bank)))
     }
@@ -137,6 +145,14 @@ impl CodesArgs {
         for path in paths {
             let projection = codes::project(&kernels, &self.psf_file.read(path, session)?)
                 .with_context(|| format!("projecting {} onto {}", path.display(), bank.display()))?;
+            session.found(
+                &text_of(path),
+                json!({
+                    "code": projection.code.to_vec(), "residual-l2": projection.residual_l2,
+                    "limit-l2": projection.limit_l2, "fits": projection.fits(),
+                    "nearest": kernels.kernel_name(projection.nearest),
+                }),
+            );
             session.say(format_args!(
                 "{}\n  {}",
                 path.display(),

@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
 use clap::Args;
+use serde_json::json;
 
-use super::Session;
 use super::choices::DOMAINS;
+use super::{Session, text_of};
 use udc::io::{Conversion, DomainTag, FloatWidth, check_output, what_is_lost};
 use udc::network::weights;
 
@@ -40,6 +41,8 @@ impl ConvertArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let (input, output) = (self.input.display(), self.output.display());
         let doing = || format!("converting {input}");
+        let _task = session.progress.task(doing());
+        session.result("output", text_of(&self.output));
         check_output(&self.output, session.overwrite).with_context(doing)?;
         if self.output.extension().is_some_and(|extension| extension == "safetensors") {
             let width = if self.half { FloatWidth::Half } else { FloatWidth::Single };
@@ -69,6 +72,7 @@ impl ConvertArgs {
             ));
         }
         let (channels, height, width) = image.pixels.planes.dim();
+        session.results_of(json!({ "channels": channels, "height": height, "width": width }));
         session.say(format_args!("{output}: {width} × {height}, {channels} channels"))
     }
 }

@@ -4,13 +4,16 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
+use serde_json::json;
 
-use udc::crop::{Cut, CutReport, View, aimed_views, spread_views};
+use udc::core::shard::Shard;
+use udc::crop::{Cut, CutCount, CutReport, View, aimed_views, spread_views};
 use udc::io;
 
-use super::Session;
 use super::choices::FLOAT_FORMATS;
 use super::domain::SceneDomainArgs;
+use super::dry_run::{DryRunArgs, PATIENCE};
+use super::{Session, text_of};
 
 /// Cut perspective views out of equirectangular HDR panoramas
 ///
@@ -19,7 +22,8 @@ use super::domain::SceneDomainArgs;
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:\n  udc crop panoramas/*.hdr -o views\n  \
     udc crop street.exr -o views --yaw=-90,0,90 --pitch 10 --fov 60 --size 512\n  \
-    udc crop panoramas/*.hdr -o views --margin 400")]
+    udc crop panoramas/*.hdr -o views --margin 400\n  \
+    udc crop panoramas/*.hdr -o views --shard 2/8")]
 pub(crate) struct CropArgs {
     /// Panoramas, twice as wide as high: files, folders or patterns
     #[arg(required = true, value_name = "PANORAMA")]
@@ -55,6 +59,11 @@ pub(crate) struct CropArgs {
     /// Write half floats
     #[arg(long)]
     half: bool,
+    /// Cut only the I-th of N parts; all parts may be cut at the same time, into one folder
+    #[arg(long, value_name = "I/N", default_value = "1/1")]
+    shard: Shard,
+    #[command(flatten)]
+    dry_run: DryRunArgs,
 }
 
 impl CropArgs {
@@ -66,6 +75,7 @@ impl CropArgs {
             image_format: self.format,
             half: self.half,
             overwrite: session.overwrite,
+            shard: self.shard,
         };
         cut.check()?;
         if self.margin > 0 && self.format == "npy" {
@@ -75,22 +85,28 @@ impl CropArgs {
             ));
         }
         let panoramas = io::expand_inputs(&self.panoramas)?;
-        let panoramas = cut.run(panoramas, &self.output, &session.progress, |report| match report {
-            CutReport::Read { panorama, contradiction, time } => {
-                contradiction.into_iter().for_each(|contradiction| session.warn(contradiction));
-                session.detail(format_args!("{panorama}: read in {time:.2?}"));
-            }
-            CutReport::Rendered { panorama, view, time } => {
-                session.detail(format_args!("{panorama} view {view}: rendered in {time:.2?}"));
-            }
-        })?;
-        let count = panoramas * cut.views.len();
+        if self.dry_run.dry_run {
+            let estimate = cut.estimate(panoramas, &self.output, PATIENCE)?;
+            return self.dry_run.tell("crop", &estimate, session);
+        }
+        let CutCount { panoramas, views } =
+            cut.run(panoramas, &self.output, &session.progress, |report| match report {
+                CutReport::Read { panorama, contradiction, time } => {
+                    contradiction.into_iter().for_each(|contradiction| session.warn(contradiction));
+                    session.detail(format_args!("{panorama}: read in {time:.2?}"));
+                }
+                CutReport::Rendered { panorama, view, time } => {
+                    session.detail(format_args!("{panorama} view {view}: rendered in {time:.2?}"));
+                }
+            })?;
+        session
+            .results_of(json!({ "output": text_of(&self.output), "panoramas": panoramas, "views": views }));
         let margin = match self.margin {
             0 => String::new(),
             margin => format!(" and a margin of {margin} on each side"),
         };
         session.say(format_args!(
-            "{}: {count} views of {panoramas} panoramas, {} × {} pixels{margin}",
+            "{}: {views} views of {panoramas} panoramas, {} × {} pixels{margin}",
             self.output.display(),
             self.size,
             self.size

@@ -13,7 +13,7 @@ use udc::network::GUIDED;
 use udc::scenes::{self, point_source};
 
 use super::choices::LIGHT_DOMAINS;
-use super::{Cli, Session, is_broken_pipe};
+use super::{Cli, Session, is_broken_pipe, text_of};
 
 /// Run the whole pipeline on built-in scenes and write a page of results
 ///
@@ -101,6 +101,7 @@ impl DemoArgs {
             None => demo.paint()?,
         }
         demo.synthesise_restore_adapt_and_measure()?;
+        session.result("report", text_of(&demo.path("report.html")));
         session.tell(format_args!("\nThe page with all results: {}", demo.path("report.html").display()));
         Ok(())
     }
@@ -203,9 +204,10 @@ impl Demo<'_> {
         };
         let arguments: Vec<String> = arguments.iter().map(place).collect();
         let line = arguments.join(" ");
+        self.session.stage(&format!("udc {line}"));
         self.session.tell(format_args!("$ udc {line}"));
         let cli = Cli::try_parse_from(std::iter::once("udc".to_owned()).chain(arguments))?;
-        match cli.command.run(self.session) {
+        match self.session.within(|| cli.command.run(self.session)) {
             // A command says its result when all is written.
             Err(error) if is_broken_pipe(&error) => Ok(()),
             result => result.with_context(|| format!("running udc {line}")),

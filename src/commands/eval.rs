@@ -1,11 +1,15 @@
 //! `udc eval`.
 
+mod parts;
+
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::{ArgGroup, Args};
+use serde_json::json;
 
 use udc::core::metrics::Measure;
+use udc::core::shard::Shard;
 use udc::dataset::{Dataset, KernelChoice, Split};
 use udc::experiment::{
     Candidate, Document as _, EvalConfig, Experiment, ExperimentConfig, Findings, Folders, ImagesConfig, LDR,
@@ -17,11 +21,12 @@ use udc::network::Model;
 use udc::report::{self, picture};
 use udc::restore::{Highlights, Precision};
 
-use super::Session;
 use super::choices::DOMAINS;
 use super::choices::{HIGHLIGHTS, PRECISIONS, RESTORATIONS, SPLITS};
 use super::device::DeviceArgs;
+use super::dry_run::DryRunArgs;
 use super::metrics::MetricArgs;
+use super::{Session, misuse, text_of};
 
 /// Measure models and deconvolutions on datasets, or restored images against ground truth
 ///
@@ -29,13 +34,15 @@ use super::metrics::MetricArgs;
 /// table. Rows are the degraded images, every model and every method, on every dataset; each image is restored
 /// under its own kernel. Images of two folders are paired by their names without extension.
 #[derive(Args, Debug)]
-#[command(group = ArgGroup::new("images").required(true).args(["dataset", "data", "restored"]))]
+#[command(group = ArgGroup::new("images").required(true).args(["dataset", "data", "restored", "merge"]))]
 #[command(group = ArgGroup::new("datasets").args(["dataset", "data"]))]
 #[command(after_help = "Examples:\n  udc eval --data dataset --model run/model.safetensors -o results\n  \
     udc eval --data dataset --model a/model.safetensors b/model.safetensors --method wiener --method constrained \
     --regions --mismatch --ldr -o results\n  \
     udc eval --data dataset --model model.safetensors --highlights restored,blend,keep --regions -o results\n  \
-    udc eval --restored restored --gt clean -o results")]
+    udc eval --restored restored --gt clean -o results\n  \
+    udc eval dataset --model model.safetensors --shard 2/8 -o parts\n  \
+    udc eval --merge parts -o results")]
 pub(crate) struct EvalArgs {
     /// Datasets, as after --data
     #[arg(value_name = "DATASET")]
@@ -77,6 +84,15 @@ pub(crate) struct EvalArgs {
     /// Folder of the ground truth of the restored images
     #[arg(long, value_name = "DIR", requires = "restored")]
     gt: Option<PathBuf>,
+    /// Measure only the I-th of N parts of the images, and write part-I-of-N.toml; all parts may be measured at the same
+    /// time, into one folder or several
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
+    /// Join all parts, folders or files, to the results of one run
+    #[arg(long, value_name = "PART", num_args = 1..)]
+    #[arg(conflicts_with_all = ["shard", "metrics", "definition", "lpips_alexnet", "lpips_linear", "max_memory",
+        "allow_missing"])]
+    merge: Vec<PathBuf>,
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -129,10 +145,18 @@ pub(crate) struct EvalArgs {
     /// Leave out images that cannot be measured, and name them, instead of stopping
     #[arg(long)]
     allow_missing: bool,
+    #[command(flatten)]
+    dry_run: DryRunArgs,
 }
 
 impl EvalArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        if self.dry_run.dry_run && (!self.merge.is_empty() || self.restored.is_some()) {
+            return Err(misuse("eval", "--dry-run is for datasets, whose images are restored: leave it out"));
+        }
+        if !self.merge.is_empty() {
+            return self.join_parts(session);
+        }
         let warn = |text: &str| session.warn(text);
         let listener = Listener { progress: &session.progress, warn: &warn };
         let measuring = self.metrics.config(self.allow_missing)?;
@@ -153,11 +177,16 @@ impl EvalArgs {
         let domain = self.domain;
         let flags = ToneFlags { alpha: self.alpha, x_max: self.x_max };
         let folders = Folders::open(restored, gt, (domain, flags), self.allow_missing)?;
+        if let Some(shard) = self.shard {
+            self.prepare_part(shard, std::iter::empty(), session)?;
+            let measurement = folders.measure(measuring, shard, listener)?;
+            return self.write_part_of_folders(shard, folders.describe(measuring), measurement, session);
+        }
         let names = files_of_evaluation(measuring.metrics.iter().map(Measure::metric));
         let outputs = ResultsFolder::prepare(&self.output, &names, session.overwrite)?;
-        let evaluation = folders.evaluate(measuring, listener)?;
+        let findings = folders.measure(measuring, Shard::WHOLE, listener)?.into_findings()?;
         outputs.remove_earlier_pictures()?;
-        self.write(&Findings::of(evaluation), outputs, session)
+        self.write(&findings, None, outputs, session)
     }
 
     /// Measures restorations on datasets.
@@ -168,9 +197,17 @@ impl EvalArgs {
         let candidates = self.candidates(session)?;
         let config = self.config(measuring);
         let experiment = Experiment::new(&datasets, &candidates, &config, listener)?;
+        if self.dry_run.dry_run {
+            return self.dry_run.tell("eval", &experiment.estimate(&session.progress)?, session);
+        }
+        if let Some(shard) = self.shard {
+            return self.compare_part(shard, &experiment, session);
+        }
         let outputs = ResultsFolder::prepare(&self.output, &experiment.files(), session.overwrite)?;
         outputs.remove_earlier_pictures()?;
-        self.write(&experiment.run(&self.output)?, outputs, session)
+        let findings = experiment.run(&self.output)?;
+        let ldr = findings.ldr.as_ref().map(|(_, shown)| picture::grid(shown));
+        self.write(&findings, ldr.as_deref(), outputs, session)
     }
 
     fn candidates(&self, session: &Session) -> Result<Vec<Candidate>> {
@@ -196,9 +233,10 @@ impl EvalArgs {
             names => KernelChoice::Only(names.to_vec()),
         };
         let (split, limit, max_memory) = (self.split, self.limit, self.max_memory);
+        let shard = self.shard.unwrap_or_default();
         ExperimentConfig {
             measuring,
-            images: ImagesConfig { split, kernels, limit, max_memory },
+            images: ImagesConfig { split, kernels, limit, max_memory, shard },
             regions: self.regions,
             mismatch: self.mismatch,
             ldr: self.ldr,
@@ -206,8 +244,14 @@ impl EvalArgs {
         }
     }
 
-    /// Writes and prints what was found.
-    fn write(&self, findings: &Findings, outputs: ResultsFolder<'_>, session: &Session) -> Result<()> {
+    /// Writes and prints what was found; `ldr_picture` is that of scenes of a monitor's range.
+    fn write(
+        &self,
+        findings: &Findings,
+        ldr_picture: Option<&[u8]>,
+        outputs: ResultsFolder<'_>,
+        session: &Session,
+    ) -> Result<()> {
         let Findings { evaluation, mismatch, ldr } = findings;
         outputs.remove_earlier_results()?;
         let results = Results::of(evaluation);
@@ -218,15 +262,15 @@ impl EvalArgs {
             outputs.write(csv, mismatch.to_csv().as_bytes())?;
             drawings.extend(report::mismatch_plots(mismatch));
         }
-        if let Some((compared, shown)) = ldr {
+        if let Some((compared, _)) = ldr {
             let [json, csv, png] = LDR;
             outputs.write(json, compared.to_json().as_bytes())?;
             outputs.write(csv, compared.to_csv().as_bytes())?;
-            outputs.write(png, &picture::grid(shown))?;
+            ldr_picture.map_or(Ok(()), |picture| outputs.write(png, picture))?;
             session.tell(compared.summary());
         }
         outputs.write_results(evaluation, &results)?;
-        if self.regions {
+        if evaluation.has_regions() {
             outputs.write(REGIONS, evaluation.regions_to_csv().as_bytes())?;
         }
         drawings.iter().try_for_each(|(name, svg)| outputs.write(name, svg.as_bytes()))?;
@@ -234,6 +278,12 @@ impl EvalArgs {
             let count = evaluation.excluded.len();
             session.warn(format_args!("{count} images are excluded from all means; the table names them"));
         }
+        let methods = results.methods.iter().map(|method| {
+            json!({ "name": method.name, "dataset": method.dataset, "count": method.count, "mean": method.mean })
+        });
+        session.results_of(json!({
+            "output": text_of(&self.output), "methods": methods.collect::<Vec<_>>(), "excluded": results.excluded.len(),
+        }));
         session.tell(evaluation.to_markdown());
         session.tell(self.output.join(RESULTS[0]).display());
         Ok(())

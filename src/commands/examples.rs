@@ -4,12 +4,14 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
 use clap::Args;
+use serde_json::json;
 
+use udc::core::shard::Shard;
 use udc::examples::{ExampleSet, ExamplesConfig, MadeExamples};
 use udc::io;
-use udc::synth::{Existing, Shard};
+use udc::synth::Existing;
 
-use super::Session;
+use super::{Session, text_of};
 
 /// Make examples that a network learns to restore captures of any panel from
 ///
@@ -46,19 +48,28 @@ pub(crate) struct ExamplesArgs {
     /// Go on with a folder that was begun with the same configuration, which may ask for more examples now
     #[arg(long)]
     resume: bool,
+    /// As --resume, even where another process holds the same part: one of a machine that is gone, whose locks a network file
+    /// system has kept
+    #[arg(long)]
+    take_over: bool,
 }
 
 impl ExamplesArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let set = ExampleSet { config: self.read_config()?, shard: self.shard };
-        let existing = match (session.overwrite, self.resume) {
-            (true, _) => Existing::Overwrite,
-            (false, true) => Existing::Resume,
-            (false, false) => Existing::Refuse,
+        session.configured(&set.config);
+        let existing = match (session.overwrite, self.resume, self.take_over) {
+            (true, ..) => Existing::Overwrite,
+            (false, _, true) => Existing::TakeOver,
+            (false, true, false) => Existing::Resume,
+            (false, false, false) => Existing::Refuse,
         };
         let MadeExamples { made, kept, validation } = set
             .make(&self.output, existing, &session.progress)
             .with_context(|| format!("making examples in {}", self.output.display()))?;
+        session.results_of(json!({
+            "output": text_of(&self.output), "made": made, "kept": kept, "validation": validation,
+        }));
         let kept = if kept == 0 { String::new() } else { format!(", {kept} were there") };
         let root = self.output.display();
         session.say(format_args!("{root}: {made} examples made{kept}; {validation} are for validation"))

@@ -10,19 +10,22 @@ use clap::Args;
 use udc::batch::Destination;
 use udc::core::capture::{CaptureInfo, parse_exposure, parse_level};
 use udc::core::orientation::Orientation;
+use udc::core::shard::Shard;
 use udc::core::tone::ToneCurve;
 use udc::finish::{Companions, FinishInputs, FinishPlan};
 use udc::io::DomainTag;
 
 use super::choices::{Choices, DOMAINS};
+use super::layer::LayerArgs;
 use super::{Session, misuse};
 use style::StyleArgs;
 
 /// Finish restored images for viewing: colour matrix, curve, reference scaling, local contrast
 ///
 /// The steps, in this order: inverse tone mapping of tone-mapped images, putting it upright, clipped highlights, clip, colour
-/// matrix, curve, scaling of the channels to the means of a reference picture, CLAHE of lightness. An EXR of `udc restore`
-/// or `udc fuse` says itself how its capture lies, where it clips, and the colour matrix of its camera.
+/// matrix, colours of the display, curve, scaling of the channels to the means of a reference picture, CLAHE of lightness. An
+/// EXR of `udc restore` or `udc fuse` says itself how its capture lies, where it clips, and the colour matrix of its camera; one
+/// of other primaries than those of sRGB is converted. What the camera says (EXIF) goes into the picture.
 ///
 /// The exposure is chosen from the picture, unless there is a --reference or a flag of the curve: the median is shown as
 /// middle grey, but no more than three stops brighter than the camera exposed it (its baseline exposure respected), and
@@ -33,8 +36,11 @@ use style::StyleArgs;
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:\n  udc finish restored.exr -o restored.png\n  \
     udc finish restored.exr --ccm ccm.txt --reference phone.jpg -o restored.jpg\n  \
+    udc finish restored.exr --color-space display-p3 --hdr -o restored.jpg\n  \
+    udc finish render.exr --layer beauty --bits 16 -o beauty.tif\n  \
     udc finish restored/ --ccm real_data/CCM_txt --reference real_data/jpg_ZTE -o finished/\n  \
-    udc finish PUBLISHED_ROOT -o finished/ --resume")]
+    udc finish PUBLISHED_ROOT -o finished/ --resume\n  \
+    udc finish restored/ -o finished/ --shard 2/8")]
 pub(crate) struct FinishArgs {
     /// Images, folders or patterns; also the folder of the published dataset
     #[arg(required = true, value_name = "IN")]
@@ -70,6 +76,8 @@ pub(crate) struct FinishArgs {
     #[arg(long, value_name = "EV", value_parser = parse_exposure, allow_negative_numbers = true)]
     baseline_exposure: Option<f64>,
     #[command(flatten)]
+    layer: LayerArgs,
+    #[command(flatten)]
     style: StyleArgs,
     /// Format of the files in an output folder
     #[arg(long, value_name = "FORMAT", value_parser = PICTURE_FORMATS, default_value = "png")]
@@ -80,8 +88,14 @@ pub(crate) struct FinishArgs {
     /// they lie; other formats are kept as they are.
     #[arg(long)]
     resume: bool,
+    /// Leave out what the camera says of the picture: its name, time, exposure, position
+    #[arg(long)]
+    no_exif: bool,
+    /// Finish only the I-th of N parts; all parts may be finished at the same time, into one folder
+    #[arg(long, value_name = "I/N", default_value = "1/1")]
+    shard: Shard,
     /// Bits of PNG and TIFF [default: 8 for PNG, 16 for TIFF]
-    #[arg(long, value_name = "8|16", value_parser = BITS)]
+    #[arg(long, alias = "depth", value_name = "8|16", value_parser = BITS)]
     bits: Option<u8>,
     /// Irradiance that the tone mapping maps to one half
     #[arg(long, value_name = "A", default_value_t = ToneCurve::default().alpha)]
@@ -101,7 +115,7 @@ impl FinishArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let plan = self.plan(session)?;
         let inputs = FinishInputs {
-            images: self.inputs,
+            images: self.layer.of(&self.inputs),
             ccm: companions(self.no_ccm, self.ccm),
             reference: companions(self.no_reference, self.reference),
         };
@@ -109,6 +123,7 @@ impl FinishArgs {
             path: &self.output,
             extension: self.format,
             accepts_existing: session.overwrite || self.resume,
+            shard: self.shard,
         };
         Ok(plan.run(&inputs, &destination, self.resume, session)?)
     }
@@ -140,6 +155,7 @@ impl FinishArgs {
                 ..CaptureInfo::default()
             },
             bits: self.bits,
+            leaves_out_exif: self.no_exif,
             overwrite: session.overwrite,
         })
     }

@@ -50,9 +50,6 @@ pub(crate) struct FuseArgs {
     /// What of the PSF sums to one [default: channel]
     #[arg(long, value_name = "WHAT", value_parser = NORMALIZATIONS, requires = "point_source")]
     normalize: Option<Normalization>,
-    /// Print the summary as JSON
-    #[arg(long)]
-    json: bool,
 }
 
 const NORMALIZATIONS: Choices<Normalization> = Choices(&[
@@ -73,14 +70,18 @@ impl FuseArgs {
         measure.as_ref().map_or(Ok(()), MeasureConfig::check)?;
 
         let told = self.told()?;
-        let pictures = Pictures::read(&files, &told, &session.progress).with_context(doing)?;
+        let read = || Pictures::read(&files, &told, &session.progress);
+        let pictures =
+            session.timed(format_args!("reading {}", names_of(&files)), read).with_context(doing)?;
         pictures.warnings.iter().for_each(|warning| session.warn(warning));
         session.progress.check()?;
         let develop = || pictures.develop();
         let Developed { fused, info, raw, config, exposures, .. } =
             session.timed("fusing", develop).with_context(doing)?;
         session.progress.check()?;
-        let measured = measure.as_ref().map(|measure| measure_psf(&fused.image, told.mask.as_ref(), measure));
+        let cut_out = |measure| measure_psf(&fused.image, told.mask.as_ref(), measure);
+        let measured =
+            measure.as_ref().map(|measure| session.timed("measuring the PSF", || cut_out(measure)));
         let measured = measured.transpose().with_context(doing)?;
         session.progress.check()?;
 
@@ -107,7 +108,8 @@ impl FuseArgs {
         }
         let summary = Summary { output: &self.output, fused: &fused, measured: measured.as_ref() };
         summary.warnings().into_iter().for_each(|warning| session.warn(warning));
-        session.say(if self.json { summary.json().to_string() } else { summary.text() })
+        session.results_of(summary.json());
+        session.say(summary.text())
     }
 
     /// What the flags say of the pictures.

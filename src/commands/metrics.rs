@@ -1,5 +1,6 @@
 //! `--metrics`, `--definition` and the weights of LPIPS: what is measured, made ready to measure.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use anyhow::Result;
@@ -7,6 +8,7 @@ use clap::Args;
 
 use udc::core::metrics::{Metric, MetricDefinition};
 use udc::experiment::{EvalConfig, measures};
+use udc::io;
 
 use super::choices::Choices;
 
@@ -40,5 +42,12 @@ impl MetricArgs {
         let metrics: Vec<Metric> = Metric::ALL.into_iter().filter(is_asked).collect();
         let lpips = self.lpips_alexnet.as_deref().zip(self.lpips_linear.as_deref());
         Ok(EvalConfig { metrics: measures(&metrics, lpips)?, definition: (self.definition)(), allow_missing })
+    }
+
+    /// SHA-256 of the files of weights, by the flags that name them.
+    pub(super) fn describe(&self) -> Result<BTreeMap<String, String>> {
+        let files = [("lpips-alexnet", &self.lpips_alexnet), ("lpips-linear", &self.lpips_linear)];
+        let given = files.into_iter().filter_map(|(flag, file)| Some((flag.to_owned(), file.as_deref()?)));
+        given.map(|(flag, file)| Ok((flag, io::sha256_of_file(file)?))).collect()
     }
 }

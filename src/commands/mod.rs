@@ -1,6 +1,5 @@
 //! The command line: global flags, one file per subcommand, and what all of them share.
 
-mod bars;
 mod bench;
 mod bracket;
 mod choices;
@@ -10,12 +9,17 @@ mod convert;
 mod crop;
 mod demo;
 mod device;
+mod doctor;
 mod domain;
+mod dry_run;
 mod eval;
+mod events;
 mod examples;
 mod finish;
 mod fuse;
 mod info;
+mod layer;
+mod live;
 mod man;
 mod metrics;
 mod pose;
@@ -24,6 +28,7 @@ mod psf_file;
 mod report;
 mod restore;
 mod scenes;
+mod session;
 mod sweep;
 mod synth;
 mod tonemap;
@@ -32,24 +37,26 @@ mod train;
 use std::fmt::Display;
 use std::io::{IsTerminal, Write as _};
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, OnceLock};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result};
 use clap::error::ErrorKind;
-use clap::{ArgAction, Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use clap::{ArgAction, ArgMatches, Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use serde_json::{Map, Value};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
-use udc::batch::{Watcher, timed};
-use udc::core::progress::Progress;
+use udc::core::event::{Event, SCHEMA};
+use udc::io::peak_memory_bytes;
 use udc::kernels::Isa;
 
 use choices::Choices;
-use udc::restore::Notice;
 
-use self::bars::StderrBars;
+use events::{EndOfEvents, Events};
+use live::{Live, View};
+use session::Session;
 
 /// Under-display camera imaging: from a measured panel to a restored photograph
 #[derive(Parser, Debug)]
@@ -62,6 +69,9 @@ pub(crate) struct Cli {
     global: GlobalArgs,
     #[command(subcommand)]
     command: Command,
+    /// The subcommand's name, and the values of its flags.
+    #[arg(skip)]
+    called: (String, Map<String, Value>),
 }
 
 /// The heading of the flags of every command.
@@ -78,9 +88,16 @@ struct GlobalArgs {
     /// Number of threads (default: all cores)
     #[arg(long, global = true, help_heading = GLOBAL, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
-    /// When to draw progress bars on stderr
+    /// When to show on stderr how far work is, how fast it goes and how long the rest takes
     #[arg(long, global = true, help_heading = GLOBAL, value_parser = PROGRESS, default_value = "auto", value_name = "WHEN")]
     progress: ProgressMode,
+    /// Write events to stdout, one JSON object a line, and what people read to stderr; `info` and `doctor` write what they
+    /// find
+    ///
+    /// Events are `started`, `configured`, `stage`, `progress`, `item` (a file was written), `found`, `warning`, and in the end
+    /// `finished`, `interrupted` or `failed`. The library's documentation of udc::core::event lists their keys.
+    #[arg(long, global = true, help_heading = GLOBAL)]
+    json: bool,
     /// Replace existing outputs
     #[arg(long, global = true, help_heading = GLOBAL)]
     overwrite: bool,
@@ -94,8 +111,12 @@ enum ProgressMode {
 }
 
 const PROGRESS: Choices<ProgressMode> = Choices(&[
-    ("auto", ProgressMode::Auto, "Where stderr is a terminal"),
-    ("always", ProgressMode::Always, ""),
+    (
+        "auto",
+        ProgressMode::Auto,
+        "As bars where stderr is a terminal, else as lines of work that takes longer than ten seconds",
+    ),
+    ("always", ProgressMode::Always, "As bars where stderr is a terminal, else as lines from the beginning"),
     ("never", ProgressMode::Never, ""),
 ]);
 
@@ -119,106 +140,10 @@ enum Command {
     Report(report::ReportArgs),
     Bench(bench::BenchArgs),
     Info(info::InfoArgs),
+    Doctor(doctor::DoctorArgs),
     Convert(convert::ConvertArgs),
     Completions(completions::CompletionsArgs),
     Man(man::ManArgs),
-}
-
-/// What every command needs to know beside its own flags.
-pub(crate) struct Session {
-    /// 0 quiet, 1 normal, 2 and more verbose.
-    verbosity: u8,
-    /// Where stages report, and the flag that Ctrl-C sets.
-    pub(crate) progress: Progress,
-    /// Whether existing outputs may be replaced.
-    pub(crate) overwrite: bool,
-    /// Why stdout took no more of what [`Session::tell`] told.
-    unheard: OnceLock<std::io::Error>,
-}
-
-impl Session {
-    /// Tells the user a result on stdout, unless `--quiet`: one that is nothing but this text.
-    ///
-    /// # Errors
-    /// When stdout is closed, which ends the program quietly, or takes no more.
-    pub(crate) fn say(&self, text: impl Display) -> Result<()> {
-        if self.verbosity > 0 {
-            writeln!(std::io::stdout().lock(), "{text}").context(WRITING_TO_STDOUT)?;
-        }
-        Ok(())
-    }
-
-    /// Tells the user on stdout, unless `--quiet`, of work whose results are files.
-    ///
-    /// A stdout that takes no more stops the telling and not the work; the run reports it at its end.
-    pub(crate) fn tell(&self, text: impl Display) {
-        if self.verbosity > 0
-            && self.unheard.get().is_none()
-            && let Err(error) = writeln!(std::io::stdout().lock(), "{text}")
-        {
-            // Whichever thread is first says why.
-            let _ = self.unheard.set(error);
-        }
-    }
-
-    /// Warns on stderr, unless `--quiet`.
-    pub(crate) fn warn(&self, text: impl Display) {
-        self.note(format_args!("warning: {text}"));
-    }
-
-    /// Tells on stderr what the user should know beforehand, unless `--quiet`.
-    pub(crate) fn note(&self, text: impl Display) {
-        if self.verbosity > 0 {
-            print_error(text);
-        }
-    }
-
-    /// Tells details on stderr with `--verbose`.
-    pub(crate) fn detail(&self, text: impl Display) {
-        if self.verbosity > 1 {
-            print_error(text);
-        }
-    }
-
-    /// Tells on stderr what a stage has to tell, by how much it matters.
-    pub(crate) fn notice(&self, notice: &Notice) {
-        match notice {
-            Notice::Detail(text) => self.detail(text),
-            Notice::Note(text) => self.note(text),
-            Notice::Warning(text) => self.warn(text),
-        }
-    }
-
-    /// Does a step of the work, and tells with `--verbose` how long it took.
-    pub(crate) fn timed<T, E>(
-        &self,
-        doing: impl Display,
-        step: impl FnOnce() -> Result<T, E>,
-    ) -> Result<T, E> {
-        timed(self, doing, step)
-    }
-}
-
-impl Watcher for Session {
-    fn progress(&self) -> &Progress {
-        &self.progress
-    }
-
-    fn tell(&self, text: &dyn Display) {
-        self.tell(text);
-    }
-
-    fn warn(&self, text: &dyn Display) {
-        self.warn(text);
-    }
-
-    fn note(&self, text: &dyn Display) {
-        self.note(text);
-    }
-
-    fn detail(&self, text: &dyn Display) {
-        self.detail(text);
-    }
 }
 
 /// Columns that examples are written in.
@@ -258,7 +183,15 @@ fn break_example(line: &str) -> String {
 impl Cli {
     /// Reads the command line; ends the process where it asks for help or is wrong.
     pub(crate) fn from_arguments() -> Self {
-        Self::from_arg_matches(&definition().get_matches()).unwrap_or_else(|error| error.exit())
+        let mut definition = definition();
+        let matches = definition.try_get_matches_from_mut(std::env::args_os());
+        let parsed = matches.and_then(|matches| Ok((Self::from_arg_matches(&matches)?, matches)));
+        let (mut cli, matches) = parsed.unwrap_or_else(|error| {
+            events::tell_of_misuse(&error);
+            error.exit()
+        });
+        cli.called = called(&definition, &matches);
+        cli
     }
 
     /// Runs the command that was asked for.
@@ -266,14 +199,50 @@ impl Cli {
     /// # Errors
     /// Whatever the command failed of, with what was being done.
     pub(crate) fn run(self) -> Result<()> {
-        let session = self.global.start()?;
+        if let (true, name @ ("completions" | "man")) = (self.global.json, self.called.0.as_str()) {
+            return Err(misuse(name, "--json is for commands that work on files: leave it out"));
+        }
+        let tells_events = self.global.json && !WITHOUT_EVENTS.contains(&self.called.0.as_str());
+        let events = tells_events.then(|| Arc::new(Events::new()));
+        let _end = events.clone().map(EndOfEvents);
+        let outcome = self.run_told(events.as_ref());
+        let Some(events) = events else { return outcome.map(|_| ()) };
+        events.end(&outcome);
+        outcome?;
+        events.unheard().map_or(Ok(()), |error| Err(error).context(WRITING_TO_STDOUT))
+    }
+
+    /// Runs the command, and returns what is told of its results.
+    fn run_told(self, events: Option<&Arc<Events>>) -> Result<Map<String, Value>> {
+        let session = self.global.start(events)?;
+        if let Some(events) = events {
+            let (command, configuration) = self.called;
+            events.tell(Event::Started {
+                command: &command,
+                version: env!("CARGO_PKG_VERSION"),
+                schema: SCHEMA,
+                threads: rayon::current_num_threads(),
+                instruction_set: Isa::current().name(),
+                configuration,
+            });
+        }
         let start = Instant::now();
         self.command.run(&session)?;
         let memory =
             peak_memory_bytes().map_or(String::new(), |bytes| format!(", peak memory {}", mebibytes(bytes)));
         session.detail(format_args!("finished in {:.2} s{memory}", start.elapsed().as_secs_f64()));
-        session.unheard.into_inner().map_or(Ok(()), |error| Err(error).context(WRITING_TO_STDOUT))
+        session.end()
     }
+}
+
+/// Commands that tell no events with `--json`: what they find is JSON itself, or they write a text for other programs.
+const WITHOUT_EVENTS: [&str; 4] = ["info", "doctor", "completions", "man"];
+
+/// The name of the subcommand, and the values of its flags.
+fn called(definition: &clap::Command, matches: &ArgMatches) -> (String, Map<String, Value>) {
+    let Some((name, matches)) = matches.subcommand() else { return Default::default() };
+    let command = definition.find_subcommand(name).expect("clap found it");
+    (name.to_owned(), events::configuration(command, matches))
 }
 
 impl Command {
@@ -297,6 +266,7 @@ impl Command {
             Self::Report(args) => args.run(session),
             Self::Bench(args) => args.run(session),
             Self::Info(args) => args.run(session),
+            Self::Doctor(args) => args.run(session),
             Self::Convert(args) => args.run(session),
             Self::Completions(args) => args.run(session),
             Self::Man(args) => args.run(session),
@@ -305,7 +275,7 @@ impl Command {
 }
 
 impl GlobalArgs {
-    fn start(&self) -> Result<Session> {
+    fn start(&self, events: Option<&Arc<Events>>) -> Result<Session> {
         // Whatever the command: results must not come from another instruction set than was asked for.
         Isa::forced().map_err(|reason| Cli::command().error(ErrorKind::InvalidValue, reason))?;
         udc::kernels::share_freed_memory();
@@ -325,23 +295,44 @@ impl GlobalArgs {
         #[cfg(unix)]
         flag::register(signal_hook::consts::SIGXFSZ, Arc::default())
             .context("installing the handler of file size limits")?;
-        let visible = match self.progress {
-            ProgressMode::Auto => !self.quiet && std::io::stderr().is_terminal(),
-            ProgressMode::Always => true,
-            ProgressMode::Never => false,
-        };
-        let reporter = visible.then(|| Arc::new(StderrBars) as _);
-        Ok(Session {
-            verbosity: if self.quiet { 0 } else { 1 + self.verbose },
-            progress: Progress::new(reporter, interrupted),
-            overwrite: self.overwrite,
-            unheard: OnceLock::new(),
-        })
+        let live = Arc::new(Live::new(&self.view(), events.cloned()));
+        if let Some(events) = events.cloned() {
+            let live = Arc::clone(&live);
+            udc::io::tell_of_files(move |path| live.beside(|| events.tell_of_file(path)));
+        }
+        let verbosity = if self.quiet { 0 } else { 1 + self.verbose };
+        Ok(Session::new(verbosity, self.overwrite, self.json, (live, interrupted), events.cloned()))
+    }
+
+    /// Where people see how far work is.
+    fn view(&self) -> View {
+        let is_dumb = std::env::var_os("TERM").is_some_and(|terminal| terminal == "dumb");
+        let is_terminal = std::io::stderr().is_terminal() && !is_dumb;
+        // Lines of events on the same terminal tell it already.
+        let is_told = self.json && std::io::stdout().is_terminal();
+        match self.progress {
+            ProgressMode::Never => View::None,
+            ProgressMode::Auto if self.quiet || is_told => View::None,
+            ProgressMode::Always | ProgressMode::Auto if is_terminal => View::Terminal,
+            ProgressMode::Auto => View::Log(LOG_DELAY),
+            ProgressMode::Always => View::Log(Duration::ZERO),
+        }
     }
 }
 
+/// What is done sooner is not told of in a log, unless it is asked for.
+const LOG_DELAY: Duration = Duration::from_secs(10);
+
 /// What is being done when stdout takes no more.
 const WRITING_TO_STDOUT: &str = "writing to stdout";
+
+/// Prints a line on stdout, whatever the verbosity: what the command was called for.
+///
+/// # Errors
+/// When stdout is closed, or takes no more.
+fn print_line(text: impl Display) -> Result<()> {
+    writeln!(std::io::stdout().lock(), "{text}").context(WRITING_TO_STDOUT)
+}
 
 /// Prints a line on stderr, if anybody reads it.
 pub(crate) fn print_error(text: impl Display) {
@@ -361,19 +352,20 @@ fn misuse(subcommand: &str, reason: &str) -> anyhow::Error {
     command.error(ErrorKind::ArgumentConflict, reason).into()
 }
 
+/// The exit code of what was misunderstood, and of what failed.
+const MISUSE: u8 = 2;
+const FAILURE: u8 = 1;
+
+/// The exit code that an error ends the process with.
+pub(crate) fn exit_code(error: &anyhow::Error) -> u8 {
+    if error.is::<clap::Error>() { MISUSE } else { FAILURE }
+}
+
 /// Whether the reader of our output went away, which is no failure.
 pub(crate) fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         cause.downcast_ref::<std::io::Error>().is_some_and(|io| io.kind() == std::io::ErrorKind::BrokenPipe)
     })
-}
-
-/// The most memory that this process has held at once, where the system tells.
-fn peak_memory_bytes() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
-    let kibibytes: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
-    Some(kibibytes * 1024)
 }
 
 fn mebibytes(bytes: u64) -> String {

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use clap::{ArgGroup, Args};
+use serde_json::{Value, json};
 
 use udc::capture::Told;
 use udc::core::psf::Psf;
@@ -11,9 +12,9 @@ use udc::core::tone::ToneCurve;
 use udc::io::{DomainTag, check_output, expand_inputs};
 use udc::restore::{Capture, Pose, PoseConfig, PoseEstimate, find_pose, write_pose};
 
-use super::Session;
 use super::choices::DOMAINS;
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
+use super::{Session, text_of};
 
 /// Find by how much a panel is turned and scaled against its PSF, from the flare of lamps
 ///
@@ -56,6 +57,8 @@ impl PoseArgs {
         check_output(&self.output, session.overwrite)?;
         let psf = self.psf_file.read(&self.psf, session)?;
         let mut estimates = Vec::new();
+        let count = if files.len() > 1 { files.len() as u64 } else { 0 };
+        let bar = (count > 0).then(|| session.progress.bar(count, "captures"));
         for file in &files {
             let found = self.estimate(file, &psf, curve, session);
             let found = found.with_context(|| format!("finding the pose in {}", file.display()))?;
@@ -63,7 +66,9 @@ impl PoseArgs {
                 Some(found) => session.tell(format_args!("{}: {found}", file.display())),
                 None => session.tell(format_args!("{}: tells nothing", file.display())),
             }
+            session.found(&text_of(file), json!({ "pose": found.as_ref().map(estimate_for_scripts) }));
             estimates.extend(found);
+            bar.iter().for_each(|bar| bar.inc(1));
         }
         let Some(pose) = Pose::of_estimates(&psf, &estimates) else {
             bail!(
@@ -73,6 +78,10 @@ impl PoseArgs {
             );
         };
         write_pose(&self.output, &pose, session.overwrite)?;
+        session.results_of(json!({
+            "output": text_of(&self.output), "turn-deg": pose.turn_deg, "scale": pose.scale,
+            "turn-sigma-deg": pose.turn_sigma_deg, "scale-sigma": pose.scale_sigma, "told-by": estimates.len(),
+        }));
         session.say(format_args!(
             "{}: {pose}, told by {} of {}",
             self.output.display(),
@@ -96,4 +105,11 @@ impl PoseArgs {
         let find = || find_pose(&image, psf, &config, &session.progress);
         Ok(session.timed(format_args!("finding the pose in {}", file.display()), find)?)
     }
+}
+
+fn estimate_for_scripts(found: &PoseEstimate) -> Value {
+    json!({
+        "turn-deg": found.turn_deg, "scale": found.scale, "turn-sigma-deg": found.turn_sigma_deg,
+        "scale-sigma": found.scale_sigma, "unexplained": found.unexplained,
+    })
 }

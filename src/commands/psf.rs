@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result};
 use clap::Args;
 use serde::Serialize;
+use serde_json::json;
 
 use super::psf_file::PsfFileArgs;
 use super::{Session, misuse, text_of};
@@ -133,6 +134,9 @@ impl PsfArgs {
             .apply(&psf, &mut stream(self.errors.seed, "psf/errors"))
             .context("giving the PSF the errors of a measurement")?;
         self.write(session, display.as_ref(), &psf)?;
+        session.results_of(json!({
+            "output": text_of(&self.output), "width": psf.width(), "height": psf.height(), "psf-sha256": psf.sha256(),
+        }));
         session.say(format_args!("{}: PSF of {} × {}", self.output.display(), psf.width(), psf.height()))?;
         let lines = simulated.map_or(Vec::new(), |simulated| simulated.summary());
         lines.into_iter().try_for_each(|line| session.say(line))
@@ -164,6 +168,7 @@ impl PsfArgs {
                 "the panel of {what} has no sub-pixels, openings or wiring: its PSF is that of the bare lens"
             ));
         }
+        session.configured(display);
         let simulated = simulate_psf(display, &session.progress)
             .with_context(|| format!("simulating the PSF of {what}"))?;
         session.detail(simulated.geometry_in_words());

@@ -9,8 +9,8 @@ use udc::io;
 use udc::report::page::Page;
 use udc::report::{self, sections};
 
-use super::Session;
 use super::psf_file::PsfFileArgs;
+use super::{Session, text_of};
 
 /// Gather results in one self-contained page
 ///
@@ -37,19 +37,23 @@ impl ReportArgs {
         io::check_output(&self.output, session.overwrite)?;
         let mut page = Page { title: self.title, blocks: Vec::new() };
         let mut psfs = Vec::new();
+        let bar = session.progress.bar(self.inputs.len() as u64, "inputs");
         for input in &self.inputs {
             if !input.is_dir() && !report::is_bank(input) {
                 psfs.push((name_of(input), self.psf_file.read(input, session)?));
+                bar.inc(1);
                 continue;
             }
             let section = report::gather(&name_of(input), input);
             page.blocks.extend(section.with_context(|| format!("reading {}", input.display()))?);
+            bar.inc(1);
         }
         if !psfs.is_empty() {
             page.blocks.splice(0..0, sections::psfs(&psfs));
         }
         let html = page.to_html();
         io::write_atomically(&self.output, session.overwrite, |file| file.write_all(html.as_bytes()))?;
+        session.result("output", text_of(&self.output));
         session.tell(format_args!("wrote {}", self.output.display()));
         Ok(())
     }

@@ -1,5 +1,6 @@
 //! `udc restore`.
 
+mod estimate;
 mod files;
 mod kernel;
 mod method;
@@ -11,11 +12,12 @@ use anyhow::Result;
 use clap::{ArgGroup, Args};
 use serde_json::{Map, Value, json};
 
-use udc::batch::{self, Stages};
+use udc::batch::{self, Selection, Stages};
 use udc::capture::{Told, relative_times};
 use udc::core::error;
 use udc::core::progress::Progress;
 use udc::core::provenance::Provenance;
+use udc::core::shard::Shard;
 use udc::dataset::NoiseConfig;
 use udc::finish::Photograph;
 use udc::io::{DomainTag, WriteOptions, check_output_domain, what_is_lost};
@@ -28,6 +30,8 @@ use udc::restore::{
 use super::bracket::BracketArgs;
 use super::choices::{Choices, DOMAINS, HIGHLIGHTS, OUTPUT_DOMAINS, PRECISIONS};
 use super::device::DeviceArgs;
+use super::dry_run::DryRunArgs;
+use super::layer::LayerArgs;
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
 use super::{Session, misuse, text_of};
 use files::Job;
@@ -60,7 +64,8 @@ use method::MethodArgs;
     udc restore --exposures 1,1/4,1/16 a.exr b.exr c.exr --method constrained --psf psf.exr -o restored.exr\n  \
     udc restore phone.dng --model m.pth --code c.npy -o restored.exr\n  \
     udc restore phone.dng --model m.pth --code c.npy -o photo.jpg\n  \
-    udc restore --bracket --bayer rggb --white 16383 --black 64 scenes/ --model m.pth --code c.npy -o out/ --resume")]
+    udc restore --bracket --bayer rggb --white 16383 --black 64 scenes/ --model m.pth --code c.npy -o out/ --resume\n  \
+    udc restore captures/ --psf psf.exr -o restored/ --shard 2/8 --resume")]
 pub(crate) struct RestoreArgs {
     /// Images, folders or patterns; also the folder of the published dataset, for its real captures
     #[arg(required = true, value_name = "IN")]
@@ -89,6 +94,8 @@ pub(crate) struct RestoreArgs {
     #[command(flatten)]
     kernel: KernelArgs,
     #[command(flatten)]
+    layer: LayerArgs,
+    #[command(flatten)]
     psf_file: PsfAmongImagesArgs,
     /// The files are one bracket, and each folder is one, with the exposure times and ISO that the files tell
     #[arg(long)]
@@ -114,6 +121,9 @@ pub(crate) struct RestoreArgs {
     /// (SHA-256), wherever those lie; other formats are kept as they are.
     #[arg(long)]
     resume: bool,
+    /// Restore only the I-th of N parts; all parts may be restored at the same time, into one folder
+    #[arg(long, value_name = "I/N", default_value = "1/1")]
+    shard: Shard,
     /// Arithmetic precision of the network
     #[arg(long, value_name = "PRECISION", value_parser = PRECISIONS, default_value = "f32", conflicts_with = "method")]
     precision: Precision,
@@ -134,6 +144,8 @@ pub(crate) struct RestoreArgs {
     /// Irradiance at which the capture, fused of all its exposures, saturates [default: that of the model's training, else 500]
     #[arg(long, value_name = "X")]
     x_max: Option<f32>,
+    #[command(flatten)]
+    dry_run: DryRunArgs,
 }
 
 /// The formats of files in an output folder, as the extensions that stand for them.
@@ -162,7 +174,11 @@ impl RestoreArgs {
         let (restoration, notices) = self.config(is_guided, &jobs, backend).open()?;
         notices.iter().for_each(|notice| session.notice(notice));
         let run = Run::new(&self, restoration, jobs.len() > 1, session)?;
-        Ok(batch::run(&run, jobs, self.resume, session)?)
+        if self.dry_run.dry_run {
+            let estimate = run.estimate(jobs, self.shard)?;
+            return self.dry_run.tell("restore", &estimate, session);
+        }
+        Ok(batch::run(&run, jobs, Selection { shard: self.shard, resume: self.resume }, session)?)
     }
 
     /// The domain that is written: the one that is asked for, or that of the capture.
@@ -312,6 +328,16 @@ impl<'a> Run<'a> {
 
     /// Tells what was found of the light of a capture.
     fn tell_of_light(&self, job: &Job, restored: &Restored) {
+        let pose =
+            restored.pose.as_ref().map(|pose| json!({ "turn-deg": pose.turn_deg, "scale": pose.scale }));
+        let angle = restored.angle.as_ref();
+        let angle = angle.map(|angle| json!({ "angle-deg": angle.angle_deg, "lead-nats": angle.lead }));
+        let brightest: Vec<_> = restored.lamps.iter().take(TOLD_LAMPS).collect();
+        let found = json!({
+            "lamps": brightest, "lamps-in-all": restored.lamps.len(), "saturation": restored.levels, "pose": pose,
+            "angle": angle,
+        });
+        self.session.found(&job.name(), found);
         if let Some([red, green, blue]) = restored.levels {
             self.session.note(format_args!(
                 "{}: saturates at {red}, {green} and {blue} in red, green and blue, as its brightest pixels show; --x-max says \

@@ -5,13 +5,14 @@ use std::str::FromStr;
 
 use anyhow::Result;
 use clap::Args;
+use serde_json::json;
 
 use udc::core::error::Error;
+use udc::core::shard::Shard;
 use udc::scenes::SceneSet;
-use udc::synth::Shard;
 
-use super::Session;
 use super::choices::FLOAT_FORMATS;
+use super::{Session, text_of};
 
 /// Paint HDR scenes with the statistics of natural images, in any number
 ///
@@ -86,6 +87,7 @@ impl ScenesArgs {
         }
         set.run(&self.output, &session.progress)?;
         let ([height, width], count) = (set.size, set.numbers.len());
+        session.results_of(json!({ "output": text_of(&self.output), "scenes": count }));
         let margin = match self.margin {
             0 => String::new(),
             margin => format!(" and a margin of {margin} on each side"),

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use clap::Args;
 
+use udc::core::shard::Shard;
 use udc::dataset::Dataset;
 use udc::experiment::{
     Document as _, EarlierRows, Listener, ResultsFolder, Sweep, SweepConfig, SweepEntry, SweepEvent,
@@ -29,7 +30,8 @@ const TABLES: [&str; 3] = ["table.md", "table.csv", "table.json"];
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:\n  udc sweep configs/ablation-*.toml --data dataset -o ablation\n  \
     udc sweep a.toml b.toml --data dataset -o sweep --set iterations=2000 --set data.crop=64\n  \
-    udc sweep a.toml b.toml --data dataset -o sweep --set iterations=2000 --set data.crop=64 --resume")]
+    udc sweep a.toml b.toml --data dataset -o sweep --set iterations=2000 --set data.crop=64 --resume\n  \
+    udc sweep a.toml b.toml --data dataset -o sweep --shard 2/2")]
 pub(crate) struct SweepArgs {
     /// Configurations, a row of the table each
     #[arg(required = true, value_name = "CONFIG")]
@@ -46,6 +48,10 @@ pub(crate) struct SweepArgs {
     /// Keep finished rows, and go on with the others from their checkpoints
     #[arg(long)]
     resume: bool,
+    /// Train and measure only the I-th of N parts of the configurations; all parts may run at the same time, into one
+    /// folder, and a last run with --resume makes the table
+    #[arg(long, value_name = "I/N", default_value = "1/1")]
+    shard: Shard,
     #[command(flatten)]
     metrics: MetricArgs,
     /// Measure on the first N triplets of the test split only
@@ -80,24 +86,37 @@ impl SweepArgs {
             max_memory: self.max_memory,
             backend: self.device.find_or(self.backend, session)?,
             earlier,
+            shard: self.shard,
         };
         let dataset = Dataset::open(&self.data)?;
         let warn = |text: &str| session.warn(text);
         let listener = Listener { progress: &session.progress, warn: &warn };
         let sweep = Sweep::new(&config, &dataset, &self.output, listener)?;
         let results = sweep.run(&entries, &|event| match event {
-            SweepEvent::Begins(name) => session.tell(format_args!("# {name}")),
+            SweepEvent::Begins(name) => {
+                session.stage(name);
+                session.tell(format_args!("# {name}"));
+            }
             SweepEvent::WasFinished(name) => session.tell(format_args!("{name}: finished before")),
             SweepEvent::Trains(parameters) => session.detail(format_args!("{parameters} parameters")),
         })?;
-        if !results.rows.is_empty() || !self.output.join(TABLES[0]).exists() {
+        session.results_of(serde_json::from_str(&results.to_json())?);
+        if self.shard.is_part() {
+            let folder = self.output.display();
+            session.tell(format_args!(
+                "{folder}: rows of shard {}; when all shards are done, the same command with --resume and without --shard \
+                 makes the table",
+                self.shard
+            ));
+        } else if !results.rows.is_empty() || !self.output.join(TABLES[0]).exists() {
             write_tables(&results, &self.output, session)?;
         }
         if results.failed.is_empty() {
             return Ok(());
         }
         let reasons: Vec<&str> = results.failed.iter().map(|row| row.reason.as_str()).collect();
-        bail!("{} of {} rows failed: {}", reasons.len(), entries.len(), reasons.join("; "))
+        let all = results.rows.len() + reasons.len();
+        bail!("{} of {all} rows failed: {}", reasons.len(), reasons.join("; "))
     }
 
     /// Reads every configuration before any is trained.

@@ -6,16 +6,19 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
 use clap::{ArgGroup, Args, value_parser};
+use serde_json::json;
 
 use udc::core::bytes::{format_bytes, parse_bytes};
+use udc::core::shard::Shard;
 use udc::dataset::Split;
 use udc::io;
-use udc::synth::{Division, Existing, SceneReport, Shard, Synthesis, SynthesisConfig};
+use udc::synth::{Division, Existing, SceneReport, Synthesis, SynthesisConfig};
 
-use super::Session;
 use super::choices::SPLITS;
 use super::domain::SceneDomainArgs;
+use super::dry_run::{DryRunArgs, PATIENCE};
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
+use super::{Session, text_of};
 use options::{FormationArgs, KernelArgs, StorageArgs};
 
 /// The largest number that `dataset.toml` can hold.
@@ -76,14 +79,23 @@ pub(crate) struct SynthArgs {
     /// that killed runs left more than an hour ago are removed
     #[arg(long)]
     resume: bool,
+    /// As --resume, even where another process holds the same part: one of a machine that is gone, whose locks a network file
+    /// system has kept. If it still runs, it does no harm, and its work is done again
+    #[arg(long)]
+    take_over: bool,
     /// Memory that may be used
     #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = parse_bytes)]
     max_memory: u64,
+    #[command(flatten)]
+    dry_run: DryRunArgs,
 }
 
 impl SynthArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let synthesis = self.plan(session)?;
+        if self.dry_run.dry_run {
+            return self.estimate(&synthesis, session);
+        }
         let needs = synthesis.needs().context("planning the synthesis")?;
         let ([height, width], count) = (needs.size, synthesis.scenes.len());
         let formation = &synthesis.config.formation;
@@ -91,6 +103,7 @@ impl SynthArgs {
             0 => String::new(),
             margin => format!(" with a margin of {margin}"),
         };
+        session.configured(formation);
         session.tell(format_args!(
             "{count} scenes of {}{height} × {width}{margin} through {} kernels: {} images, at most {} on disk and {} of \
              memory",
@@ -104,10 +117,11 @@ impl SynthArgs {
             session.warn(warning);
         }
         self.warn_of_one_source(session, &synthesis);
-        let existing = match (session.overwrite, self.resume) {
-            (true, _) => Existing::Overwrite,
-            (false, true) => Existing::Resume,
-            (false, false) => Existing::Refuse,
+        let existing = match (session.overwrite, self.resume, self.take_over) {
+            (true, ..) => Existing::Overwrite,
+            (false, _, true) => Existing::TakeOver,
+            (false, true, false) => Existing::Resume,
+            (false, false, false) => Existing::Refuse,
         };
         let mut made = 0;
         synthesis
@@ -118,11 +132,26 @@ impl SynthArgs {
             })
             .with_context(|| format!("synthesising {}", self.output.display()))?;
         let kept = needs.images - made;
+        session.results_of(json!({ "output": text_of(&self.output), "made": made, "kept": kept }));
         let kept = if kept == 0 { String::new() } else { format!(", {kept} were there") };
         session.say(format_args!("{}: {made} images made{kept}", self.output.display()))
     }
 
+    /// Says what the synthesis would take.
+    fn estimate(&self, synthesis: &Synthesis, session: &Session) -> Result<()> {
+        // Before a scene is sampled: a shard may have none.
+        synthesis.needs().context("planning the synthesis")?;
+        let sample: Vec<PathBuf> = synthesis.scenes.iter().take(1).map(|scene| scene.path.clone()).collect();
+        let sample = self.plan_scenes(sample, Shard::WHOLE, session)?;
+        let estimate = synthesis.estimate(&sample, &self.output, PATIENCE)?;
+        self.dry_run.tell("synth", &estimate, session)
+    }
+
     fn plan(&self, session: &Session) -> Result<Synthesis> {
+        self.plan_scenes(io::expand_inputs(&self.scenes)?, self.shard, session)
+    }
+
+    fn plan_scenes(&self, scenes: Vec<PathBuf>, shard: Shard, session: &Session) -> Result<Synthesis> {
         let degradations = self.kernels.read(&self.psf_file, session)?;
         let config = SynthesisConfig {
             formation: self.formation.resolve(),
@@ -132,13 +161,13 @@ impl SynthArgs {
                 None => Division::TestFraction(self.test_fraction),
             },
             seed: self.seed,
-            shard: self.shard,
+            shard,
             told: self.scene.domain,
             image_format: self.storage.format,
             half: self.storage.half,
             max_bytes: self.max_memory,
         };
-        Ok(Synthesis::plan(io::expand_inputs(&self.scenes)?, degradations, config)?)
+        Ok(Synthesis::plan(scenes, degradations, config)?)
     }
 
     fn warn_of_one_source(&self, session: &Session, synthesis: &Synthesis) {

@@ -6,12 +6,14 @@ use anyhow::Result;
 use clap::Args;
 
 use udc::batch::{Destination, ToneMapping};
+use udc::core::shard::Shard;
 use udc::core::tone::ToneCurve;
 use udc::io::DomainTag;
 
 use super::Session;
 use super::choices::FORMATS;
 use super::choices::LIGHT_DOMAINS;
+use super::layer::LayerArgs;
 
 /// Apply the tone mapping or its inverse
 ///
@@ -28,6 +30,8 @@ pub(crate) struct TonemapArgs {
     /// Image to write; a folder for several inputs, or if the name ends in a slash
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
+    #[command(flatten)]
+    layer: LayerArgs,
     /// Map tone-mapped values back to linear light
     #[arg(long, conflicts_with = "domain")]
     inverse: bool,
@@ -60,8 +64,12 @@ impl TonemapArgs {
             half: self.half,
             overwrite: session.overwrite,
         };
-        let destination =
-            Destination { path: &self.output, extension: self.format, accepts_existing: session.overwrite };
-        Ok(mapping.run(&self.inputs, &destination, session)?)
+        let destination = Destination {
+            path: &self.output,
+            extension: self.format,
+            accepts_existing: session.overwrite,
+            shard: Shard::WHOLE,
+        };
+        Ok(mapping.run(&self.layer.of(&self.inputs), &destination, session)?)
     }
 }

@@ -5,17 +5,21 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use clap::error::ErrorKind;
+use serde_json::json;
 
+use udc::core::shard::Shard;
 use udc::examples::{ExampleSet, ExamplesConfig};
 use udc::experiment::validation_measures;
 use udc::io;
 use udc::kernels::keep_freed_memory;
 use udc::network::{Backend, GUIDED};
-use udc::synth::{Existing, Shard};
+use udc::synth::Existing;
 use udc::train::{self, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationScore, read_initial};
 
-use super::Session;
 use super::device::DeviceArgs;
+use super::dry_run::{DryRunArgs, PATIENCE};
+use super::events::Stopped;
+use super::{Session, text_of};
 
 /// Train a restoration network
 ///
@@ -66,10 +70,15 @@ pub(crate) struct TrainArgs {
     /// Burn backend to compute with on the CPU: flex or ndarray
     #[arg(long, default_value = "flex", value_name = "NAME")]
     pub(super) backend: Backend,
+    #[command(flatten)]
+    pub(super) dry_run: DryRunArgs,
 }
 
 impl TrainArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        if self.dry_run.dry_run {
+            return self.estimate(session);
+        }
         let outcome = self.train(session)?;
         report(&outcome, &self.output, session)
     }
@@ -77,6 +86,7 @@ impl TrainArgs {
     /// Trains as far as the configuration, or the user, wants.
     pub(super) fn train(&self, session: &Session) -> Result<Outcome> {
         let config = self.read_config()?;
+        session.configured(&config);
         let start = self.start(&config, session)?;
         let made = self.psf.as_deref().map(|psf| self.make_examples(psf, session)).transpose()?;
         let data = made.as_deref().or(self.data.as_deref()).expect("one of --data and --psf is required");
@@ -92,6 +102,21 @@ impl TrainArgs {
         };
         keep_freed_memory();
         Ok(training.run(&self.output, start)?)
+    }
+
+    /// Says what the training would take, all of its iterations counted.
+    fn estimate(&self, session: &Session) -> Result<()> {
+        let config = self.read_config()?;
+        let Some(data) = self.data.as_deref() else {
+            bail!(
+                "--dry-run needs examples that are there: make them with `udc examples`, and name them with --data"
+            );
+        };
+        let set = TrainingSet::open(data, self.bank.as_deref(), &config)?;
+        let warn = |text: &str| session.warn(text);
+        let samples = set.samples(&config, &warn)?;
+        let estimate = train::estimate(&config, &*samples, self.backend, PATIENCE)?;
+        self.dry_run.tell("train", &estimate, session)
     }
 
     fn read_config(&self) -> Result<TrainConfig> {
@@ -151,11 +176,16 @@ pub(super) fn configure(text: &str, path: &Path, settings: &[String]) -> Result<
 fn report(outcome: &Outcome, folder: &Path, session: &Session) -> Result<()> {
     let model = folder.join("model.safetensors");
     if outcome.interrupted {
-        bail!(
-            "interrupted after iteration {}; a checkpoint was written, pass --resume to go on from it",
-            outcome.iteration
+        let iteration = outcome.iteration;
+        let how = format!(
+            "interrupted after iteration {iteration}; a checkpoint was written, pass --resume to go on from it"
         );
+        return Err(Stopped(how).into());
     }
+    session.results_of(json!({
+        "model": text_of(&model), "iteration": outcome.iteration, "last-step": outcome.last_step,
+        "validation": outcome.last_validation,
+    }));
     for ValidationScore { metric, restored, degraded, deconvolved } in outcome.validation_scores() {
         let (name, decimals) = (metric.heading(), metric.decimals());
         let told = |value: Option<f64>, what: &str| {

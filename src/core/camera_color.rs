@@ -4,6 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::matrix3::{IDENTITY, Matrix3, apply, between, diagonal, inverse, product};
+use super::primaries::{D50, D65, Primaries, adaptation, xyz_of};
 
 /// The colours of a camera under one or two lights, as a digital negative gives them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,15 +30,6 @@ pub struct CalibratedLight {
     /// The reference camera's colours to this camera's.
     pub calibration: Matrix3,
 }
-
-/// Chromaticities (x, y): D50 as the profile connection space has it, and D65 as sRGB (IEC 61966-2-1) has it.
-const D50: [f64; 2] = [0.3457, 0.3585];
-const D65: [f64; 2] = [0.3127, 0.3290];
-/// Chromaticities of the primaries of sRGB.
-const SRGB_PRIMARIES: [[f64; 2]; 3] = [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06]];
-
-/// XYZ to the responses of the Bradford transform (Lam 1985), in which lights are adapted to each other.
-const BRADFORD: Matrix3 = [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]];
 
 /// Matrices that amplify colours more than this describe no camera.
 const LARGEST_COEFFICIENT: f64 = 1e3;
@@ -71,9 +63,11 @@ impl CameraColor {
             }
             None => (inverse(&product(&to_camera, &mixed.color_matrix))?, white),
         };
-        let to_srgb = inverse(&srgb_to_xyz()?)?;
-        let matrix =
-            product(&product(&to_srgb, &adaptation(light, D65)?), &product(&to_xyz, &diagonal(neutral)));
+        let to_srgb = inverse(&Primaries::SRGB.to_xyz()?)?;
+        let matrix = product(
+            &product(&to_srgb, &adaptation(xyz_of(light), xyz_of(D65))?),
+            &product(&to_xyz, &diagonal(neutral)),
+        );
         let sums = matrix.map(|row| row.iter().sum::<f64>());
         let is_sound = sums.iter().all(|sum| sum.is_finite() && *sum > 0.0);
         let rows = [0, 1, 2].map(|i| matrix[i].map(|value| value / sums[i]));
@@ -161,30 +155,12 @@ fn temperature_of(illuminant: u16) -> f64 {
     }
 }
 
-fn xyz_of([x, y]: [f64; 2]) -> [f64; 3] {
-    [x / y, 1.0, (1.0 - x - y) / y]
-}
-
 /// Scales the rows of a forward matrix so that it maps (1, 1, 1) to D50.
 fn normalised(forward: &Matrix3) -> Option<Matrix3> {
     let sums = forward.map(|row| row.iter().sum::<f64>());
     let white = xyz_of(D50);
     let rows = [0, 1, 2].map(|i| forward[i].map(|value| value * white[i] / sums[i]));
     sums.iter().all(|sum| *sum > 0.0).then_some(rows)
-}
-
-/// The matrix by which XYZ under one light become those under another.
-fn adaptation(from: [f64; 2], to: [f64; 2]) -> Option<Matrix3> {
-    let [from, to] = [from, to].map(|white| apply(&BRADFORD, xyz_of(white)));
-    let gains = diagonal([0, 1, 2].map(|i| to[i] / from[i]));
-    Some(product(&inverse(&BRADFORD)?, &product(&gains, &BRADFORD)))
-}
-
-/// Linear sRGB to XYZ: the primaries, scaled so that they add up to D65.
-fn srgb_to_xyz() -> Option<Matrix3> {
-    let [red, green, blue] = SRGB_PRIMARIES.map(xyz_of);
-    let primaries = [0, 1, 2].map(|i| [red[i], green[i], blue[i]]);
-    Some(product(&primaries, &diagonal(apply(&inverse(&primaries)?, xyz_of(D65)))))
 }
 
 /// The correlated colour temperature of a chromaticity (x, y), in kelvin.

@@ -3,7 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::camera_color::CameraColor;
+use super::exif::Exif;
 use super::orientation::Orientation;
+use super::primaries::Primaries;
 
 /// What is known of a capture beside its light.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -24,6 +26,12 @@ pub struct CaptureInfo {
     /// The camera's colours.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub color: Option<CameraColor>,
+    /// The image's red, green and blue, where these are others than those of sRGB and no camera's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub primaries: Option<Primaries>,
+    /// What the camera says of the picture for those who look at it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exif: Option<Exif>,
 }
 
 impl CaptureInfo {
@@ -42,6 +50,9 @@ impl CaptureInfo {
         if info.baseline_exposure_ev.is_some_and(|stops| !is_exposure(stops)) {
             return Err("a baseline exposure of more than ten stops".to_owned());
         }
+        if info.primaries.is_some_and(|primaries| primaries.matrix_to(&Primaries::SRGB).is_none()) {
+            return Err("primaries that span no colours".to_owned());
+        }
         Ok(info)
     }
 
@@ -53,9 +64,13 @@ impl CaptureInfo {
         serde_json::to_string(self).expect("what is known of a capture is plain data")
     }
 
-    /// The matrix from the image's colours to linear sRGB, where the camera says its colours and gains were applied.
+    /// The matrix from the image's colours to linear sRGB, where the camera says its colours and gains were applied, or the
+    /// image has other primaries.
     pub fn color_matrix(&self) -> Option<[[f64; 3]; 3]> {
-        self.color.as_ref()?.matrix(self.white_balance?)
+        match (&self.color, self.white_balance) {
+            (Some(color), Some(gains)) => color.matrix(gains),
+            _ => self.primaries?.matrix_to(&Primaries::SRGB),
+        }
     }
 }
 
@@ -105,6 +120,8 @@ mod tests {
             saturation: Some([1.9, 1.0, 1.6]),
             orientation: Orientation::from_exif(6),
             baseline_exposure_ev: Some(0.35),
+            primaries: Some(Primaries::DISPLAY_P3),
+            exif: Some(Exif { make: Some("Maker".to_owned()), iso: Some(100.0), ..Exif::default() }),
             ..CaptureInfo::default()
         };
         assert_eq!(CaptureInfo::from_json(&info.to_json()), Ok(info));
@@ -116,6 +133,7 @@ mod tests {
             r#"{"saturation": [1, 1e-44, 1]}"#,
             r#"{"white-balance": [1, -1, 1]}"#,
             r#"{"baseline-exposure-ev": 1e9}"#,
+            r#"{"primaries": {"red": [0, 0], "green": [0, 0], "blue": [0, 0], "white": [0, 0]}}"#,
         ] {
             assert!(CaptureInfo::from_json(damaged).is_err(), "{damaged}");
         }

@@ -105,6 +105,12 @@ impl Error {
         self.chain().any(|cause| matches!(cause.downcast_ref(), Some(Self::Interrupted)))
     }
 
+    /// Whether a file could not be made because one of its name is there.
+    pub fn is_already_there(&self) -> bool {
+        let exists = |error: &std::io::Error| error.kind() == std::io::ErrorKind::AlreadyExists;
+        self.chain().any(|cause| cause.downcast_ref().is_some_and(exists))
+    }
+
     /// The error, what caused it, and so on.
     fn chain(&self) -> impl Iterator<Item = &(dyn std::error::Error + 'static)> {
         successors(Some(self as &(dyn std::error::Error + 'static)), |error| error.source())
@@ -129,7 +135,9 @@ mod tests {
         let missing = std::io::Error::new(std::io::ErrorKind::NotFound, "no such file");
         let error = Error::io("read", "a.exr", missing).while_doing("restoring a.exr");
         assert_eq!(error.in_full(), "restoring a.exr: cannot read a.exr: no such file");
-        assert!(!error.is_interrupt());
+        assert!(!error.is_interrupt() && !error.is_already_there());
+        let exists = std::io::Error::from(std::io::ErrorKind::AlreadyExists);
+        assert!(Error::io("create", "a.exr", exists).while_doing("restoring a.exr").is_already_there());
         assert!(Error::Interrupted.while_doing("restoring a.exr").is_interrupt());
     }
 }

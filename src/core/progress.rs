@@ -4,13 +4,21 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use serde_json::{Map, Value};
+
 use super::error::{Error, Result};
 
 /// Shows how far stages are: on a terminal, in a window, in a log.
 pub trait Reporter: fmt::Debug + Send + Sync {
-    /// Begins to show work of `length` steps; `what` names them, or what is being done.
-    fn bar(&self, length: u64, what: &'static str) -> Box<dyn Bar>;
+    /// Begins to show work of `length` steps; `unit` names them: `images`, or [`PIXELS`].
+    fn bar(&self, length: u64, unit: &'static str) -> Box<dyn Bar>;
+
+    /// Begins to show work that does not tell how far it is; dropped, it is shown no longer.
+    fn task(&self, what: String) -> Box<dyn Task>;
 }
+
+/// The unit of work that is counted in pixels, of which there are many.
+pub const PIXELS: &str = "pixels";
 
 /// One piece of work that is shown; dropped, it is shown no longer.
 pub trait Bar: Send + Sync {
@@ -20,11 +28,23 @@ pub trait Bar: Send + Sync {
     /// Shows that the work goes on from `position`, which an earlier process came to: its steps took no time here.
     fn start_at(&self, position: u64);
 
-    /// Shows another text than what the bar began with.
-    fn set_message(&self, message: String);
+    /// Shows what else is known of the work now, until something newer is.
+    fn show(&self, status: Status);
 
     /// Shows the work no longer.
     fn finish_and_clear(&self);
+}
+
+/// A piece of work that is shown as long as this is there.
+pub trait Task: Send + Sync {}
+
+/// What is known of work beside how far it is.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Status {
+    /// For people.
+    pub text: String,
+    /// For scripts, by keys in kebab-case.
+    pub values: Map<String, Value>,
 }
 
 /// Where stages report their progress, and the flag that asks them to stop.
@@ -36,7 +56,7 @@ pub struct Progress {
     interrupted: Arc<AtomicBool>,
 }
 
-/// The bar that nobody sees.
+/// The work that nobody sees.
 struct Unseen;
 
 impl Bar for Unseen {
@@ -44,10 +64,12 @@ impl Bar for Unseen {
 
     fn start_at(&self, _: u64) {}
 
-    fn set_message(&self, _: String) {}
+    fn show(&self, _: Status) {}
 
     fn finish_and_clear(&self) {}
 }
+
+impl Task for Unseen {}
 
 impl Progress {
     /// Reports to `reporter`, if there is one, and stops when `interrupted` is set.
@@ -60,9 +82,16 @@ impl Progress {
         Self { reporter: None, interrupted: Arc::clone(&self.interrupted) }
     }
 
-    /// Starts a bar of `length` steps.
-    pub fn bar(&self, length: u64, what: &'static str) -> Box<dyn Bar> {
-        self.reporter.as_ref().map_or_else(|| Box::new(Unseen) as _, |reporter| reporter.bar(length, what))
+    /// Starts a bar of `length` steps, which `unit` names.
+    pub fn bar(&self, length: u64, unit: &'static str) -> Box<dyn Bar> {
+        self.reporter.as_ref().map_or_else(|| Box::new(Unseen) as _, |reporter| reporter.bar(length, unit))
+    }
+
+    /// Shows work that does not tell how far it is, as long as what is returned is there.
+    pub fn task(&self, what: impl fmt::Display) -> Box<dyn Task> {
+        self.reporter
+            .as_ref()
+            .map_or_else(|| Box::new(Unseen) as _, |reporter| reporter.task(what.to_string()))
     }
 
     /// Ends the work early when the user has asked for it; call between items.
@@ -90,11 +119,18 @@ mod tests {
     }
 
     impl Reporter for Notes {
-        fn bar(&self, length: u64, what: &'static str) -> Box<dyn Bar> {
-            self.add(format!("{length} {what}"));
+        fn bar(&self, length: u64, unit: &'static str) -> Box<dyn Bar> {
+            self.add(format!("{length} {unit}"));
+            Box::new(self.clone())
+        }
+
+        fn task(&self, what: String) -> Box<dyn Task> {
+            self.add(what);
             Box::new(self.clone())
         }
     }
+
+    impl Task for Notes {}
 
     impl Bar for Notes {
         fn inc(&self, steps: u64) {
@@ -105,8 +141,8 @@ mod tests {
             self.add(format!("at {position}"));
         }
 
-        fn set_message(&self, message: String) {
-            self.add(message);
+        fn show(&self, status: Status) {
+            self.add(status.text);
         }
 
         fn finish_and_clear(&self) {
@@ -120,10 +156,12 @@ mod tests {
         let progress = Progress::new(Some(Arc::new(notes.clone())), Arc::clone(&interrupted));
         let (outer, inner) = (progress.bar(3, "images"), progress.without_bars());
         inner.bar(9, "tiles").inc(9);
+        drop(inner.task("reading"));
+        drop(progress.task("writing"));
         outer.start_at(1);
         outer.inc(2);
         outer.finish_and_clear();
-        assert_eq!(*notes.0.lock().unwrap(), ["3 images", "at 1", "+2", "done"]);
+        assert_eq!(*notes.0.lock().unwrap(), ["3 images", "writing", "at 1", "+2", "done"]);
         inner.check().unwrap();
         interrupted.store(true, Ordering::Relaxed);
         assert!(matches!(inner.check(), Err(Error::Interrupted)));

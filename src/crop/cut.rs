@@ -1,6 +1,7 @@
 //! Cuts views out of the panoramas of files, and writes them to a folder.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -11,6 +12,7 @@ use crate::core::error::{Error, Result};
 use crate::core::image::Linear;
 use crate::core::progress::Progress;
 use crate::core::provenance::Provenance;
+use crate::core::shard::Shard;
 use crate::io::{self, DomainTag, WriteOptions};
 
 /// Views that are to be cut out of each panorama.
@@ -28,6 +30,8 @@ pub struct Cut {
     pub half: bool,
     /// Whether files that are there may be replaced.
     pub overwrite: bool,
+    /// Whose views are cut: a block of all, so that few panoramas are read by several runs.
+    pub shard: Shard,
 }
 
 /// What happened to a panorama.
@@ -53,6 +57,23 @@ pub enum CutReport<'a> {
     },
 }
 
+/// How many there were of what.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CutCount {
+    /// Panoramas that were read.
+    pub panoramas: usize,
+    /// Views that were cut out of them.
+    pub views: usize,
+}
+
+/// The views that one run cuts out of a panorama.
+pub(super) struct PanoramaViews {
+    stem: String,
+    pub(super) path: PathBuf,
+    /// Indices, from 0.
+    pub(super) views: Range<usize>,
+}
+
 /// What a view's provenance says.
 #[derive(Serialize)]
 struct Origin<'a> {
@@ -64,8 +85,7 @@ struct Origin<'a> {
 }
 
 impl Cut {
-    /// Cuts all views out of the panoramas of files, into `folder`, telling `on_report` of each; returns the number of
-    /// panoramas.
+    /// Cuts the views of a shard out of the panoramas of files, into `folder`, telling `on_report` of each.
     ///
     /// # Errors
     /// [`Error::Unsupported`] when two panoramas would have views of one name; [`Error::Config`] for views that cannot
@@ -76,24 +96,27 @@ impl Cut {
         folder: &Path,
         progress: &Progress,
         mut on_report: impl FnMut(CutReport<'_>),
-    ) -> Result<usize> {
+    ) -> Result<CutCount> {
         self.check()?;
-        let panoramas = name_by_stem(panoramas)?;
+        let work = self.share(name_by_stem(panoramas)?)?;
         if folder.exists() {
-            for stem in panoramas.keys() {
-                (1..=self.views.len())
-                    .try_for_each(|n| io::check_output(&self.path(folder, stem, n), self.overwrite))?;
+            for PanoramaViews { stem, views, .. } in &work {
+                views.clone().try_for_each(|view| {
+                    io::check_output(&self.path(folder, stem, view + 1), self.overwrite)
+                })?;
             }
         }
-        let bar = progress.bar((panoramas.len() * self.views.len()) as u64, "views");
-        for (stem, path) in &panoramas {
+        let count =
+            CutCount { panoramas: work.len(), views: work.iter().map(|panorama| panorama.views.len()).sum() };
+        let bar = progress.bar(count.views as u64, "views");
+        for PanoramaViews { stem, path, views } in &work {
             let started = Instant::now();
             let (panorama, contradiction) = self
                 .read(path)
                 .map_err(|error| error.while_doing(format!("reading the panorama {}", path.display())))?;
             on_report(CutReport::Read { panorama: stem, contradiction, time: started.elapsed() });
             io::create_folder(folder)?;
-            for (i, view) in self.views.iter().enumerate() {
+            for (i, view) in views.clone().map(|i| (i, &self.views[i])) {
                 progress.check()?;
                 let started = Instant::now();
                 let image = crop_with_margin(&panorama, view, self.margin);
@@ -107,7 +130,20 @@ impl Cut {
             }
         }
         bar.finish_and_clear();
-        Ok(panoramas.len())
+        Ok(count)
+    }
+
+    /// The panoramas of the shard, with its views of each.
+    pub(super) fn share(&self, panoramas: BTreeMap<String, PathBuf>) -> Result<Vec<PanoramaViews>> {
+        let each = self.views.len();
+        self.shard.check(panoramas.len() * each, "views")?;
+        let block = self.shard.block(panoramas.len() * each);
+        let of = |(index, (stem, path)): (usize, (String, PathBuf))| {
+            let within = |at: usize| at.clamp(index * each, (index + 1) * each) - index * each;
+            PanoramaViews { stem, path, views: within(block.start)..within(block.end) }
+        };
+        let shared = panoramas.into_iter().enumerate().map(of);
+        Ok(shared.filter(|panorama| !panorama.views.is_empty()).collect())
     }
 
     /// Checks that all views can be rendered.
@@ -129,11 +165,10 @@ impl Cut {
 }
 
 /// Files by their names without extension, which name their views.
-fn name_by_stem(paths: Vec<PathBuf>) -> Result<BTreeMap<String, PathBuf>> {
+pub(super) fn name_by_stem(paths: Vec<PathBuf>) -> Result<BTreeMap<String, PathBuf>> {
     let mut named: BTreeMap<String, PathBuf> = BTreeMap::new();
     for path in paths {
-        let stem =
-            path.file_stem().unwrap_or(Path::new("panorama").as_os_str()).to_string_lossy().into_owned();
+        let stem = io::stem_of_input(&path);
         if let Some(other) = named.get(&stem) {
             return Err(Error::Unsupported(format!(
                 "{} and {} would write the same views; rename one of them",
@@ -164,7 +199,9 @@ mod tests {
         };
         let view = |yaw_deg| View { yaw_deg, pitch_deg: 0.0, fov_deg: 60.0, size: 16 };
         let views = vec![view(0.0), view(90.0)];
-        let cut = Cut { views, margin: 1, told: None, image_format: "exr", half: false, overwrite: false };
+        let shard = Shard::WHOLE;
+        let cut =
+            Cut { views, margin: 1, told: None, image_format: "exr", half: false, overwrite: false, shard };
         let run = |paths: &[&PathBuf], on_report: &mut dyn FnMut(CutReport<'_>)| {
             let paths = paths.iter().map(|&path| path.clone()).collect();
             cut.run(paths, &root.path().join("views"), &Progress::default(), on_report)
@@ -177,7 +214,7 @@ mod tests {
                 CutReport::Rendered { panorama, view, .. } => format!("{panorama} {view}"),
             });
         });
-        assert_eq!(count.unwrap(), 2);
+        assert_eq!(count.unwrap(), CutCount { panoramas: 2, views: 4 });
         assert_eq!(reports, ["beach", "beach 1", "beach 2", "street", "street 1", "street 2"]);
         let path = root.path().join("views/street_02.exr");
         assert_eq!(io::read_image::<Linear>(&path).unwrap().height(), 18);

@@ -1,10 +1,11 @@
 //! Turns an equirectangular panorama into perspective views, as a camera in its middle would see them.
 
 mod cut;
+mod estimate;
 mod panorama;
 mod view;
 
-pub use cut::{Cut, CutReport};
+pub use cut::{Cut, CutCount, CutReport};
 use panorama::Footprint;
 pub use panorama::Panorama;
 pub use view::{View, aimed_views, spread_views};

@@ -15,9 +15,10 @@ use super::recipe::Recipe;
 use super::record::ExampleRecord;
 use crate::core::error::{Error, Result};
 use crate::core::progress::Progress;
+use crate::core::shard::Shard;
 use crate::dataset::Split;
 use crate::io::{self, FloatWidth, LineLog};
-use crate::synth::{Existing, Shard};
+use crate::synth::Existing;
 
 /// Examples that each thread has to make before what was made is listed: few enough for their memory, and so many that no
 /// thread waits long for the last.
@@ -107,17 +108,15 @@ impl ExampleSet {
         }
         describe(root, file)?;
         // Let go again where the list is written anew; nobody else comes here meanwhile.
-        LineLog::open(&path)?.try_lock()?;
+        if existing != Existing::TakeOver {
+            LineLog::open(&path)?.try_lock()?;
+        }
         io::remove_unfinished(root, ABANDONED_AFTER)?;
         io::remove_unfinished(&root.join(PANELS), ABANDONED_AFTER)?;
         // A run that was killed may have left half a line.
         let own = listed(root, &list)?;
         let text: String = own.iter().map(|record| record.to_line() + "\n").collect();
-        if io::read_text(&path)? != text {
-            io::write_atomically(&path, true, |file| file.write_all(text.as_bytes()))?;
-        }
-        let log = LineLog::open(&path)?;
-        log.try_lock()?;
+        let log = LineLog::replace(&path, &text)?;
         let mut finished = BTreeSet::new();
         for list in lists(root)? {
             finished.extend(listed(root, &list)?.into_iter().map(|record| record.id));

@@ -45,7 +45,7 @@ pub(super) fn list_panoramas(config: &ExamplesConfig) -> Result<Vec<PanoramaFile
         return Ok(Vec::new());
     }
     let open = |path: &PathBuf| {
-        let name = path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+        let name = io::stem_of_input(path);
         let sha256 = io::sha256_of_file(path)?;
         let file = PanoramaFile { name, path: path.clone(), sha256, split: Split::Train };
         file.read().map(|_| file)

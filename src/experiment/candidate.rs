@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::{ComparedMethod, Cost};
+use super::ComparedMethod;
+use super::score::MacCounts;
 use crate::core::error::{Error, Result};
 use crate::core::image::{LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
@@ -84,8 +85,8 @@ impl Candidate {
         }
     }
 
-    /// What it costs to restore images of these sizes, where that is counted.
-    pub(super) fn cost(&self, sizes: &[([usize; 2], usize)]) -> Option<Cost> {
+    /// The multiply-accumulates that restoring images of these sizes takes, where they are counted.
+    pub(super) fn macs(&self, sizes: &[([usize; 2], usize)]) -> Option<MacCounts> {
         let guided;
         let architecture = match self {
             Self::Network(_, model, _) => model.architecture(),
@@ -95,7 +96,9 @@ impl Candidate {
             }
             Self::Nothing | Self::Deconvolution(..) => return None,
         };
-        Some(Cost::of(architecture.parameters(), sizes, |height, width| architecture.macs(height, width)))
+        Some(MacCounts::of(architecture.parameters(), sizes, |height, width| {
+            architecture.macs(height, width)
+        }))
     }
 
     /// Whether the result depends on the kernel that it is told.
@@ -157,9 +160,18 @@ impl Candidate {
     }
 
     pub(super) fn restore(&self, degraded: &Degraded<'_>) -> Result<ToneMappedImage> {
+        let Some(restoration) = self.restoration(degraded)? else {
+            return Ok(degraded.dataset.formation.curve()?.tone_map(degraded.image));
+        };
+        let capture = Capture::from(degraded.image.clone());
+        Ok(restoration.restore(capture, &Progress::default())?.into_tone_mapped())
+    }
+
+    /// What restores the image, if anything does.
+    pub(super) fn restoration(&self, degraded: &Degraded<'_>) -> Result<Option<Restoration>> {
         let curve = degraded.dataset.formation.curve()?;
         let (restoration, highlights) = match self {
-            Self::Nothing => return Ok(curve.tone_map(degraded.image)),
+            Self::Nothing => return Ok(None),
             Self::Network(_, model, highlights) => {
                 (Restoration::by_network(Model::clone(model), degraded.kernel_for(model)?)?, highlights)
             }
@@ -176,9 +188,7 @@ impl Candidate {
         let memory =
             MemoryBudget { limit_bytes: degraded.max_memory, counts_process: false, queued_frames: 0 };
         let restoration = restoration.with_border((&degraded.dataset.formation).into()).with_curve(curve);
-        let restoration = restoration.with_highlights(*highlights).with_memory(memory);
-        let capture = Capture::from(degraded.image.clone());
-        Ok(restoration.restore(capture, &Progress::default())?.into_tone_mapped())
+        Ok(Some(restoration.with_highlights(*highlights).with_memory(memory)))
     }
 }
 

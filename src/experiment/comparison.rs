@@ -1,17 +1,26 @@
 //! Measures candidates on the images of a dataset: told the kernel of each, or another.
 
 use super::candidate::{Candidate, Degraded};
-use super::matrix::{Matrix, Mismatch};
+use super::measurement::MeasuredMismatch;
 use super::pictures::KeptPictures;
-use super::{ComparedMethod, EvalConfig, Evaluation, Label, Listener, Measured, Regions, Sample, measure};
+use super::score::MacCounts;
+use super::{
+    ComparedMethod, EvalConfig, Evaluation, Label, Listener, Measured, Regions, Sample, measure_part,
+};
+use crate::batch::LinearCost;
 use crate::core::error::{Error, Result};
 use crate::core::image::{LinearImage, ToneMappedImage};
+use crate::core::progress::Progress;
+use crate::core::shard::Shard;
 use crate::dataset::{Dataset, KernelChoice, Split, Triplet};
+use crate::restore::Capture;
 
 /// Candidates with the images of a dataset that they are measured on.
 pub struct Comparison<'a> {
     pub(super) dataset: &'a Dataset,
-    pub(super) triplets: Vec<Triplet>,
+    /// Those of all shards.
+    triplets: Vec<Triplet>,
+    shard: Shard,
     pub(super) listener: Listener<'a>,
     candidates: &'a [Candidate],
     measured: Measured,
@@ -29,6 +38,8 @@ pub struct ImagesConfig {
     pub limit: Option<usize>,
     /// Bytes that one restoration may take.
     pub max_memory: u64,
+    /// Whose images are measured: a block of these, so that blocks one after the other are all in their order.
+    pub shard: Shard,
 }
 
 impl ImagesConfig {
@@ -67,15 +78,25 @@ impl<'a> Comparison<'a> {
             candidate.warnings(dataset).iter().for_each(|warning| (listener.warn)(warning));
         }
         let measured = Measured::of(dataset, images.split, images.kernels.clone(), images.limit);
-        let (triplets, max_memory) = (images.of(dataset)?, images.max_memory);
-        Ok(Self { dataset, triplets, listener, candidates, measured, max_memory })
+        let (triplets, max_memory, shard) = (images.of(dataset)?, images.max_memory, images.shard);
+        Ok(Self { dataset, triplets, shard, listener, candidates, measured, max_memory })
     }
 
-    /// Measures every candidate on every image under its own kernel, with the parts of images apart if `regions` is set;
-    /// some of the images become pictures.
+    /// The triplets that are measured on, with their places among those of all shards.
+    pub(super) fn own(&self) -> impl ExactSizeIterator<Item = (usize, &Triplet)> {
+        self.shard.block(self.triplets.len()).map(|index| (index, &self.triplets[index]))
+    }
+
+    /// The number of triplets of all shards.
+    pub(super) fn total(&self) -> usize {
+        self.triplets.len()
+    }
+
+    /// Measures every candidate on every image of the shard under its own kernel, with the parts of images apart if
+    /// `regions` is set; some of the images become pictures. What candidates cost is left open.
     ///
     /// # Errors
-    /// Those of [`measure`], and of writing pictures.
+    /// Those of [`measure`](super::measure) but for the absence of images, and of writing pictures.
     pub fn evaluate(
         &self,
         config: &EvalConfig,
@@ -97,10 +118,36 @@ impl<'a> Comparison<'a> {
         };
         let mut evaluation = self.run(config, methods.clone(), sample)?;
         evaluation.measured = vec![self.measured.clone()];
-        for (method, candidate) in evaluation.methods.iter_mut().zip(self.candidates) {
-            method.cost = candidate.cost(&evaluation.sizes);
-        }
         Ok(evaluation)
+    }
+
+    pub(super) fn candidates(&self) -> &[Candidate] {
+        self.candidates
+    }
+
+    /// The cost of a candidate by the number of pixels, and the memory for a whole image.
+    pub(super) fn cost(
+        &self,
+        candidate: &Candidate,
+        (triplet, image): (&Triplet, &LinearImage),
+        progress: &Progress,
+    ) -> Result<(LinearCost, u64)> {
+        let kernel = self.dataset.kernel_index(triplet)?;
+        let degraded = Degraded { dataset: self.dataset, image, kernel, max_memory: self.max_memory };
+        let Some(restoration) = candidate.restoration(&degraded)? else { return Ok(Default::default()) };
+        let capture = Capture::from(image.clone());
+        let bytes = restoration.plan(capture.image.size())?.bytes;
+        Ok((restoration.cost(&capture, progress)?, bytes))
+    }
+
+    /// How tables name the candidates.
+    pub(super) fn method_names(&self) -> Vec<String> {
+        self.candidates.iter().map(|candidate| candidate.method().name).collect()
+    }
+
+    /// The multiply-accumulates of every candidate for images of these sizes, where they are counted.
+    pub(super) fn macs(&self, sizes: &[([usize; 2], usize)]) -> Vec<Option<MacCounts>> {
+        self.candidates.iter().map(|candidate| candidate.macs(sizes)).collect()
     }
 
     /// The files that [`evaluate`](Self::evaluate) keeps as pictures.
@@ -110,7 +157,7 @@ impl<'a> Comparison<'a> {
         let files = move |(index, triplet): (usize, &Triplet)| {
             pictures.files((index, total), &scene_of(triplet), &methods)
         };
-        self.triplets.iter().enumerate().flat_map(files)
+        self.own().flat_map(files)
     }
 
     /// The candidates whose result depends on the kernel that they are told.
@@ -118,12 +165,13 @@ impl<'a> Comparison<'a> {
         self.candidates.iter().filter(|candidate| candidate.knows_the_kernel())
     }
 
-    /// Measures every image under every kernel that a candidate may be told, right or wrong.
+    /// Measures every image of the shard under every kernel that a candidate may be told, right or wrong; one evaluation a
+    /// candidate.
     ///
     /// # Errors
-    /// Those of [`measure`].
-    pub fn mismatch(&self, config: &EvalConfig) -> Result<Mismatch> {
-        let mut mismatch = Mismatch::default();
+    /// Those of [`measure`](super::measure) but for the absence of images.
+    pub(super) fn mismatch(&self, config: &EvalConfig) -> Result<Vec<MeasuredMismatch>> {
+        let mut mismatch = Vec::new();
         for candidate in self.told() {
             let told: Vec<ComparedMethod> =
                 self.dataset.kernel_names().iter().map(ComparedMethod::restored).collect();
@@ -135,7 +183,7 @@ impl<'a> Comparison<'a> {
                 Ok(Sample { ground_truth, images, regions: None })
             };
             let evaluation = self.run(config, told.clone(), sample)?;
-            mismatch.matrices.extend(Matrix::of(&candidate.method().name, &evaluation));
+            mismatch.push(MeasuredMismatch { method: candidate.method().name, evaluation });
         }
         Ok(mismatch)
     }
@@ -146,19 +194,24 @@ impl<'a> Comparison<'a> {
         methods: Vec<ComparedMethod>,
         mut sample: impl FnMut(usize, &Triplet) -> Result<Sample>,
     ) -> Result<Evaluation> {
-        let bar = self.listener.progress.bar(self.triplets.len() as u64, "triplets");
-        let samples = self.triplets.iter().enumerate().map(|(index, triplet)| {
+        let bar = self.listener.progress.bar(self.own().len() as u64, "triplets");
+        let samples = self.own().map(|(index, triplet)| {
             let (id, kernel) = (triplet.id.clone(), Some(triplet.kernel.clone()));
             let sample = sample(index, triplet);
             bar.inc(1);
             (Label { id, kernel, angle_deg: triplet.angle_deg }, sample)
         });
-        let evaluation = measure(config, methods, samples).map_err(|error| match error {
+        let evaluation = measure_part(config, methods, samples).map_err(|error| match error {
             Error::Interrupted => error,
-            other => Error::Unsupported(format!("measuring on {}: {other}", self.dataset.root.display())),
+            other => Error::Unsupported(format!("{}: {other}", self.doing())),
         })?;
         bar.finish_and_clear();
         Ok(evaluation)
+    }
+
+    /// What is being done, for messages.
+    pub(super) fn doing(&self) -> String {
+        format!("measuring on {}", self.dataset.root.display())
     }
 
     /// The clean and the degraded image of a triplet, of one size.

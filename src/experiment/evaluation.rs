@@ -2,15 +2,19 @@
 
 use std::cmp::Ordering;
 
+use serde::{Deserialize, Serialize};
+
 use super::EvalConfig;
 use super::measured::Measured;
 use super::regions::Region;
 use super::score::{ComparedMethod, Exclusion, Label, Score, pixelwise};
 use super::tone::ToneSource;
+use crate::core::error::{Error, Result};
 use crate::core::metrics::{Measure, Metric, MetricDefinition, Pool};
 
 /// All scores of an evaluation.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Evaluation {
     /// The metrics, in the order of the values.
     pub metrics: Vec<Metric>,
@@ -19,6 +23,7 @@ pub struct Evaluation {
     /// What they were computed of.
     pub definition: MetricDefinition,
     /// The curve of images that were tone-mapped to be measured, where it was to be found out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tone: Option<ToneSource>,
     /// What images of datasets were measured, dataset after dataset.
     pub measured: Vec<Measured>,
@@ -79,6 +84,27 @@ impl Evaluation {
             joined.excluded.extend(other.excluded);
         }
         joined
+    }
+
+    /// Goes on with what was measured, in the same way, on the images that come next.
+    pub(super) fn go_on_with(&mut self, next: Self) {
+        next.sizes.iter().for_each(|(size, count)| self.count_size(*size, *count));
+        self.scores.extend(next.scores);
+        self.excluded.extend(next.excluded);
+    }
+
+    /// Refuses an evaluation without any image.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`], naming the first image that was excluded.
+    pub(super) fn check_any(self) -> Result<Self> {
+        match (self.scores.first(), self.excluded.first()) {
+            (Some(_), _) => Ok(self),
+            (None, Some(Exclusion { id, reason, .. })) => {
+                Err(Error::Unsupported(format!("no image is left to measure: {id} {reason}")))
+            }
+            (None, None) => Err(Error::Unsupported("there is no image to measure".to_owned())),
+        }
     }
 
     fn belong_to(&mut self, dataset: &str) {
@@ -168,7 +194,8 @@ impl Evaluation {
         regions.map(mean).collect()
     }
 
-    pub(super) fn has_regions(&self) -> bool {
+    /// Whether parts of the images were measured each for itself.
+    pub fn has_regions(&self) -> bool {
         self.scores.iter().any(|score| !score.regions.is_empty())
     }
 }

@@ -1,13 +1,17 @@
 //! Measures the images of one folder against those of another.
 
+use std::collections::BTreeMap;
 use std::path::Path;
+
+use serde_json::json;
 
 use super::names::name_of;
 use super::{
-    ComparedMethod, EvalConfig, Evaluation, FolderPairs, Label, Listener, Sample, ToneFlags, ToneSource,
-    measure, pair_folders, read_tone_mapped,
+    ComparedMethod, EvalConfig, FolderPairs, Label, Listener, Measurement, Sample, ToneFlags, ToneSource,
+    measure_part, pair_folders, read_tone_mapped,
 };
 use crate::core::error::{Error, Result};
+use crate::core::shard::Shard;
 use crate::io::DomainTag;
 
 /// Pairs of files, and what those hold that do not say it.
@@ -43,18 +47,20 @@ impl Folders {
         Ok(Self { name: name_of(restored), found, domain, tone })
     }
 
-    /// Measures every pair.
+    /// Measures every pair of a shard, of which the last names what has no partner.
     ///
     /// # Errors
-    /// Those of [`measure`].
-    pub fn evaluate(&self, config: &EvalConfig, listener: Listener<'_>) -> Result<Evaluation> {
-        let bar = listener.progress.bar(self.found.pairs.len() as u64, "images");
+    /// Those of [`measure`](super::measure) but for the absence of images; more shards than there are pairs.
+    pub fn measure(&self, config: &EvalConfig, shard: Shard, listener: Listener<'_>) -> Result<Measurement> {
+        shard.check(self.found.pairs.len(), "images")?;
+        let own = &self.found.pairs[shard.block(self.found.pairs.len())];
+        let bar = listener.progress.bar(own.len() as u64, "images");
         let read = |path: &Path| {
             let (image, contradiction) = read_tone_mapped(path, self.domain, &self.tone.curve)?;
             contradiction.iter().for_each(|contradiction| (listener.warn)(contradiction));
             Ok(image)
         };
-        let samples = self.found.pairs.iter().map(|pair| {
+        let samples = own.iter().map(|pair| {
             let sample = || {
                 listener.progress.check()?;
                 bar.inc(1);
@@ -64,15 +70,33 @@ impl Folders {
             (Label::scene(&pair.id), sample())
         });
         let methods = vec![ComparedMethod::restored(&self.name)];
-        let mut evaluation = measure(config, methods, samples).map_err(|error| match error {
+        let doing = format!("measuring the images of {}", self.name);
+        let mut evaluation = measure_part(config, methods, samples).map_err(|error| match error {
             Error::Interrupted => error,
-            other => Error::Unsupported(format!("measuring the images of {}: {other}", self.name)),
+            other => Error::Unsupported(format!("{doing}: {other}")),
         })?;
         evaluation.tone = Some(self.tone);
-        for (id, fault) in &self.found.unmatched {
-            evaluation.exclude(&Label::scene(id), *fault);
+        if shard.index + 1 == shard.count {
+            for (id, fault) in &self.found.unmatched {
+                evaluation.exclude(&Label::scene(id), *fault);
+            }
         }
         bar.finish_and_clear();
-        Ok(evaluation)
+        Ok(Measurement::of(evaluation, doing))
+    }
+
+    /// Everything that decides the numbers, by what it is called; of the images, their names.
+    pub fn describe(&self, config: &EvalConfig) -> BTreeMap<String, String> {
+        let mut described = config.describe();
+        let names: Vec<&str> = self.found.pairs.iter().map(|pair| pair.id.as_str()).collect();
+        for (key, value) in [
+            ("restored", json!(self.name)),
+            ("images", json!(names)),
+            ("domain", json!(self.domain.map(DomainTag::name))),
+            ("tone", json!(self.tone)),
+        ] {
+            described.insert(key.to_owned(), value.to_string());
+        }
+        described
     }
 }

@@ -116,7 +116,7 @@ impl<'a> Ldr<'a> {
         Ok(Self { bank, formation, white })
     }
 
-    /// Compares the triplets of a comparison with what becomes of their scenes when they are clipped; of the scene with
+    /// Compares the triplets of a comparison's shard with what becomes of their scenes when they are clipped; of the scene with
     /// most flare, and of the same clipped, a row to look at comes along.
     ///
     /// # Errors
@@ -126,12 +126,12 @@ impl<'a> Ldr<'a> {
         comparison: &Comparison<'_>,
         definition: MetricDefinition,
     ) -> Result<(LdrResults, Vec<LdrRow>)> {
-        let Comparison { dataset, triplets, listener, .. } = comparison;
+        let Comparison { dataset, listener, .. } = comparison;
         let curve = dataset.formation.curve()?;
-        let bar = listener.progress.bar(triplets.len() as u64, "scenes");
+        let bar = listener.progress.bar(comparison.own().len() as u64, "scenes");
         let mut images: Vec<LdrImage> = Vec::new();
         let (mut most, mut shown) = (f64::NEG_INFINITY, Vec::new());
-        for triplet in triplets {
+        for (_, triplet) in comparison.own() {
             listener.progress.check()?;
             let (clean, degraded) = comparison.read(triplet)?;
             let (clipped, formed) = self.form(dataset, triplet, &clean)?;
@@ -169,7 +169,7 @@ impl Document for LdrResults {
 }
 
 impl LdrResults {
-    fn of(white: f32, images: Vec<LdrImage>, metrics: MetricDefinition) -> Self {
+    pub(super) fn of(white: f32, images: Vec<LdrImage>, metrics: MetricDefinition) -> Self {
         let mean = |of: fn(&LdrImage) -> &Flare| Flare::mean(images.iter().map(of));
         let mean = Ranges { hdr: mean(|image| &image.hdr), ldr: mean(|image| &image.ldr) };
         let ldr = format!("the clean scene clipped at {white}, then formed as the dataset was");

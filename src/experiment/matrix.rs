@@ -84,6 +84,12 @@ impl Document for Mismatch {
 }
 
 impl Mismatch {
+    /// Arranges evaluations whose methods are the assumed kernels, by the names of what restored.
+    pub fn of<'a>(evaluations: impl Iterator<Item = (&'a str, &'a Evaluation)>) -> Self {
+        let matrices = evaluations.flat_map(|(method, evaluation)| Matrix::of(method, evaluation));
+        Self { matrices: matrices.collect() }
+    }
+
     /// All matrices as lines `method,metric,simulated,assumed,images,mean`.
     ///
     /// # Panics

@@ -4,6 +4,7 @@
 mod candidate;
 mod comparison;
 mod document;
+mod estimate;
 mod evaluation;
 mod files;
 mod flare;
@@ -11,9 +12,11 @@ mod folders;
 mod ldr;
 mod matrix;
 mod measured;
+mod measurement;
 mod measures;
 mod names;
 mod pairs;
+mod part;
 mod pictures;
 mod regions;
 mod results;
@@ -34,9 +37,11 @@ pub use folders::Folders;
 pub use ldr::{Ldr, LdrDefinition, LdrImage, LdrResults, LdrRow, Ranges};
 pub use matrix::{Matrix, Mismatch};
 pub use measured::Measured;
+pub use measurement::Measurement;
 pub use measures::{measures, validation_measures};
 pub use names::{name_among, name_of};
 pub use pairs::{FilePair, FolderPairs, pair_folders, read_tone_mapped};
+pub use part::{MergedParts, Part, PartFiles};
 pub use pictures::{FOLDER as PICTURES, KeptPictures, PictureName};
 pub use regions::{Region, Regions};
 pub use results::{
@@ -52,6 +57,10 @@ pub use sweep::{
 pub use tables::{cell, markdown, quoted};
 pub use tone::{ToneFlags, ToneSource, ToneSpeaker};
 pub use values::MetricValues;
+
+use std::collections::BTreeMap;
+
+use serde_json::json;
 
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
@@ -74,6 +83,21 @@ impl Default for EvalConfig {
     fn default() -> Self {
         let metrics = [Metric::Psnr, Metric::Ssim].map(Measure::of).to_vec();
         Self { metrics, definition: MetricDefinition::default(), allow_missing: false }
+    }
+}
+
+impl EvalConfig {
+    /// What decides the numbers, by what it is called.
+    fn describe(&self) -> BTreeMap<String, String> {
+        let Self { metrics, definition, allow_missing } = self;
+        let metrics: Vec<Metric> = metrics.iter().map(Measure::metric).collect();
+        [
+            ("metrics", json!(metrics)),
+            ("definition", json!(definition)),
+            ("allow-missing", json!(allow_missing)),
+        ]
+        .map(|(key, value)| (key.to_owned(), value.to_string()))
+        .into()
     }
 }
 
@@ -110,6 +134,15 @@ pub fn measure(
     methods: Vec<ComparedMethod>,
     samples: impl IntoIterator<Item = (Label, Result<Sample>)>,
 ) -> Result<Evaluation> {
+    measure_part(config, methods, samples)?.check_any()
+}
+
+/// Measures a part of the samples, which may be left without any.
+fn measure_part(
+    config: &EvalConfig,
+    methods: Vec<ComparedMethod>,
+    samples: impl IntoIterator<Item = (Label, Result<Sample>)>,
+) -> Result<Evaluation> {
     let mut evaluation = Evaluation::new(config, methods);
     for (label, sample) in samples {
         match sample.and_then(|sample| scores_of(config, &evaluation, &label, &sample)) {
@@ -118,13 +151,6 @@ pub fn measure(
             Err(error) if config.allow_missing => evaluation.exclude(&label, error.to_string()),
             Err(error) => return Err(Error::Unsupported(format!("{label}: {error}"))),
         }
-    }
-    if evaluation.scores.is_empty() {
-        let reason = match evaluation.excluded.first() {
-            Some(first) => format!("no image is left to measure: {} {}", first.id, first.reason),
-            None => "there is no image to measure".to_owned(),
-        };
-        return Err(Error::Unsupported(reason));
     }
     Ok(evaluation)
 }

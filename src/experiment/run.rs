@@ -1,12 +1,16 @@
 //! A whole experiment on datasets: evaluation, wrong kernels, scenes of a monitor's range.
 
+use std::collections::BTreeMap;
 use std::path::Path;
+
+use serde_json::json;
 
 use super::candidate::Candidate;
 use super::comparison::{Comparison, ImagesConfig};
 use super::files::{LDR, MISMATCH, REGIONS, RESULTS, plot_of_matrix, plots_of};
 use super::ldr::{Ldr, LdrResults, LdrRow};
 use super::matrix::Mismatch;
+use super::measurement::{MeasuredDataset, MeasuredLdr, Measurement};
 use super::pictures::{FOLDER, KeptPictures};
 use super::{EvalConfig, Evaluation, Listener};
 use crate::core::error::{Error, Result};
@@ -49,13 +53,6 @@ pub struct Findings {
     pub ldr: Option<(LdrResults, Vec<LdrRow>)>,
 }
 
-impl Findings {
-    /// The findings of an evaluation alone.
-    pub fn of(evaluation: Evaluation) -> Self {
-        Self { evaluation, mismatch: None, ldr: None }
-    }
-}
-
 impl<'a> Experiment<'a> {
     /// Checks that the candidates can be compared on the datasets, which come with their names in tables.
     ///
@@ -75,7 +72,9 @@ impl<'a> Experiment<'a> {
         let comparison = |(name, dataset): &'a (String, Dataset)| {
             Ok((name.as_str(), Comparison::new(dataset, candidates, &config.images, listener)?))
         };
-        let comparisons = datasets.iter().map(comparison).collect::<Result<_>>()?;
+        let comparisons = datasets.iter().map(comparison).collect::<Result<Vec<_>>>()?;
+        let total = comparisons.iter().map(|(_, comparison)| comparison.total()).max().unwrap_or(0);
+        config.images.shard.check(total, "images")?;
         let mut experiment = Self { config, comparisons, ldr: None };
         if config.mismatch && experiment.first()?.told().next().is_none() {
             let reason = "--mismatch tells wrong kernels to what is told kernels: add a --model that takes codes, or a \
@@ -93,6 +92,14 @@ impl<'a> Experiment<'a> {
         first.ok_or_else(|| Error::Unsupported("there is no dataset to measure on".to_owned()))
     }
 
+    pub(super) fn config(&self) -> &ExperimentConfig {
+        self.config
+    }
+
+    pub(super) fn comparisons(&self) -> impl Iterator<Item = &Comparison<'a>> {
+        self.comparisons.iter().map(|(_, comparison)| comparison)
+    }
+
     /// The names of all files that its results may take, within their folder.
     pub fn files(&self) -> Vec<String> {
         let metrics = || self.config.measuring.metrics.iter().map(Measure::metric);
@@ -106,32 +113,77 @@ impl<'a> Experiment<'a> {
         if self.config.ldr.is_some() {
             names.extend(LDR.map(str::to_owned));
         }
-        for (name, comparison) in &self.comparisons {
-            let pictures = self.pictures(Path::new(""), name);
-            names.extend(comparison.picture_files(&pictures).map(|file| format!("{FOLDER}/{file}")));
-        }
+        names.extend(self.pictures_kept().into_iter().map(|file| format!("{FOLDER}/{file}")));
         names
     }
 
-    /// Measures everything; pictures are written into the folder of the results on the way.
+    /// Measures everything and takes the means; pictures are written into the folder of the results on the way.
     ///
     /// # Errors
-    /// Those of [`Comparison::evaluate`], [`Comparison::mismatch`] and [`Ldr::measure`].
+    /// Those of [`measure`](Self::measure) and [`Measurement::into_findings`].
     pub fn run(&self, folder: &Path) -> Result<Findings> {
+        let (measurement, rows) = self.measure(folder)?;
+        let mut findings = measurement.into_findings()?;
+        if let Some((_, shown)) = &mut findings.ldr {
+            *shown = rows;
+        }
+        Ok(findings)
+    }
+
+    /// Measures the images of the configuration's shard; pictures are written into the folder of the results on the way.
+    /// Rows to look at come along, where scenes of a monitor's range are measured.
+    ///
+    /// # Errors
+    /// Those of [`Comparison::evaluate`] and [`Ldr::measure`]; more shards than there are images.
+    pub fn measure(&self, folder: &Path) -> Result<(Measurement, Vec<LdrRow>)> {
         let ExperimentConfig { measuring, regions, .. } = self.config;
         let first = self.first()?;
-        let mut evaluations = Vec::new();
+        let mut datasets = Vec::new();
         for (name, comparison) in &self.comparisons {
             let evaluation = comparison.evaluate(measuring, *regions, &self.pictures(folder, name))?;
-            evaluations.push(((*name).to_owned(), evaluation));
+            datasets.push(MeasuredDataset::of(name, comparison, evaluation));
         }
-        let evaluation = match evaluations.len() {
-            1 => evaluations.swap_remove(0).1,
-            _ => Evaluation::join(evaluations),
-        };
         let mismatch = self.config.mismatch.then(|| first.mismatch(measuring)).transpose()?;
         let ldr = self.ldr.as_ref().map(|ldr| ldr.measure(first, measuring.definition)).transpose()?;
-        Ok(Findings { evaluation, mismatch, ldr })
+        let (ldr, rows) = match ldr {
+            Some((LdrResults { white, images, .. }, rows)) => (Some(MeasuredLdr { white, images }), rows),
+            None => (None, Vec::new()),
+        };
+        Ok((Measurement { datasets, mismatch, ldr }, rows))
+    }
+
+    /// The names of the pictures that the shard keeps, within their folder.
+    pub fn pictures_kept(&self) -> Vec<String> {
+        let of = |(name, comparison): &(&str, Comparison<'_>)| {
+            let pictures = self.pictures(Path::new(""), name);
+            comparison.picture_files(&pictures).collect::<Vec<_>>()
+        };
+        self.comparisons.iter().flat_map(of).collect()
+    }
+
+    /// Everything that decides the numbers, by what it is called; of models, their names.
+    pub fn describe(&self) -> BTreeMap<String, String> {
+        let ExperimentConfig { measuring, images, regions, mismatch, ldr, pictures } = self.config;
+        let mut described = measuring.describe();
+        let mut say =
+            |key: &str, value: serde_json::Value| described.insert(key.to_owned(), value.to_string());
+        say("split", json!(images.split));
+        say("kernels", json!(images.kernels));
+        say("limit", json!(images.limit));
+        say("max-memory", json!(images.max_memory));
+        say("regions", json!(regions));
+        say("mismatch", json!(mismatch));
+        say("ldr", json!(ldr));
+        say("pictures", json!(pictures));
+        for (name, comparison) in &self.comparisons {
+            let dataset = comparison.dataset;
+            say(
+                &format!("dataset {name}"),
+                json!([dataset.triplets_sha256(), dataset.bank_sha256(), comparison.total()]),
+            );
+            say("methods", json!(comparison.method_names()));
+        }
+        described
     }
 
     /// Where a dataset's pictures go; where there are several datasets, its name tells them apart.

@@ -3,21 +3,25 @@
 use serde::{Deserialize, Serialize};
 
 use super::regions::Region;
+use crate::core::error::{Error, Result};
 use crate::core::metrics::{Measure, Metric, Pool};
 
 /// The side of the image that tables give the cost of a network for, as the paper does.
 const PUBLISHED_SIDE: usize = 800;
 
 /// One of the things that are compared: a model, a method, or the degraded image itself.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct ComparedMethod {
     /// Its name in tables.
     pub name: String,
     /// Whether it stands for "nothing was done", to compare with.
     pub baseline: bool,
     /// The dataset that it was measured on, where there are several.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dataset: Option<String>,
     /// What it costs, where that is counted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cost: Option<Cost>,
 }
 
@@ -35,18 +39,22 @@ pub struct Cost {
 }
 
 /// What a sample is called in tables.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Label {
     /// The scene.
     pub id: String,
     /// The kernel that degraded it, where that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kernel: Option<String>,
     /// The rotation of that kernel, where it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub angle_deg: Option<f64>,
 }
 
 /// The metrics of one image.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Score {
     /// The image.
     pub label: Label,
@@ -55,11 +63,13 @@ pub struct Score {
     /// One value a metric.
     pub values: Vec<f64>,
     /// The metrics of its parts, where they were asked for.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub regions: Vec<RegionScore>,
 }
 
 /// The metrics of a part of one image.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RegionScore {
     /// Which part.
     pub region: Region,
@@ -107,6 +117,56 @@ impl Cost {
         let sum: f64 = sizes.iter().map(|(size, count)| giga(*size) * *count as f64).sum();
         let gmac_published = giga([PUBLISHED_SIDE; 2]);
         Self { parameters, gmac_published, gmac_evaluated: sum / images as f64 }
+    }
+}
+
+/// The multiply-accumulates of a network: what its [`Cost`] is made of.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub(super) struct MacCounts {
+    pub(super) parameters: u64,
+    /// By height and width.
+    pub(super) macs: Vec<([usize; 2], u64)>,
+}
+
+impl MacCounts {
+    /// Counts them for images of these sizes, and for what tables give the cost for.
+    pub(super) fn of(
+        parameters: u64,
+        sizes: &[([usize; 2], usize)],
+        macs: impl Fn(usize, usize) -> u64,
+    ) -> Self {
+        let sizes = sizes.iter().map(|(size, _)| *size).chain([[PUBLISHED_SIDE; 2]]);
+        Self {
+            parameters,
+            macs: sizes.map(|[height, width]| ([height, width], macs(height, width))).collect(),
+        }
+    }
+
+    /// Adds what was counted of the same network for more sizes.
+    pub(super) fn add(&mut self, other: Self) {
+        for (size, macs) in other.macs {
+            if self.count(size).is_none() {
+                self.macs.push((size, macs));
+            }
+        }
+    }
+
+    fn count(&self, size: [usize; 2]) -> Option<u64> {
+        self.macs.iter().find(|(known, _)| *known == size).map(|(_, macs)| *macs)
+    }
+
+    /// The cost of images of these sizes.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] when one of them was not counted.
+    pub(super) fn cost(&self, sizes: &[([usize; 2], usize)]) -> Result<Cost> {
+        let count = |size: [usize; 2]| self.count(size);
+        if let Some((size, _)) = sizes.iter().find(|(size, _)| count(*size).is_none()) {
+            let reason = format!("the cost of images of {size:?} pixels was not counted");
+            return Err(Error::Unsupported(reason));
+        }
+        Ok(Cost::of(self.parameters, sizes, |height, width| count([height, width]).unwrap_or_default()))
     }
 }
 

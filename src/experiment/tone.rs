@@ -30,7 +30,8 @@ pub struct ToneFlags {
 }
 
 /// A tone curve with whoever said it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct ToneSource {
     /// The curve.
     pub curve: ToneCurve,

@@ -1,11 +1,13 @@
 //! Raises local contrast: contrast-limited adaptive histogram equalisation (CLAHE) of lightness.
 
-use ndarray::{Array2, Array3, ArrayView2, Axis};
+use ndarray::{Array2, Array3, ArrayView2, Axis, Zip};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::lab::{LabCodes, lab_to_rgb, rgb_to_lab};
+use super::lab::{LabCodes, LabSpace, lab_to_rgb, rgb_to_lab};
+use super::noise_floor::NoiseFloor;
 use crate::core::error::{Error, Result};
+use crate::core::primaries::ColorSpace;
 
 /// How local contrast is raised.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -16,11 +18,13 @@ pub struct ClaheConfig {
     /// Rows and columns of tiles. Without, there are 8 × 8, as is usual; but where these would have fewer than 64 pixels, so
     /// few that each gets as many as its histogram has bins. Pictures of fewer than that stay as they are.
     pub grid: Option<[usize; 2]>,
+    /// The noise whose contrast is not raised.
+    pub noise: NoiseFloor,
 }
 
 impl Default for ClaheConfig {
     fn default() -> Self {
-        Self { clip_limit: 1.0, grid: None }
+        Self { clip_limit: 1.0, grid: None, noise: NoiseFloor::default() }
     }
 }
 
@@ -48,7 +52,7 @@ impl ClaheConfig {
             let reason = format!("must have 1 to {LARGEST_GRID} tiles a side, found {grid:?}");
             return Err(Error::config("grid", reason));
         }
-        Ok(())
+        self.noise.check()
     }
 
     /// The grid of a picture of these sides; none of one that is too small for any.
@@ -61,37 +65,47 @@ impl ClaheConfig {
     }
 }
 
-/// Equalises L* of display values `[3, height, width]` in `[0, 1]`, keeping a* and b*.
+/// Equalises L* of display values `[3, height, width]` in `[0, 1]` of a colour space, keeping a* and b*.
 ///
 /// With `eight_bit` every intermediate value is an 8-bit code, as in programs that work in 8 bits; otherwise only the
-/// histograms are, and lightness between two codes is mapped between their values.
-pub(super) fn equalize(planes: &mut Array3<f32>, config: &ClaheConfig, eight_bit: bool) {
+/// histograms are, and lightness between two codes is mapped between their values. So it is where noise is looked for, or the
+/// colours are not those of sRGB: what is below the noise is carried over as it is, beside what is mapped.
+pub(super) fn equalize(planes: &mut Array3<f32>, config: &ClaheConfig, eight_bit: bool, space: ColorSpace) {
     let (_, height, width) = planes.dim();
     let Some(grid) = config.grid_of([height, width]) else { return };
-    let mut lab = to_lab(planes, eight_bit);
+    let eight_bit = eight_bit && config.noise == NoiseFloor::Ignored && space == ColorSpace::Srgb;
+    let lab_space = LabSpace::of(space);
+    let mut lab = to_lab(planes, eight_bit, &lab_space);
     let lightness = lab.index_axis(Axis(0), 0);
     let is_usual = config.grid.is_some() || grid == [USUAL_SIDE; 2];
     let remainder = if is_usual { Remainder::AtWholeSteps } else { Remainder::Evenly };
     let tiles = Tiles::new(lightness, grid, config.clip_limit, remainder);
-    let mapped = tiles.map(lightness);
-    let keep = |v: f32| if eight_bit { v.round_ties_even() } else { v };
+    let mapped = match config.noise.detail(lightness) {
+        None => tiles.map(lightness),
+        Some(detail) => {
+            let mut mapped = tiles.map(detail.view());
+            Zip::from(&mut mapped)
+                .and(lightness)
+                .and(&detail)
+                .par_for_each(|mapped, lightness, detail| *mapped += lightness - detail);
+            mapped
+        }
+    };
+    let keep = |v: f32| if eight_bit { v.round_ties_even() } else { v.clamp(0.0, 255.0) };
     lab.index_axis_mut(Axis(0), 0).assign(&mapped.mapv(keep));
-    to_display(&lab, planes, eight_bit);
+    to_display(&lab, planes, eight_bit, &lab_space);
 }
 
-fn to_lab(planes: &Array3<f32>, eight_bit: bool) -> Array3<f32> {
+fn to_lab(planes: &Array3<f32>, eight_bit: bool, space: &LabSpace) -> Array3<f32> {
     let codes = LabCodes::new();
-    convert(
-        planes,
-        |rgb| {
-            if eight_bit { codes.encode(rgb.map(code_of)) } else { rgb_to_lab(rgb.map(f64::from)) }
-        },
-    )
+    convert(planes, |rgb| {
+        if eight_bit { codes.encode(rgb.map(code_of)) } else { rgb_to_lab(space, rgb.map(f64::from)) }
+    })
 }
 
-fn to_display(lab: &Array3<f32>, planes: &mut Array3<f32>, eight_bit: bool) {
+fn to_display(lab: &Array3<f32>, planes: &mut Array3<f32>, eight_bit: bool, space: &LabSpace) {
     *planes = convert(lab, |lab| {
-        let rgb = lab_to_rgb(lab.map(f64::from));
+        let rgb = lab_to_rgb(space, lab.map(f64::from));
         if eight_bit { rgb.map(|v| (255.0 * v).round_ties_even() / 255.0) } else { rgb }
     });
 }
@@ -265,6 +279,8 @@ fn mirrored(place: usize, length: usize) -> usize {
 mod tests {
     use super::*;
 
+    const SRGB: ColorSpace = ColorSpace::Srgb;
+
     /// A cut at the mean leaves nothing to equalise: every code gets n/256 pixels, the table is the identity.
     #[test]
     fn a_cut_histogram_gives_back_what_was_cut() {
@@ -298,7 +314,7 @@ mod tests {
     fn pictures_smaller_than_the_grid_are_equalised_too() {
         for (height, width) in [(1, 1), (3, 5), (8, 9), (17, 2)] {
             let mut planes = Array3::from_shape_fn((3, height, width), |(_, y, x)| (y + x) as f32 / 25.0);
-            equalize(&mut planes, &ClaheConfig { grid: Some([8, 8]), ..ClaheConfig::default() }, true);
+            equalize(&mut planes, &ClaheConfig { grid: Some([8, 8]), ..ClaheConfig::default() }, true, SRGB);
             assert!(planes.iter().all(|v| (0.0..=1.0).contains(v)), "{height} × {width}");
         }
     }
@@ -324,7 +340,7 @@ mod tests {
         for (height, width) in [(1, 1), (30, 1), (15, 17), (16, 16), (20, 20), (30, 40), (200, 3), (60, 64)] {
             for value in [0.2, 0.5, 0.8] {
                 let mut planes = Array3::from_elem((3, height, width), value);
-                equalize(&mut planes, &ClaheConfig::default(), true);
+                equalize(&mut planes, &ClaheConfig::default(), true, SRGB);
                 let worst = planes.iter().map(|v| (v - value).abs()).fold(0.0, f32::max);
                 assert!(worst < 4.0 / 255.0, "{height} × {width} of {value}: off by {worst}");
             }
@@ -336,12 +352,41 @@ mod tests {
         let ramp = Array3::from_shape_fn((3, 64, 64), |(_, y, x)| 0.2 + (y * 64 + x) as f32 / 8192.0);
         let count = |eight_bit| {
             let mut planes = ramp.clone();
-            equalize(&mut planes, &ClaheConfig::default(), eight_bit);
+            equalize(&mut planes, &ClaheConfig::default(), eight_bit, SRGB);
             let mut values: Vec<u32> = planes.iter().map(|v| v.to_bits()).collect();
             values.sort_unstable();
             values.dedup();
             values.len()
         };
         assert!(count(true) <= 256 && count(false) > 1000, "{} {}", count(true), count(false));
+    }
+
+    /// An even dark wall with noise, of which the histogram is narrow and whose contrast is doubled, beside a bright texture.
+    #[test]
+    fn the_noise_of_an_even_wall_is_not_raised() {
+        let mut random = 1_u64;
+        let mut noise = || {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (random >> 40) as f32 / 2f32.powi(24) - 0.5
+        };
+        let wall = Array3::from_shape_fn((3, 256, 256), |(_, y, x)| {
+            if x < 128 { 0.15 + 0.03 * noise() } else { 0.5 + 0.3 * ((x / 4 + y / 4) % 2) as f32 }
+        });
+        let spread = |planes: &Array3<f32>| planes.slice(ndarray::s![1, 8..248, 8..100]).std(1.0);
+        let equalized = |noise: NoiseFloor| {
+            let mut planes = wall.clone();
+            equalize(&mut planes, &ClaheConfig { noise, ..ClaheConfig::default() }, false, SRGB);
+            planes
+        };
+        let [raised, kept] = [NoiseFloor::Ignored, NoiseFloor::Estimated].map(equalized);
+        assert!(spread(&raised) > 1.3 * spread(&wall), "{} of {}", spread(&raised), spread(&wall));
+        assert!(spread(&kept) < 1.1 * spread(&wall), "{} of {}", spread(&kept), spread(&wall));
+        let contrast = |planes: &Array3<f32>| planes[[1, 128, 196]] - planes[[1, 128, 200]];
+        assert!(
+            (contrast(&kept) - contrast(&raised)).abs() < 0.02,
+            "texture: {} {}",
+            contrast(&kept),
+            contrast(&raised)
+        );
     }
 }

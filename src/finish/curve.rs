@@ -3,13 +3,16 @@
 use serde::Serialize;
 
 use super::exposure::MIDDLE_GREY;
-use crate::core::color::srgb_encode;
+use crate::core::color::{srgb_decode, srgb_encode};
 
 /// The exponent's inverse of the published pictures.
 const GAMMA: f32 = 2.8;
 
 /// The light that the published pictures show as white.
 const GAMMA_WHITE: f32 = 6.0;
+
+/// Where the fit of [`Curve::Aces`] reaches 1: the root of `0.08·x² − 0.56·x − 0.14`.
+const ACES_WHITE: f32 = 7.241_655;
 
 /// A transfer curve, from light in `[0, ∞)` to display values in `[0, 1]`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -95,35 +98,67 @@ impl Curve {
     /// Maps one value.
     pub fn apply(self, light: f32) -> f32 {
         let light = light.max(0.0);
+        #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
         match self {
             Self::Gamma { gamma, max } => (light.min(max) / max).powf(1.0 / gamma),
-            Self::Srgb { max } => encoded(light / max),
+            Self::Srgb { .. } | Self::Aces { .. } | Self::Photographic { .. } => {
+                srgb_encode(self.shown_light(light)) as f32
+            }
+            Self::None => light.min(1.0),
+        }
+    }
+
+    /// The linear light, in `[0, 1]`, that a display of the curve of sRGB shows of it.
+    pub(super) fn shown_light(self, light: f32) -> f64 {
+        let light = light.max(0.0);
+        match self {
+            Self::Gamma { .. } | Self::None => srgb_decode(f64::from(self.apply(light))),
+            Self::Srgb { max } => f64::from(light / max).min(1.0),
             Self::Aces { max } => {
                 // Beyond this the fit is flat, and its squares would overflow.
                 let x = (light / max).min(1e6);
-                encoded(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14))
+                f64::from(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)).min(1.0)
             }
             Self::Photographic { grey, white } => photographic(light, grey, white),
-            Self::None => light.min(1.0),
+        }
+    }
+
+    /// The light of the display that there would be without shoulder and limit: as in the dark, where the curve is straight.
+    /// Curves without such a part are taken for sRGB's.
+    pub(super) fn exposed(self, light: f32) -> f64 {
+        let light = f64::from(light.max(0.0));
+        match self {
+            Self::Photographic { grey, white } => slope(grey, white) * light,
+            Self::Gamma { .. } | Self::Srgb { .. } | Self::Aces { .. } | Self::None => {
+                light / f64::from(self.white())
+            }
+        }
+    }
+
+    /// The light from which on all is shown as white.
+    pub(super) fn white(self) -> f32 {
+        match self {
+            Self::Gamma { max, .. } | Self::Srgb { max } => max,
+            Self::Aces { max } => ACES_WHITE * max,
+            Self::Photographic { white, .. } => white,
+            Self::None => 1.0,
         }
     }
 }
 
-fn photographic(light: f32, grey: f32, white: f32) -> f32 {
+fn photographic(light: f32, grey: f32, white: f32) -> f64 {
     if light >= white {
         return 1.0;
     }
-    let [light, grey, white] = [light, grey, white].map(f64::from);
-    let scale = (MIDDLE_GREY - (grey / white).powi(2)) / (1.0 - MIDDLE_GREY);
-    let (x, w) = (scale * light / grey, scale * white / grey);
-    #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
-    let shown = srgb_encode(x * (1.0 + x / (w * w)) / (1.0 + x)) as f32;
-    shown
+    let slope = slope(grey, white);
+    let (x, w) = (slope * f64::from(light), slope * f64::from(white));
+    x * (1.0 + x / (w * w)) / (1.0 + x)
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
-fn encoded(light: f32) -> f32 {
-    srgb_encode(f64::from(light)) as f32
+/// s/grey of [`Curve::Photographic`].
+fn slope(grey: f32, white: f32) -> f64 {
+    let [grey, white] = [grey, white].map(f64::from);
+    (MIDDLE_GREY - (grey / white).powi(2)) / (1.0 - MIDDLE_GREY) / grey
 }
 
 #[cfg(test)]
@@ -156,6 +191,8 @@ mod tests {
             assert!(curve.apply(-1.0) < 1e-6 && (curve.apply(1e30) - 1.0).abs() < 1e-6, "{curve:?}");
             let values: Vec<f32> = (0..400).map(|i| curve.apply(i as f32 / 40.0)).collect();
             assert!(values.windows(2).all(|pair| pair[0] <= pair[1]), "{curve:?}");
+            let white = curve.white();
+            assert!(curve.apply(white) > 0.999_99 && curve.apply(0.98 * white) < 1.0, "{curve:?}");
         }
     }
 

@@ -5,6 +5,8 @@
 //! another rounding of a or b shows as a step of colour in the result.
 
 use crate::core::color::{srgb_decode, srgb_encode};
+use crate::core::matrix3::{Matrix3, inverse};
+use crate::core::primaries::ColorSpace;
 
 /// X, Y, Z of linear red, green, blue, relative to the white point.
 const RGB_TO_XYZ: [[f64; 3]; 3] = [
@@ -20,6 +22,26 @@ const XYZ_TO_RGB: [[f64; 3]; 3] = [
 ];
 /// D65, the sum of each row of the primaries.
 const WHITE: [f64; 3] = [0.950_456, 1.0, 1.088_754];
+
+/// The matrices of red, green and blue and of X, Y, Z relative to white, for the colours of a display.
+pub(super) struct LabSpace {
+    to_xyz: Matrix3,
+    from_xyz: Matrix3,
+}
+
+impl LabSpace {
+    /// Those of sRGB are the rounded ones of programs that work on codes.
+    pub(super) fn of(space: ColorSpace) -> Self {
+        let srgb = Self { to_xyz: RGB_TO_XYZ, from_xyz: XYZ_TO_RGB };
+        if space == ColorSpace::Srgb {
+            return srgb;
+        }
+        let relative = |matrix: Matrix3| matrix.map(|row| row.map(|value| value / row.iter().sum::<f64>()));
+        let to_xyz = space.primaries().to_xyz().map(relative);
+        let both = to_xyz.and_then(|to_xyz| Some(Self { to_xyz, from_xyz: inverse(&to_xyz)? }));
+        both.unwrap_or(srgb)
+    }
+}
 
 /// Codes per unit of L*.
 const CODES_PER_L: f64 = 255.0 / 100.0;
@@ -46,15 +68,15 @@ fn multiply(matrix: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
 }
 
 /// The L*a*b* codes, unrounded, of display values in `[0, 1]`.
-pub(super) fn rgb_to_lab(rgb: [f64; 3]) -> [f64; 3] {
-    let [x, y, z] = multiply(&RGB_TO_XYZ, rgb.map(srgb_decode));
+pub(super) fn rgb_to_lab(space: &LabSpace, rgb: [f64; 3]) -> [f64; 3] {
+    let [x, y, z] = multiply(&space.to_xyz, rgb.map(srgb_decode));
     let [fx, fy, fz] = [x, y, z].map(lab_function);
     let lightness = if y > LINE_BELOW { 116.0 * fy - 16.0 } else { DARK_SLOPE * y };
     [lightness * CODES_PER_L, 500.0 * (fx - fy) + NEUTRAL, 200.0 * (fy - fz) + NEUTRAL]
 }
 
 /// The display values, clipped to `[0, 1]`, of L*a*b* codes.
-pub(super) fn lab_to_rgb([lightness, a, b]: [f64; 3]) -> [f64; 3] {
+pub(super) fn lab_to_rgb(space: &LabSpace, [lightness, a, b]: [f64; 3]) -> [f64; 3] {
     let l = lightness / CODES_PER_L;
     let (y, fy) = if l > LINE_BELOW * DARK_SLOPE {
         let fy = (l + 16.0) / 116.0;
@@ -64,7 +86,7 @@ pub(super) fn lab_to_rgb([lightness, a, b]: [f64; 3]) -> [f64; 3] {
     };
     let x = inverse_lab_function(fy + (a - NEUTRAL) / 500.0);
     let z = inverse_lab_function(fy - (b - NEUTRAL) / 200.0);
-    multiply(&XYZ_TO_RGB, [x, y, z]).map(srgb_encode)
+    multiply(&space.from_xyz, [x, y, z]).map(srgb_encode)
 }
 
 /// Steps of linear light per 8-bit code.
@@ -136,7 +158,7 @@ mod tests {
         let codes = LabCodes::new();
         assert_eq!(codes.encode([255, 255, 255]), [255.0, 128.0, 128.0]);
         assert_eq!(codes.encode([0, 0, 0]), [0.0, 128.0, 128.0]);
-        let [l, a, b] = rgb_to_lab([1.0, 0.0, 0.0]);
+        let [l, a, b] = rgb_to_lab(&LabSpace::of(ColorSpace::Srgb), [1.0, 0.0, 0.0]);
         assert!((l / CODES_PER_L - 53.24).abs() < 0.02, "{l}");
         assert!((a - NEUTRAL - 80.09).abs() < 0.05 && (b - NEUTRAL - 67.20).abs() < 0.05, "{a} {b}");
         assert_eq!(codes.encode([255, 0, 0]), [136.0, 208.0, 195.0]);
@@ -148,7 +170,7 @@ mod tests {
     fn whole_numbers_follow_the_formula() {
         let codes = LabCodes::new();
         for rgb in pixels() {
-            let exact = rgb_to_lab(rgb.map(|code| f64::from(code) / 255.0));
+            let exact = rgb_to_lab(&LabSpace::of(ColorSpace::Srgb), rgb.map(|code| f64::from(code) / 255.0));
             for (found, exact) in codes.encode(rgb).iter().zip(exact) {
                 assert!((found - exact).abs() < 3.5, "{rgb:?}: {found} instead of {exact}");
             }
@@ -159,11 +181,28 @@ mod tests {
     /// in the dark, where a display value moves by some ten of these.
     #[test]
     fn decoding_is_the_inverse_of_encoding() {
-        for rgb in pixels() {
-            let rgb = rgb.map(|code| f64::from(code) / 255.0);
-            for (found, expected) in lab_to_rgb(rgb_to_lab(rgb)).iter().zip(rgb) {
-                assert!((found - expected).abs() < 1e-4, "{rgb:?}: {found} instead of {expected}");
+        for space in [ColorSpace::Srgb, ColorSpace::DisplayP3] {
+            let lab = LabSpace::of(space);
+            for rgb in pixels() {
+                let rgb = rgb.map(|code| f64::from(code) / 255.0);
+                for (found, expected) in lab_to_rgb(&lab, rgb_to_lab(&lab, rgb)).iter().zip(rgb) {
+                    assert!(
+                        (found - expected).abs() < 1e-4,
+                        "{space:?} {rgb:?}: {found} instead of {expected}"
+                    );
+                }
             }
+        }
+    }
+
+    /// L* of green, 100 and no colour of white: Y of the green of Display P3 is 0.6917 (SMPTE EG 432-1).
+    #[test]
+    fn the_lightness_of_a_colour_is_that_of_its_space() {
+        let lab = LabSpace::of(ColorSpace::DisplayP3);
+        let [l, ..] = rgb_to_lab(&lab, [0.0, 1.0, 0.0]);
+        assert!((l / CODES_PER_L - (116.0 * 0.6917_f64.cbrt() - 16.0)).abs() < 0.02, "{l}");
+        for (found, expected) in rgb_to_lab(&lab, [1.0; 3]).iter().zip([255.0, NEUTRAL, NEUTRAL]) {
+            assert!((found - expected).abs() < 1e-9, "{found}");
         }
     }
 }

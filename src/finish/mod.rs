@@ -1,34 +1,40 @@
 //! Turns restored linear light into a photograph for viewing.
 //!
-//! The steps, each of which can be left out: putting it upright, clipped highlights, clip, colour matrix, transfer curve,
-//! scaling of the channels to a reference picture, local contrast (CLAHE).
+//! The steps, each of which can be left out: putting it upright, clipped highlights, clip, colour matrix, colours of the
+//! display, transfer curve, scaling of the channels to a reference picture, local contrast (CLAHE).
 
 mod clahe;
 mod color_matrix;
 mod curve;
 mod exposure;
+mod headroom;
 mod highlights;
 mod lab;
+mod noise_floor;
 mod pairs;
 mod photograph;
 mod plan;
+mod roll_off;
 mod style;
 
-use ndarray::{Array3, Axis, Zip};
+use ndarray::{Array2, Array3, Axis, Zip};
 use serde::Serialize;
 
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::image::LinearImage;
 use crate::core::orientation::Orientation;
+use crate::core::primaries::{ColorSpace, Primaries};
 
 pub use clahe::ClaheConfig;
 pub use color_matrix::{ColorMatrix, read_color_matrix};
 pub use curve::{Curve, CurveKind};
 pub use exposure::automatic_curve;
+pub use noise_floor::NoiseFloor;
 pub use pairs::{Companions, FinishInputs};
 pub use photograph::{Photograph, photograph};
 pub use plan::FinishPlan;
+pub use roll_off::RollOff;
 pub use style::{Clip, Style};
 
 /// What is done to every picture.
@@ -39,19 +45,28 @@ pub struct FinishConfig {
     pub clip: Option<f32>,
     /// How light becomes display values.
     pub curve: Curve,
+    /// How the curve is applied to colours.
+    pub roll_off: RollOff,
+    /// The colours of the result.
+    pub color_space: ColorSpace,
     /// Local contrast.
     pub clahe: Option<ClaheConfig>,
+    /// The stops by which displays with headroom may show highlights brighter than white; none for pictures without gains.
+    pub hdr_stops: Option<f32>,
     /// Whether the result is to be written with 8 bits: local contrast is then computed in 8 bits too.
     pub eight_bit: bool,
 }
 
 impl Default for FinishConfig {
-    /// As the published real captures are shown: clip 16, gamma 2.8 of light up to 6, CLAHE.
+    /// As the published real captures are shown: clip 16, gamma 2.8 of light up to 6 in each channel of sRGB, CLAHE.
     fn default() -> Self {
         Self {
             clip: Some(16.0),
             curve: Curve::default(),
+            roll_off: RollOff::default(),
+            color_space: ColorSpace::default(),
             clahe: Some(ClaheConfig::default()),
+            hdr_stops: None,
             eight_bit: true,
         }
     }
@@ -105,6 +120,15 @@ impl Look {
 /// # Errors
 /// [`Error::Config`] naming a setting that is out of range.
 pub fn finish(image: LinearImage, look: &Look, config: &FinishConfig) -> Result<Array3<f32>> {
+    finish_with_gains(image, look, config).map(|(planes, _)| planes)
+}
+
+/// As [`finish`], with the stops by which each pixel may be shown brighter, where they are asked for.
+fn finish_with_gains(
+    image: LinearImage,
+    look: &Look,
+    config: &FinishConfig,
+) -> Result<(Array3<f32>, Option<Array2<f32>>)> {
     config.check()?;
     let mut planes = look.orientation.upright(image.into_planes());
     if let Some(white) = look.saturation {
@@ -116,15 +140,19 @@ pub fn finish(image: LinearImage, look: &Look, config: &FinishConfig) -> Result<
     if let Some(ccm) = &look.ccm {
         ccm.apply(&mut planes);
     }
-    let curve = config.curve;
-    planes.par_mapv_inplace(|x| curve.apply(x));
+    if config.color_space != ColorSpace::Srgb {
+        to_display_colors(config.color_space).apply(&mut planes);
+    }
+    let (curve, roll_off) = (config.curve, config.roll_off);
+    let gains = config.hdr_stops.map(|stops| headroom::gains(&planes, curve, stops));
+    each_pixel(&mut planes, |pixel| roll_off.apply(curve, pixel));
     if let Some(means) = look.reference_means {
         scale_to_means(&mut planes, means);
     }
     if let Some(clahe) = &config.clahe {
-        clahe::equalize(&mut planes, clahe, config.eight_bit);
+        clahe::equalize(&mut planes, clahe, config.eight_bit, config.color_space);
     }
-    Ok(planes)
+    Ok((planes, gains))
 }
 
 impl FinishConfig {
@@ -153,8 +181,18 @@ impl FinishConfig {
             }
             Curve::None => {}
         }
+        self.hdr_stops.map_or(Ok(()), |stops| headroom::check(stops, self.curve))?;
         self.clahe.as_ref().map_or(Ok(()), ClaheConfig::check)
     }
+}
+
+/// The matrix from linear sRGB to the linear colours of a display.
+///
+/// # Panics
+/// Never: the primaries of displays span their colours.
+fn to_display_colors(space: ColorSpace) -> ColorMatrix {
+    let matrix = Primaries::SRGB.matrix_to(&space.primaries());
+    ColorMatrix::of(matrix.expect("primaries of displays span their colours"))
 }
 
 /// Replaces each pixel by what becomes of it.
@@ -194,7 +232,7 @@ mod tests {
     }
 
     fn bare() -> FinishConfig {
-        FinishConfig { clip: None, curve: Curve::None, clahe: None, eight_bit: true }
+        FinishConfig { clip: None, curve: Curve::None, clahe: None, ..FinishConfig::default() }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 
 use crate::batch::{Destination, Watcher};
 use crate::core::error::{Error, Result};
-use crate::io::{expand_inputs, is_hidden, list_folder, sha256_of_file, without_repeats};
+use crate::io::{expand_inputs, is_hidden, list_folder, sha256_of_input, stem_of_input, without_repeats};
 
 /// Where the published dataset keeps its real captures, their colour matrices and the phone's own pictures.
 const PUBLISHED: [&str; 3] = ["real_data/input", "real_data/CCM_txt", "real_data/jpg_ZTE"];
@@ -50,9 +50,7 @@ impl Job {
         if let Some(found) = self.sha256.get() {
             return Ok(found);
         }
-        let of = |path: Option<&PathBuf>| {
-            path.filter(|path| path.is_file()).map(|path| sha256_of_file(path)).transpose()
-        };
+        let of = |path: Option<&PathBuf>| path.map_or(Ok(None), |path| sha256_of_input(path));
         let found = [of(Some(&self.input))?, of(self.ccm.as_ref())?, of(self.reference.as_ref())?];
         Ok(self.sha256.get_or_init(|| found))
     }
@@ -169,12 +167,11 @@ type Found = Vec<Option<PathBuf>>;
 
 /// The companions of every image; names what is missing, and warns of files that belong to no image.
 fn pair(files: &[PathBuf], companions: &[Companion; 2], watcher: &dyn Watcher) -> Result<[Found; 2]> {
-    let stem = |file: &PathBuf| file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let mut found = [Vec::new(), Vec::new()];
     let mut missing = Vec::new();
     for file in files {
         for (companion, found) in companions.iter().zip(&mut found) {
-            match companion.find(&stem(file)) {
+            match companion.find(&stem_of_input(file)) {
                 Ok(path) => found.push(path),
                 Err(reason) => missing.push(reason),
             }
@@ -201,6 +198,7 @@ fn pair(files: &[PathBuf], companions: &[Companion; 2], watcher: &dyn Watcher) -
 mod tests {
     use super::*;
     use crate::batch::testing::Notes;
+    use crate::core::shard::Shard;
 
     fn folder_of(root: &Path, folder: &str, names: &[&str]) -> PathBuf {
         let folder = root.join(folder);
@@ -211,7 +209,8 @@ mod tests {
 
     fn jobs(root: &Path, inputs: &FinishInputs, notes: &Notes) -> Result<Vec<Job>> {
         let path = root.join("out/");
-        inputs.jobs(&Destination { path: &path, extension: "png", accepts_existing: false }, notes)
+        let (extension, accepts_existing, shard) = ("png", false, Shard::WHOLE);
+        inputs.jobs(&Destination { path: &path, extension, accepts_existing, shard }, notes)
     }
 
     #[test]

@@ -2,13 +2,15 @@
 
 use std::path::Path;
 
-use ndarray::Array3;
+use ndarray::{Array2, Array3};
 
-use super::{Curve, FinishConfig, Look, Style, finish};
+use super::{Curve, FinishConfig, Look, Style, finish_with_gains};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::Result;
+use crate::core::exif::Exif;
 use crate::core::image::LinearImage;
-use crate::io::{DomainTag, PixelOptions, Pixels, WriteOptions, write_pixels};
+use crate::core::primaries::{ColorSpace, Primaries};
+use crate::io::{DomainTag, PixelOptions, Pixels, WriteOptions, write_pixels, write_with_gains};
 
 /// A picture that is ready, with the look that it took over.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,8 +21,14 @@ pub struct Photograph {
     pub look: Look,
     /// The curve, as it was chosen or given.
     pub curve: Curve,
+    /// The colours that its red, green and blue are.
+    pub color_space: ColorSpace,
     /// Whether it was finished for 8 bits, in formats that have 16 as well.
     pub eight_bit: bool,
+    /// The stops by which displays with headroom may show each pixel brighter, `[height, width]`, where they were asked for.
+    pub gains: Option<Array2<f32>>,
+    /// What the camera says of it.
+    pub exif: Option<Exif>,
 }
 
 /// Finishes light as [`finish`] does, with the look that is known of its capture and a curve that is chosen from it; an
@@ -31,26 +39,35 @@ pub struct Photograph {
 pub fn photograph(image: LinearImage, info: &CaptureInfo, ceiling: f32) -> Result<Photograph> {
     let look = Look::of_capture(info);
     let config = Style::default().config_of(&image, &look, true, ceiling);
-    Photograph::of(image, look, &config)
+    Ok(Photograph { exif: info.exif.clone(), ..Photograph::of(image, look, &config)? })
 }
 
 impl Photograph {
     /// Finishes light with settings that are chosen.
     pub(super) fn of(image: LinearImage, look: Look, config: &FinishConfig) -> Result<Self> {
-        let planes = finish(image, &look, config)?;
-        Ok(Self { planes, look, curve: config.curve, eight_bit: config.eight_bit })
+        let (planes, gains) = finish_with_gains(image, &look, config)?;
+        let FinishConfig { curve, color_space, eight_bit, .. } = *config;
+        Ok(Self { planes, look, curve, color_space, eight_bit, gains, exif: None })
     }
 
-    /// Writes the picture in the format of the path's extension, with the bits that it was finished for.
+    /// Writes the picture in the format of the path's extension, with the bits that it was finished for, the profile of its
+    /// colours and what its camera says of it, but for how it lay: it is upright.
     ///
     /// # Errors
-    /// As [`write_pixels`].
+    /// As [`write_pixels`], or as [`write_with_gains`] where there are gains.
     pub fn write(self, path: &Path, options: &WriteOptions) -> Result<()> {
         let (domain, provenance) = (Some(DomainTag::Display), options.provenance.clone());
-        let pixels = Pixels { domain, provenance, ..Pixels::of_planes(self.planes) };
-        let (overwrite, eight_bit) = (options.overwrite, self.eight_bit);
-        let options = PixelOptions { overwrite, clip: true, eight_bit, ..PixelOptions::default() };
-        write_pixels(path, &pixels, options)
+        let primaries = Some(self.color_space.primaries()).filter(|found| *found != Primaries::SRGB);
+        let info = CaptureInfo { exif: self.exif, primaries, ..CaptureInfo::default() };
+        let capture = (info != CaptureInfo::default()).then_some(info);
+        let pixels = Pixels { domain, provenance, capture, ..Pixels::of_planes(self.planes) };
+        let (overwrite, eight_bit, color_space) = (options.overwrite, self.eight_bit, Some(self.color_space));
+        let options =
+            PixelOptions { overwrite, clip: true, eight_bit, color_space, ..PixelOptions::default() };
+        match self.gains {
+            Some(gains) => write_with_gains(path, &pixels, gains.view(), options),
+            None => write_pixels(path, &pixels, options),
+        }
     }
 }
 
@@ -58,7 +75,7 @@ impl Photograph {
 mod tests {
     use super::*;
     use crate::core::orientation::Orientation;
-    use crate::finish::automatic_curve;
+    use crate::finish::{automatic_curve, finish};
 
     fn light() -> LinearImage {
         let planes = Array3::from_shape_fn((3, 20, 30), |(c, y, x)| ((c + 2) * (y * 30 + x)) as f32 / 900.0);
@@ -77,7 +94,7 @@ mod tests {
         assert_eq!(shown.planes.dim(), (3, 30, 20));
         assert_eq!(shown.look.saturation, info.saturation);
         assert_eq!(shown.curve, automatic_curve(&light(), &shown.look, 500.0));
-        let config = FinishConfig { clip: None, curve: shown.curve, ..FinishConfig::default() };
+        let config = Style::default().config_of(&light(), &shown.look, true, 500.0);
         assert_eq!(shown.planes, finish(light(), &shown.look, &config).unwrap());
     }
 }

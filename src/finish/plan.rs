@@ -6,9 +6,10 @@ use serde_json::{Value, json};
 
 use super::pairs::Job;
 use super::{Companions, Curve, FinishInputs, Look, Photograph, Style, channel_means, read_color_matrix};
-use crate::batch::{self, Destination, Stages, Watcher, timed};
+use crate::batch::{self, Destination, Selection, Stages, Watcher, timed};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
+use crate::core::exif::Exif;
 use crate::core::provenance::Provenance;
 use crate::core::tone::ToneCurve;
 use crate::io::{AnyImage, DomainTag, Format, WriteOptions, inspect_any_image, read_pixels};
@@ -26,12 +27,14 @@ pub struct FinishPlan {
     pub told: CaptureInfo,
     /// Bits of PNG and TIFF, if not the usual ones: 8 for PNG, 16 for TIFF.
     pub bits: Option<u8>,
+    /// Whether what cameras say of their pictures is left out.
+    pub leaves_out_exif: bool,
     /// Whether pictures that exist are replaced.
     pub overwrite: bool,
 }
 
 impl FinishPlan {
-    /// Finishes all images; with `resume`, the pictures that are there are kept.
+    /// Finishes all images, or those of the destination's shard; with `resume`, the pictures that are there are kept.
     ///
     /// # Errors
     /// When a setting is out of range, an image does not exist or has no companion where all have one, or an output may not
@@ -46,8 +49,9 @@ impl FinishPlan {
         self.style.check()?;
         let jobs = inputs.jobs(destination, watcher)?;
         self.check_bits(&jobs)?;
+        self.check_hdr(&jobs)?;
         let finishing = Finishing { plan: self, leaves_out_ccm: inputs.ccm == Companions::Nowhere, watcher };
-        batch::run(&finishing, jobs, resume, watcher)
+        batch::run(&finishing, jobs, Selection { shard: destination.shard, resume }, watcher)
     }
 
     /// Refuses a number of bits that the format of an output does not have.
@@ -63,6 +67,25 @@ impl FinishPlan {
             "--bits {bits} is for PNG and TIFF, and {} would ignore it; leave it out",
             job.output.display()
         )))
+    }
+
+    /// Refuses gains for HDR displays in formats that have none, and beside reference pictures, whose curve has no shoulder.
+    fn check_hdr(&self, jobs: &[Job]) -> Result<()> {
+        if self.style.hdr_stops.is_none() {
+            return Ok(());
+        }
+        let is_jpeg =
+            |job: &Job| Format::of_extension(&job.output).is_ok_and(|format| format == Format::Jpeg);
+        if let Some(job) = jobs.iter().find(|job| !is_jpeg(job)) {
+            let output = job.output.display();
+            return Err(Error::Unsupported(format!("--hdr is for JPEG, and {output} is none: name a .jpg")));
+        }
+        match jobs.iter().any(|job| !self.style.is_automatic(job.reference.is_some()))
+            && self.style.curve.is_none()
+        {
+            true => Err(Error::config("hdr", "belongs to the automatic exposure: leave out --reference")),
+            false => Ok(()),
+        }
     }
 
     /// Whether a file is written with 8 bits.
@@ -136,7 +159,7 @@ impl Finishing<'_> {
 
 impl Stages for Finishing<'_> {
     type Job = Job;
-    type Input = (AnyImage, Look);
+    type Input = (AnyImage, Look, Option<Exif>);
     type Output = Photograph;
 
     fn doing(&self, job: &Job) -> String {
@@ -153,7 +176,7 @@ impl Stages for Finishing<'_> {
         json!({
             "domain": domain.map(DomainTag::name), "tone": tone, "finish": finish,
             "orientation": told.orientation, "saturation": told.saturation,
-            "baseline-exposure-ev": told.baseline_exposure_ev,
+            "baseline-exposure-ev": told.baseline_exposure_ev, "exif": !self.plan.leaves_out_exif,
         })
     }
 
@@ -171,11 +194,13 @@ impl Stages for Finishing<'_> {
             Ok((reading.image, reading.info))
         };
         let (image, said) = timed(self.watcher, format_args!("reading {}", job.input.display()), read)?;
-        let look = self.look(job, said.unwrap_or_default())?;
-        Ok((image, look))
+        let mut said = said.unwrap_or_default();
+        let exif = said.exif.take().filter(|_| !self.plan.leaves_out_exif);
+        let look = self.look(job, said)?;
+        Ok((image, look, exif))
     }
 
-    fn compute(&self, job: &Job, (image, look): Self::Input) -> Result<Photograph> {
+    fn compute(&self, job: &Job, (image, look, exif): Self::Input) -> Result<Photograph> {
         let FinishPlan { style, tone, .. } = self.plan;
         let image = image.into_linear(*tone);
         let config = style.config_of(&image, &look, self.plan.is_eight_bit(&job.output), tone.x_max);
@@ -184,7 +209,8 @@ impl Stages for Finishing<'_> {
             self.watcher
                 .detail(&format_args!("{input}: middle grey at light {grey:.4}, white at {white:.4}"));
         }
-        timed(self.watcher, self.doing(job), || Photograph::of(image, look, &config))
+        let photograph = timed(self.watcher, self.doing(job), || Photograph::of(image, look, &config))?;
+        Ok(Photograph { exif, ..photograph })
     }
 
     fn write(&self, job: &Job, photograph: Photograph) -> Result<()> {

@@ -13,6 +13,7 @@ use crate::dataset::SensorConfig;
 use crate::io::{read_field, read_text};
 use crate::network::Architecture;
 use crate::psf::DisplayConfig;
+use crate::restore::{Pose, read_pose};
 use crate::train::TrainConfig;
 
 /// The description of a display, of which PSFs are simulated.
@@ -29,6 +30,14 @@ pub struct FieldDescription {
     pub rows: usize,
     /// Number of places from left to right.
     pub columns: usize,
+}
+
+/// By how much a panel is turned and scaled against its PSF.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PoseDescription {
+    /// The pose.
+    #[serde(flatten)]
+    pub pose: Pose,
 }
 
 /// A sensor, for its noise.
@@ -71,6 +80,9 @@ pub(super) fn inspect_configuration(file: &Path) -> Result<Inspection> {
         let (grid, _) = read_field(file)?;
         return Ok(Inspection::PsfField(FieldDescription { rows: grid.rows(), columns: grid.columns() }));
     }
+    if has(&["turn-deg", "turn-sigma-deg"]) {
+        return Ok(Inspection::Pose(PoseDescription { pose: read_pose(file)? }));
+    }
     if has(&["full-well-e", "read-noise-e", "white-irradiance", "electrons-per-unit"]) {
         return SensorDescription::new(file, text).map(Inspection::Sensor);
     }
@@ -100,6 +112,13 @@ impl fmt::Display for DisplayDescription {
 impl fmt::Display for FieldDescription {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "PSFs of {} × {} places of the frame, for --field", self.rows, self.columns)
+    }
+}
+
+impl fmt::Display for PoseDescription {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { pose } = self;
+        write!(f, "pose, for `udc restore --pose`: {pose}\n  of the PSF {}", pose.psf_sha256)
     }
 }
 

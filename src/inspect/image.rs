@@ -10,7 +10,7 @@ use serde::Serialize;
 use crate::core::capture::CaptureInfo;
 use crate::core::error::Result;
 use crate::core::provenance::Provenance;
-use crate::io::{ColorTag, DomainTag, Encoding, Pixels, RawMetadata, inspect_image};
+use crate::io::{ColorTag, DomainTag, Encoding, ImageLayer, Pixels, RawMetadata, inspect_image, read_layers};
 
 /// An image file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -23,6 +23,9 @@ pub struct ImageDescription {
     pub width: usize,
     /// Number of rows.
     pub height: usize,
+    /// What else can be read of the file, where it has several layers.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub layers: Vec<ImageLayer>,
     /// The domain that the file declares.
     pub domain: Option<&'static str>,
     /// What the file says of its colours, which changes no value.
@@ -70,7 +73,10 @@ pub struct Statistics {
 impl ImageDescription {
     /// Describes the image that a file holds.
     pub(super) fn read(path: &Path) -> Result<Self> {
-        inspect_image(path).map(|(pixels, encoding)| Self::new(pixels, encoding))
+        let (pixels, encoding) = inspect_image(path)?;
+        let layers = read_layers(path)?;
+        let layers = if layers.len() > 1 { layers } else { Vec::new() };
+        Ok(Self { layers, ..Self::new(pixels, encoding) })
     }
 
     /// Describes what was read of a file.
@@ -81,6 +87,7 @@ impl ImageDescription {
             sample_type: encoding.sample_type,
             width,
             height,
+            layers: Vec::new(),
             domain: pixels.domain.map(DomainTag::name),
             color_tags: pixels.color_tags,
             exposure_s: pixels.exposure_s,
@@ -92,6 +99,19 @@ impl ImageDescription {
             channels: channel_statistics(&pixels.planes),
             provenance: pixels.provenance,
         }
+    }
+}
+
+/// Channel sums this close to one are those of a PSF, whose half floats are off by 2⁻¹¹ at most.
+const PSF_SUM_TOLERANCE: f64 = 1.0 / (1 << 11) as f64;
+
+impl ImageDescription {
+    /// Whether it is a PSF as this program writes them: three channels of unit sum, nothing of which is negative.
+    pub fn is_likely_psf(&self) -> bool {
+        let pixels = (self.width * self.height) as f64;
+        let sums_to_one = |mean: f64| (mean * pixels - 1.0).abs() < PSF_SUM_TOLERANCE;
+        let is_energy = self.negative == 0 && self.non_finite == 0;
+        self.channels.len() == 3 && is_energy && self.channels.iter().all(|channel| sums_to_one(channel.mean))
     }
 }
 

@@ -3,8 +3,11 @@
 mod array;
 mod configuration;
 mod dataset;
+mod examples;
 mod image;
+mod layers;
 mod model;
+mod picture;
 mod psf;
 mod run;
 mod tensors;
@@ -17,14 +20,20 @@ use serde::Serialize;
 
 use crate::core::error::Result;
 use crate::dataset::CONFIG_FILE;
+use crate::examples::{EXAMPLES_FILE, ExamplesFolder};
 use crate::io::{PsfOptions, expand_inputs, inspect_image};
 use crate::network::shipped;
 
 pub use array::ArrayDescription;
-pub use configuration::{DisplayDescription, FieldDescription, SensorDescription, TrainingDescription};
+pub use configuration::{
+    DisplayDescription, FieldDescription, PoseDescription, SensorDescription, TrainingDescription,
+};
 pub use dataset::{DatasetDescription, SplitDescription};
+pub use examples::ExamplesDescription;
 pub use image::{ImageDescription, Statistics};
+pub use layers::LayersDescription;
 pub use model::{ModelDescription, NetworkDescription};
+pub use picture::Thumbnail;
 pub use psf::{PsfChannel, PsfDescription};
 pub use run::{CheckpointDescription, RunDescription};
 pub use tensors::{BankDescription, TensorsDescription};
@@ -35,6 +44,8 @@ pub use tensors::{BankDescription, TensorsDescription};
 pub enum Inspection {
     /// An image.
     Image(ImageDescription),
+    /// A file of several layers, none of which is the image by itself.
+    Layers(LayersDescription),
     /// An image, looked at as a PSF.
     Psf(PsfDescription),
     /// A kernel bank.
@@ -48,6 +59,8 @@ pub enum Inspection {
     Array(ArrayDescription),
     /// A dataset's folder.
     Dataset(DatasetDescription),
+    /// A folder of examples.
+    Examples(ExamplesDescription),
     /// A training run's folder.
     Run(RunDescription),
     /// A checkpoint of a run.
@@ -56,6 +69,8 @@ pub enum Inspection {
     Display(DisplayDescription),
     /// The PSFs of several places of the frame.
     PsfField(FieldDescription),
+    /// The pose of a panel.
+    Pose(PoseDescription),
     /// A sensor, for its noise.
     Sensor(SensorDescription),
     /// The configuration of a training.
@@ -66,16 +81,19 @@ impl fmt::Display for Inspection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Image(found) => found.fmt(f),
+            Self::Layers(found) => found.fmt(f),
             Self::Psf(found) => found.fmt(f),
             Self::KernelBank(found) => found.fmt(f),
             Self::Model(found) => found.fmt(f),
             Self::Tensors(found) => found.fmt(f),
             Self::Array(found) => found.fmt(f),
             Self::Dataset(found) => found.fmt(f),
+            Self::Examples(found) => found.fmt(f),
             Self::Run(found) => found.fmt(f),
             Self::Checkpoint(found) => found.fmt(f),
             Self::Display(found) => found.fmt(f),
             Self::PsfField(found) => found.fmt(f),
+            Self::Pose(found) => found.fmt(f),
             Self::Sensor(found) => found.fmt(f),
             Self::TrainingConfiguration(found) => found.fmt(f),
         }
@@ -95,6 +113,9 @@ pub fn inspect(path: &Path, as_psf: Option<PsfOptions>) -> Result<Inspection> {
     if run::is_checkpoint(path) {
         return CheckpointDescription::read(path).map(Inspection::Checkpoint);
     }
+    if let Some(folder) = examples_described_by(path) {
+        return ExamplesDescription::read(folder).map(Inspection::Examples);
+    }
     if path.is_dir() && !dataset::is_dataset(path) {
         return RunDescription::read(path).map(Inspection::Run);
     }
@@ -110,7 +131,15 @@ pub fn inspect(path: &Path, as_psf: Option<PsfOptions>) -> Result<Inspection> {
         (_, Some(options)) => PsfDescription::read(path, options).map(Inspection::Psf),
         (Some("safetensors"), _) => tensors::inspect_tensors(path),
         (Some("npy"), _) => inspect_npy(path),
-        _ => ImageDescription::read(path).map(Inspection::Image),
+        _ => inspect_picture(path),
+    }
+}
+
+/// A file that only lacks a word on which of its layers is meant is described by these.
+fn inspect_picture(path: &Path) -> Result<Inspection> {
+    match ImageDescription::read(path) {
+        Ok(found) => Ok(Inspection::Image(found)),
+        Err(error) => LayersDescription::read(path).map(Inspection::Layers).ok_or(error),
     }
 }
 
@@ -122,14 +151,14 @@ fn inspect_npy(path: &Path) -> Result<Inspection> {
     }
 }
 
-/// What an input stands for: itself, or the images of a folder. A dataset, a run, a checkpoint and a model that the program
-/// carries are one.
+/// What an input stands for: itself, or the images of a folder. A dataset, a folder of examples, a run, a checkpoint and a
+/// model that the program carries are one.
 ///
 /// # Errors
 /// As [`expand_inputs`].
 pub fn subjects(input: &Path) -> Result<Vec<PathBuf>> {
     let is_one = shipped(input).is_some() || dataset::is_dataset(input) || run::is_run(input);
-    if is_one || run::is_checkpoint(input) {
+    if is_one || run::is_checkpoint(input) || ExamplesFolder::is_one(input) {
         return Ok(vec![input.to_owned()]);
     }
     expand_inputs(&[input.to_owned()])
@@ -137,6 +166,16 @@ pub fn subjects(input: &Path) -> Result<Vec<PathBuf>> {
 
 /// The folder of the dataset that a `dataset.toml` belongs to.
 fn folder_described_by(file: &Path) -> Option<&Path> {
-    let folder = file.parent().filter(|_| file.file_name().is_some_and(|name| name == CONFIG_FILE))?;
+    folder_of(file, CONFIG_FILE)
+}
+
+/// The folder of examples that a path is, or that an `examples.toml` belongs to.
+fn examples_described_by(path: &Path) -> Option<&Path> {
+    if ExamplesFolder::is_one(path) { Some(path) } else { folder_of(path, EXAMPLES_FILE) }
+}
+
+/// The folder that a file of a name describes.
+fn folder_of<'a>(file: &'a Path, name: &str) -> Option<&'a Path> {
+    let folder = file.parent().filter(|_| file.file_name().is_some_and(|found| found == name))?;
     Some(if folder.as_os_str().is_empty() { Path::new(".") } else { folder })
 }

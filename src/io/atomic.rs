@@ -1,12 +1,13 @@
 //! Writes whole files or nothing: to a temporary name in the same folder, flushed, then renamed.
 
+use std::fs::File;
 use std::io::{self, BufWriter, Seek, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use tempfile::{Builder, NamedTempFile};
 
-use super::{list_folder, remove};
+use super::{list_folder, read_bytes, remove, written};
 use crate::core::error::{Error, Result};
 
 /// How temporary files are named: with random letters between the two.
@@ -43,10 +44,50 @@ pub fn write_atomically(
     file.as_file().sync_all().map_err(fail)?;
     let renamed = if overwrite { file.persist(path) } else { file.persist_noclobber(path) };
     match renamed {
-        Ok(_) => Ok(()),
+        Ok(_) => {
+            written::tell(path);
+            Ok(())
+        }
         Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => Err(exists(path)),
         Err(error) => Err(fail(error.error)),
     }
+}
+
+/// Writes a file that others may be about to write too, with the same contents, and never replaces one: whoever has it open
+/// keeps what it reads, also on network file systems.
+///
+/// # Errors
+/// As [`write_atomically`]; [`Error::Format`] when a file is there whose contents are others.
+pub fn write_once(path: &Path, contents: &[u8]) -> Result<()> {
+    let written = match path.is_file() {
+        true => Err(exists(path)),
+        false => write_atomically(path, false, |file| file.write_all(contents)),
+    };
+    match written {
+        Err(error) if error.is_already_there() && path.is_file() => {
+            let is_same = read_bytes(path)? == contents;
+            let reason =
+                "is there already, with other contents; another run may have begun otherwise at this moment";
+            if is_same { Ok(()) } else { Err(Error::format(path, reason)) }
+        }
+        written => written,
+    }
+}
+
+/// Replaces a file, and keeps the new one open behind its contents and held, as
+/// [`AppendFile::try_lock`](super::AppendFile::try_lock) holds it.
+///
+/// No other process has it open: one that still writes the old file writes where nobody reads.
+pub(super) fn replace_and_hold(path: &Path, contents: &[u8]) -> Result<File> {
+    let fail = |source| Error::io("write", path, source);
+    let mut file = temporary_beside(path).map_err(fail)?;
+    if !cfg!(windows) {
+        // Nobody else can hold what has no name yet; where files cannot be locked, nobody holds anything.
+        let _ = file.as_file().try_lock();
+    }
+    file.write_all(contents).map_err(fail)?;
+    file.as_file().sync_all().map_err(fail)?;
+    file.persist(path).map_err(|error| fail(error.error))
 }
 
 /// Removes the temporary files directly inside of a folder that killed runs left there: those that nobody has changed
@@ -55,20 +96,29 @@ pub fn write_atomically(
 /// # Errors
 /// [`Error::Io`] when the folder cannot be listed or a file cannot be removed.
 pub fn remove_unfinished(folder: &Path, unchanged_for: Duration) -> Result<()> {
-    if !folder.is_dir() {
-        return Ok(());
-    }
     let now = SystemTime::now();
-    for name in list_folder(folder)? {
-        let path = folder.join(&name);
+    for path in list_unfinished(folder)? {
         // A file that is renamed meanwhile is no longer there.
         let changed = path.symlink_metadata().and_then(|file| file.modified()).unwrap_or(now);
         let age = now.duration_since(changed).unwrap_or_default();
-        if name.starts_with(PREFIX) && name.ends_with(SUFFIX) && age >= unchanged_for {
+        if age >= unchanged_for {
             remove(&path)?;
         }
     }
     Ok(())
+}
+
+/// Lists the temporary files directly inside of a folder: of runs that go on, or that killed ones left. None where there is
+/// no folder.
+///
+/// # Errors
+/// [`Error::Io`] when the folder cannot be listed.
+pub fn list_unfinished(folder: &Path) -> Result<Vec<PathBuf>> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let is_temporary = |name: &String| name.starts_with(PREFIX) && name.ends_with(SUFFIX);
+    Ok(list_folder(folder)?.into_iter().filter(is_temporary).map(|name| folder.join(name)).collect())
 }
 
 /// Checks that an output may be written, before the work that makes it starts.
@@ -117,9 +167,30 @@ fn temporary_beside(path: &Path) -> io::Result<NamedTempFile> {
 
 #[cfg(test)]
 mod tests {
-    use std::fs::{self, File};
+    use std::fs;
 
     use super::*;
+
+    #[test]
+    fn what_several_processes_write_is_written_by_the_first_and_never_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("dataset.toml");
+        std::thread::scope(|scope| {
+            let writers: Vec<_> = (0..8).map(|_| scope.spawn(|| write_once(&path, b"same"))).collect();
+            writers.into_iter().for_each(|writer| writer.join().unwrap().unwrap());
+        });
+        let reader = File::open(&path).unwrap();
+        write_once(&path, b"same").unwrap();
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::MetadataExt as _;
+            assert_eq!(reader.metadata().unwrap().ino(), path.metadata().unwrap().ino());
+        }
+        drop(reader);
+        let message = write_once(&path, b"other").unwrap_err().to_string();
+        assert!(message.contains("dataset.toml") && message.contains("other contents"), "{message}");
+        assert_eq!(list_folder(folder.path()).unwrap(), ["dataset.toml"]);
+    }
 
     #[test]
     fn only_old_temporary_files_are_removed() {

@@ -1,8 +1,8 @@
 //! Reads what image files say of their colours: PNG's gAMA, sRGB, cICP and iCCP chunks, ICC profiles of JPEG and TIFF.
 //!
-//! These never change a value. They are shown, and compared with what the user says of a file. A transfer curve counts as
-//! sRGB's if it stays within [`CURVE_TOLERANCE`] of it, as a plain gamma of 2.2 does; a profile of tables (no matrix and
-//! curves) is named only.
+//! These never change a value. They are shown, and compared with what the user says of a file; other primaries than those of
+//! sRGB are kept for finishing, which converts the colours. A transfer curve counts as sRGB's if it stays within
+//! [`CURVE_TOLERANCE`] of it, as a plain gamma of 2.2 does; a profile of tables (no matrix and curves) is named only.
 
 use std::fmt;
 
@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::{DomainTag, icc};
 use crate::core::color::srgb_decode;
+use crate::core::primaries::Primaries;
 
 /// How far a curve may lie from that of sRGB, in linear light: gamma 2.2 is off by 0.008, gamma 1.8 by 0.08.
 const CURVE_TOLERANCE: f64 = 0.02;
@@ -41,6 +42,9 @@ pub struct ColorTag {
     /// Whether red, green and blue are those of sRGB.
     #[serde(skip)]
     srgb_primaries: Option<bool>,
+    /// Which they are, where they are known.
+    #[serde(skip)]
+    primaries: Option<Primaries>,
 }
 
 impl fmt::Display for ColorTag {
@@ -61,9 +65,22 @@ impl ColorTag {
             _ => return Some(format!("its {place} says {says}")),
         }
         (is_srgb && self.srgb_primaries == Some(false)).then(|| {
-            format!("its {place} says {says}, whose red, green and blue are not those of sRGB and are taken for them")
+            let done = match self.primaries {
+                Some(_) => "finishing converts them",
+                None => "they are taken for those of sRGB",
+            };
+            format!("its {place} says {says}, whose red, green and blue are not those of sRGB; {done}")
         })
     }
+}
+
+/// Places that speak of primaries, the one that counts first (PNG, third edition, section 4.3).
+const PRECEDENCE: [&str; 5] = ["cICP chunk", "iCCP chunk", "ICC profile", "sRGB chunk", "cHRM chunk"];
+
+/// The primaries that tags say, where they are known and others than those of sRGB.
+pub(super) fn other_primaries(tags: &[ColorTag]) -> Option<Primaries> {
+    let says = |place: &&str| tags.iter().find(|tag| tag.place == *place && tag.srgb_primaries.is_some());
+    PRECEDENCE.iter().find_map(says).filter(|tag| tag.srgb_primaries == Some(false))?.primaries
 }
 
 /// The tags of a PNG file that stand in its chunks; its profile is for [`of_profile`].
@@ -93,7 +110,9 @@ fn of_chunk(name: [u8; 4], data: &[u8]) -> Option<ColorTag> {
             says: "sRGB".to_owned(),
             transfer: Some(Transfer::Srgb),
             srgb_primaries: Some(true),
+            primaries: None,
         }),
+        b"cHRM" => chromaticities(data),
         b"gAMA" => {
             let gamma = f64::from(u32::from_be_bytes(*data.first_chunk()?)) / 1e5;
             let (transfer, means) = match transfer_of(|v| v.powf(1.0 / gamma.max(1e-5))) {
@@ -102,7 +121,13 @@ fn of_chunk(name: [u8; 4], data: &[u8]) -> Option<ColorTag> {
                 Transfer::Other => (Transfer::Other, "another curve than sRGB"),
             };
             let says = format!("a gamma of {gamma:.3} ({means})");
-            Some(ColorTag { place: "gAMA chunk", says, transfer: Some(transfer), srgb_primaries: None })
+            Some(ColorTag {
+                place: "gAMA chunk",
+                says,
+                transfer: Some(transfer),
+                srgb_primaries: None,
+                primaries: None,
+            })
         }
         b"cICP" => {
             // Code points of ITU-T H.273.
@@ -114,18 +139,36 @@ fn of_chunk(name: [u8; 4], data: &[u8]) -> Option<ColorTag> {
                 18 => (Transfer::Other, "HLG".to_owned()),
                 code => (Transfer::Other, format!("transfer curve {code}")),
             };
-            let (is_srgb, colours) = match primaries {
-                1 => (true, "primaries of sRGB".to_owned()),
-                9 => (false, "primaries of BT.2020".to_owned()),
-                12 => (false, "primaries of Display P3".to_owned()),
-                code => (false, format!("primaries {code}")),
+            let (known, colours) = match primaries {
+                1 => (Some(Primaries::SRGB), "primaries of sRGB".to_owned()),
+                9 => (Some(Primaries::BT2020), "primaries of BT.2020".to_owned()),
+                12 => (Some(Primaries::DISPLAY_P3), "primaries of Display P3".to_owned()),
+                code => (None, format!("primaries {code}")),
             };
             let says = format!("{curve}, {colours}");
-            let srgb_primaries = Some(is_srgb);
-            Some(ColorTag { place: "cICP chunk", says, transfer: Some(transfer), srgb_primaries })
+            let srgb_primaries = Some(known == Some(Primaries::SRGB));
+            let transfer = Some(transfer);
+            Some(ColorTag { place: "cICP chunk", says, transfer, srgb_primaries, primaries: known })
         }
         _ => None,
     }
+}
+
+/// White, red, green and blue, each x and y in hundred-thousandths.
+fn chromaticities(data: &[u8]) -> Option<ColorTag> {
+    let (numbers, _) = data.get(..32)?.as_chunks::<4>();
+    let number = |index: usize| f64::from(u32::from_be_bytes(numbers[index])) / 1e5;
+    let [white, red, green, blue] = [0, 2, 4, 6].map(|index| [number(index), number(index + 1)]);
+    let primaries = Primaries { red, green, blue, white };
+    primaries.matrix_to(&Primaries::SRGB)?;
+    let name = primaries.name().unwrap_or("others than those of sRGB");
+    Some(ColorTag {
+        place: "cHRM chunk",
+        says: format!("primaries of {name}"),
+        transfer: None,
+        srgb_primaries: Some(primaries.is_near(&Primaries::SRGB)),
+        primaries: Some(primaries),
+    })
 }
 
 /// The tag of an embedded ICC profile, found at `place`.
@@ -147,7 +190,8 @@ pub(super) fn of_profile(place: &'static str, profile: &[u8]) -> ColorTag {
         Some(Transfer::Other) => " (another curve than sRGB)",
         None => "",
     };
-    ColorTag { place, says: format!("{name}{curve}"), transfer, srgb_primaries }
+    let primaries = found.as_ref().and_then(|profile| Primaries::of_profile(profile.colorants?));
+    ColorTag { place, says: format!("{name}{curve}"), transfer, srgb_primaries, primaries }
 }
 
 /// What a curve from values to linear light is.
@@ -187,5 +231,20 @@ mod tests {
         let p3 = of_chunk(*b"cICP", &[12, 13, 0, 1]).unwrap();
         assert!(p3.contradiction(DomainTag::Srgb).unwrap().contains("Display P3"));
         assert!(of_chunk(*b"gAMA", &[1, 2]).is_none(), "a short chunk says nothing");
+        assert!(of_chunk(*b"cHRM", &[1, 2]).is_none());
+    }
+
+    #[test]
+    fn primaries_are_those_of_the_tag_that_counts() {
+        let chunk = |name: &[u8; 4], data: &[u8]| of_chunk(*name, data).unwrap();
+        let of_p3 = [31_270, 32_900, 68_000, 32_000, 26_500, 69_000, 15_000, 6000_u32].map(u32::to_be_bytes);
+        let p3 = chunk(b"cHRM", of_p3.as_flattened());
+        assert_eq!((p3.says.as_str(), p3.transfer), ("primaries of Display P3", None));
+        let srgb = chunk(b"sRGB", &[0]);
+        let wide = chunk(b"cICP", &[9, 13, 0, 1]);
+        assert!(other_primaries(std::slice::from_ref(&p3)).unwrap().is_near(&Primaries::DISPLAY_P3));
+        assert_eq!(other_primaries(&[p3.clone(), srgb.clone()]), None, "sRGB counts before cHRM");
+        assert_eq!(other_primaries(&[p3, srgb, wide]), Some(Primaries::BT2020));
+        assert_eq!(other_primaries(&[chunk(b"cICP", &[22, 13, 0, 1])]), None, "unknown ones");
     }
 }

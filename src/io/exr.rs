@@ -5,6 +5,8 @@
 //! planes only a few blocks are in memory.
 
 mod blocks;
+mod chromaticities;
+mod groups;
 mod layers;
 mod limits;
 mod window;
@@ -20,12 +22,14 @@ use ::exr::meta::header::Header;
 
 use super::format::{Encoding, Format};
 use super::guard::guarded;
+use super::layer::locate;
 use super::{DomainTag, Pixels};
 use crate::core::bayer::BayerPattern;
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::provenance::Provenance;
 
+pub use groups::ImageLayer;
 pub(super) use write::Encoder;
 
 /// The attribute that says the domain of an image.
@@ -39,12 +43,12 @@ const CAPTURE_ATTRIBUTE: &str = "udc:capture";
 /// Number of blocks that are decoded or encoded at once: enough for any number of threads.
 const WAVE: usize = 64;
 
-/// Decodes the one RGB or grey layer of a file, or, with a pattern, its packed mosaic.
+/// Decodes the layer of a file that its path names, else its one RGB or grey layer, or, with a pattern, its packed mosaic.
 pub(super) fn decode(path: &Path, bytes: &[u8], packed: Option<BayerPattern>) -> Result<(Pixels, Encoding)> {
     let damaged = |reason: String| Error::format(path, reason);
     let (meta, header_end) = read_meta(bytes).map_err(damaged)?;
     limits::check(path, &meta, bytes.len())?;
-    let layer = layers::choose_layer(&meta, packed).map_err(damaged)?;
+    let layer = layers::choose_layer(&meta, packed, locate(path).1).map_err(damaged)?;
     let planes = blocks::decode_layer(bytes, header_end, &meta, &layer).map_err(damaged)?;
     let header = &meta.headers[layer.header];
     let sample_type = match header.channels.list[layer.channels[0]].sample_type {
@@ -66,23 +70,35 @@ pub(super) fn decode(path: &Path, bytes: &[u8], packed: Option<BayerPattern>) ->
 }
 
 /// The provenance that the header at the start of `bytes` carries, if they are the start of an EXR file.
-pub(super) fn provenance_of_head(bytes: &[u8]) -> Option<Provenance> {
+pub(super) fn provenance_of_head(path: &Path, bytes: &[u8]) -> Option<Provenance> {
     let (meta, _) = read_meta(bytes).ok()?;
-    let json = text_attribute(meta.headers.first()?, PROVENANCE_ATTRIBUTE)?;
+    let json = text_attribute(header_of_image(path, &meta)?, PROVENANCE_ATTRIBUTE)?;
     serde_json::from_str(&json).ok()
 }
 
 /// What the header at the start of `bytes` says of the capture, if they are the start of an EXR file.
-pub(super) fn capture_of_head(bytes: &[u8]) -> Result<Option<CaptureInfo>, String> {
+pub(super) fn capture_of_head(path: &Path, bytes: &[u8]) -> Result<Option<CaptureInfo>, String> {
     let Ok((meta, _)) = read_meta(bytes) else { return Ok(None) };
-    meta.headers.first().map_or(Ok(None), capture_of)
+    header_of_image(path, &meta).map_or(Ok(None), capture_of)
+}
+
+/// The header of the part that is read, else the first.
+fn header_of_image<'a>(path: &Path, meta: &'a MetaData) -> Option<&'a Header> {
+    let chosen = layers::choose_layer(meta, None, locate(path).1);
+    meta.headers.get(chosen.map_or(0, |layer| layer.header))
+}
+
+/// What can be read of the file that starts with `bytes`; nothing of one that is no EXR or damaged.
+pub(super) fn layers_of_head(bytes: &[u8]) -> Vec<ImageLayer> {
+    read_meta(bytes).map_or(Vec::new(), |(meta, _)| groups::list(&meta))
 }
 
 fn capture_of(header: &Header) -> Result<Option<CaptureInfo>, String> {
     let json = text_attribute(header, CAPTURE_ATTRIBUTE);
-    json.map(|json| CaptureInfo::from_json(&json)).transpose().map_err(|reason| {
+    let info = json.map(|json| CaptureInfo::from_json(&json)).transpose().map_err(|reason| {
         format!("has a damaged attribute {CAPTURE_ATTRIBUTE}: {reason}; restore the capture again")
-    })
+    })?;
+    Ok(chromaticities::with_primaries(info, header))
 }
 
 /// The height and width of the image in a file that starts with `bytes`, and its domain; `None` where reading the file
@@ -94,7 +110,7 @@ pub(super) fn size_of_head(
 ) -> Option<([usize; 2], Option<DomainTag>)> {
     let (meta, _) = read_meta(bytes).ok()?;
     limits::check(path, &meta, usize::try_from(file_bytes).ok()?).ok()?;
-    let header = &meta.headers[layers::choose_layer(&meta, None).ok()?.header];
+    let header = &meta.headers[layers::choose_layer(&meta, None, locate(path).1).ok()?.header];
     let Vec2(width, height) = header.shared_attributes.display_window.size;
     let domain = text_attribute(header, DOMAIN_ATTRIBUTE).and_then(|name| DomainTag::from_name(&name));
     Some(([height, width], domain))

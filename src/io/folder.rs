@@ -4,6 +4,8 @@ use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
+use super::atomic::replace_and_hold;
+use super::written;
 use crate::core::error::{Error, Result};
 
 /// Makes a folder, with its parents, unless it is there.
@@ -59,7 +61,9 @@ pub fn remove(path: &Path) -> Result<()> {
 /// # Errors
 /// [`Error::Io`] when `to` exists and is not empty, or the folder cannot be renamed.
 pub fn publish_folder(from: &Path, to: &Path) -> Result<()> {
-    fs::rename(from, to).map_err(|source| Error::io("create", to, source))
+    fs::rename(from, to).map_err(|source| Error::io("create", to, source))?;
+    written::tell(to);
+    Ok(())
 }
 
 /// A file that grows piece by piece.
@@ -70,6 +74,16 @@ pub struct AppendFile {
 }
 
 impl AppendFile {
+    /// Puts a new file in the place of one, or of none, and goes on behind its contents; it is held from the beginning.
+    ///
+    /// A process that still appends to the old file does not change the new one.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when it cannot be written.
+    pub fn replace(path: &Path, contents: &[u8]) -> Result<Self> {
+        Ok(Self { path: path.to_owned(), file: replace_and_hold(path, contents)? })
+    }
+
     /// Opens a file at its end, or a new one.
     ///
     /// # Errors
@@ -122,6 +136,14 @@ impl AppendFile {
 pub struct LineLog(AppendFile);
 
 impl LineLog {
+    /// Puts a new log in the place of one, as [`AppendFile::replace`] does.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the file cannot be written.
+    pub fn replace(path: &Path, text: &str) -> Result<Self> {
+        AppendFile::replace(path, text.as_bytes()).map(Self)
+    }
+
     /// Opens a log at its end, or a new one.
     ///
     /// # Errors
@@ -193,6 +215,26 @@ mod tests {
         assert!(other.try_lock().unwrap_err().to_string().contains("another process is writing it"));
         drop(held);
         other.try_lock().unwrap();
+    }
+
+    /// As two processes that take up the same part where files cannot be locked.
+    #[test]
+    fn nobody_writes_into_a_log_that_another_has_begun() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log");
+        let mut first = LineLog::replace(&path, "zero\n").unwrap();
+        first.append("one").unwrap();
+        let text = fs::read_to_string(&path).unwrap();
+        let mut second = LineLog::replace(&path, &text).unwrap();
+        first.append("lost").unwrap();
+        second.append("two").unwrap();
+        first.append("lost").unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "zero\none\ntwo\n");
+        let third = LineLog::open(&path).unwrap();
+        #[cfg(unix)]
+        assert!(third.try_lock().is_err(), "the second holds it");
+        drop(second);
+        third.try_lock().unwrap();
     }
 
     #[test]

@@ -4,6 +4,8 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+use super::foreign::{foreign, foreign_tiff};
+use super::layer::locate;
 use crate::core::error::{Error, Result};
 
 /// The image file formats that are read and written.
@@ -91,15 +93,21 @@ impl Format {
     }
 }
 
+/// Bytes that tell what a file is.
+const START_BYTES: u64 = 32;
+
 /// Reads a whole image file, and nothing of a file that is none.
 pub(super) fn read_recognised(path: &Path) -> Result<(Format, Vec<u8>)> {
     let read_error = |source| Error::io("read", path, source);
     if path.is_dir() {
         return Err(Error::format(path, "is a folder where an image file is needed"));
     }
-    let mut file = File::open(path).map_err(read_error)?;
+    let mut file = File::open(locate(path).0).map_err(read_error)?;
     let mut bytes = Vec::new();
-    file.by_ref().take(16).read_to_end(&mut bytes).map_err(read_error)?;
+    file.by_ref().take(START_BYTES).read_to_end(&mut bytes).map_err(read_error)?;
+    if let Some(reason) = foreign(path, &bytes) {
+        return Err(Error::format(path, reason));
+    }
     let Some(format) = Format::of_contents(&bytes) else {
         if BIG_TIFF.iter().any(|signature| bytes.starts_with(signature)) {
             return Err(Error::format(
@@ -111,7 +119,10 @@ pub(super) fn read_recognised(path: &Path) -> Result<(Format, Vec<u8>)> {
         return Err(Error::format(path, format!("{reason}; expected EXR, NPY, HDR, PNG, TIFF or JPEG")));
     };
     file.read_to_end(&mut bytes).map_err(read_error)?;
-    Ok((format, bytes))
+    match foreign_tiff(path, &bytes).filter(|_| format == Format::Tiff) {
+        Some(reason) => Err(Error::format(path, reason)),
+        None => Ok((format, bytes)),
+    }
 }
 
 /// Refuses a file to write whose name does not end as its only format does.

@@ -1,7 +1,11 @@
-//! Reads of an ICC profile its name, its primaries and the curve of its first channel (ICC.1:2022).
+//! Writes ICC profiles, and reads of one its name, its primaries and the curve of its first channel (ICC.1:2022).
 //!
 //! A profile: a header of 128 bytes, the number of tags, for each its signature, position and length. Numbers are
 //! big-endian. Nothing is believed that lies beyond the end of the profile.
+
+mod write;
+
+pub(super) use write::profile_of;
 
 const HEADER_BYTES: usize = 128;
 /// The most tags that are looked at; profiles have about a dozen.

@@ -4,13 +4,17 @@ use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::path::{Component, Path, PathBuf};
 
+use super::foreign::is_foreign_raw;
 use super::format::Format;
+use super::layer::{locate, split, with_layer};
 use crate::core::error::{Error, Result};
 
 /// Expands files, folders and globs to image files.
 ///
 /// A folder stands for the image files directly inside of it that are not hidden, a pattern for the files that match, as in
-/// a shell: hidden ones only if the pattern spells the dot. A pattern that ends in `**` stands for the images in all folders below. Both are sorted by name. Files keep the order in which they are named.
+/// a shell: hidden ones only if the pattern spells the dot. A pattern that ends in `**` stands for the images in all folders
+/// below. Both are sorted by name. Files keep the order in which they are named. Behind each may stand a colon and the layer
+/// that is meant of its files.
 ///
 /// # Errors
 /// [`Error::Io`] when a name does not exist; [`Error::Format`] when a folder or a pattern yields no file.
@@ -30,8 +34,15 @@ fn expand(input: &Path) -> Result<Vec<PathBuf>> {
     if input.exists() {
         return Ok(vec![input.to_owned()]);
     }
+    if locate(input).1.is_some() {
+        return Ok(vec![input.to_owned()]);
+    }
+    if let (folder, Some(layer)) = split(input, Path::is_dir) {
+        let files = images_of_folder(folder)?;
+        return Ok(files.iter().map(|file| with_layer(file, layer)).collect());
+    }
     match input.to_str().filter(|text| text.contains(['*', '?', '['])) {
-        Some(pattern) => files_of_pattern(pattern),
+        Some(pattern) => files_of_pattern(pattern).or_else(|error| layers_of_pattern(pattern).ok_or(error)),
         None => {
             let reason = std::io::Error::new(std::io::ErrorKind::NotFound, "there is no such file or folder");
             Err(Error::io("read", input, reason))
@@ -39,20 +50,33 @@ fn expand(input: &Path) -> Result<Vec<PathBuf>> {
     }
 }
 
+/// The layers in the files that match what stands before the last colon of a pattern; none where that is nothing.
+fn layers_of_pattern(pattern: &str) -> Option<Vec<PathBuf>> {
+    let (pattern, layer) = pattern.rsplit_once(':')?;
+    let files = files_of_pattern(pattern).ok()?;
+    Some(files.iter().map(|file| with_layer(file, layer)).collect())
+}
+
 fn images_of_folder(folder: &Path) -> Result<Vec<PathBuf>> {
     let read_error = |source| Error::io("read", folder, source);
-    let mut files = Vec::new();
+    let (mut files, mut raws) = (Vec::new(), 0);
     for entry in std::fs::read_dir(folder).map_err(read_error)? {
         let path = entry.map_err(read_error)?.path();
         if path.is_file() && is_image(&path) && !path.file_name().is_some_and(is_hidden) {
             files.push(path);
+        } else if path.extension().and_then(OsStr::to_str).is_some_and(is_foreign_raw) {
+            raws += 1;
         }
     }
     if files.is_empty() {
-        return Err(Error::format(
-            folder,
-            "the folder holds no image (.exr, .npy, .hdr, .png, .tif, .dng, .jpg)",
-        ));
+        let of_raws = match raws {
+            0 => String::new(),
+            count => format!(
+                ", but {count} raw files of cameras: convert them to DNG, by `dnglab convert` or Adobe DNG Converter"
+            ),
+        };
+        let reason = format!("the folder holds no image (.exr, .npy, .hdr, .png, .tif, .dng, .jpg){of_raws}");
+        return Err(Error::format(folder, reason));
     }
     files.sort();
     Ok(files)

@@ -7,6 +7,7 @@ use super::ColorTag;
 use crate::core::bayer::BayerPattern;
 use crate::core::camera_color::CameraColor;
 use crate::core::capture::CaptureInfo;
+use crate::core::exif::Exif;
 use crate::core::image::{Domain, Linear, ToneMapped};
 use crate::core::orientation::Orientation;
 use crate::core::provenance::Provenance;
@@ -99,6 +100,9 @@ pub struct RawMetadata {
     pub corrections: Vec<String>,
     /// Those that they have not.
     pub ignored: Vec<IgnoredOpcode>,
+    /// What the camera says for those who look at the picture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exif: Option<Exif>,
 }
 
 impl Pixels {

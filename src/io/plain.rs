@@ -7,6 +7,7 @@ use std::path::Path;
 use sha2::{Digest, Sha256};
 
 use super::array::read_array;
+use super::layer::locate;
 use crate::core::error::{Error, Result};
 use crate::core::kernel_code::KernelCode;
 use crate::core::psf::hex;
@@ -34,7 +35,7 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|error| Error::io("read", path, error))
 }
 
-/// SHA-256 of a file, in hexadecimal.
+/// SHA-256 of a file, in hexadecimal; behind a colon the layer that is meant of it, if one is named.
 ///
 /// # Errors
 /// [`Error::Io`] when the file cannot be read.
@@ -42,10 +43,14 @@ pub fn sha256_of_file(path: &Path) -> Result<String> {
     const BLOCK_BYTES: usize = 1 << 18;
     let mut hash = Sha256::new();
     let mut block = vec![0; BLOCK_BYTES];
-    let mut file = fs::File::open(path).map_err(|error| Error::io("read", path, error))?;
+    let (place, layer) = locate(path);
+    let mut file = fs::File::open(place).map_err(|error| Error::io("read", path, error))?;
     loop {
         match file.read(&mut block) {
-            Ok(0) => return Ok(hex(&hash.finalize())),
+            Ok(0) => {
+                let layer = layer.map_or(String::new(), |layer| format!(":{layer}"));
+                return Ok(hex(&hash.finalize()) + &layer);
+            }
             Ok(count) => hash.update(&block[..count]),
             Err(error) if error.kind() == ErrorKind::Interrupted => {}
             Err(error) => return Err(Error::io("read", path, error)),
@@ -53,10 +58,10 @@ pub fn sha256_of_file(path: &Path) -> Result<String> {
     }
 }
 
-/// Reads the first bytes of a file.
+/// Reads the first bytes of a file, of which a layer may be named.
 pub(super) fn read_head(path: &Path, count: u64) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    fs::File::open(path)
+    fs::File::open(locate(path).0)
         .and_then(|file| file.take(count).read_to_end(&mut bytes))
         .map_err(|error| Error::io("read", path, error))?;
     Ok(bytes)

@@ -1,19 +1,21 @@
 //! Reads and writes PNG, JPEG, TIFF and Radiance HDR as planes of floats.
 
+mod encode;
+mod gain_map;
+
 use std::io::Cursor;
 use std::path::Path;
 
-use image::codecs::hdr::HdrEncoder;
-use image::codecs::jpeg::JpegEncoder;
-use image::{
-    ColorType, DynamicImage, ExtendedColorType, ImageDecoder, ImageFormat, ImageReader, Limits, Rgb,
-};
-use ndarray::{Array3, ArrayView3};
+use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+use ndarray::Array3;
 
+use super::directory::Directory;
+use super::exif::Said;
 use super::format::{Encoding, Format};
 use super::guard::guarded;
-use super::planes::{from_interleaved, to_interleaved};
-use super::{MAX_PIXELS, PixelOptions, Pixels, color_tags, jpeg, tiff};
+use super::planes::from_interleaved;
+use super::{MAX_PIXELS, Pixels, color_tags, jpeg, tiff};
+use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 
 /// The most memory a decoder may take beside the image: a frame of [`MAX_PIXELS`] at 16 bits.
@@ -22,11 +24,9 @@ pub(super) const MAX_DECODER_BYTES: u64 = MAX_PIXELS as u64 * 8;
 /// Bytes of image per byte of file that PNG and TIFF do not reach: LZW ends near 2730, deflate at 1032.
 pub(super) const MAX_RATIO: u64 = 4096;
 
-/// Beyond this the files grow and the pictures do not get better to the eye.
-const JPEG_QUALITY: u8 = 95;
-
-/// The brightest value of Radiance HDR: a mantissa of 255/256 and an exponent of 127.
-const HDR_MAX: f32 = 255.0 / 256.0 * (1u128 << 127) as f32;
+pub(super) use encode::encode;
+pub use gain_map::GAIN_OFFSET;
+pub(super) use gain_map::attach;
 
 /// What a decoder found, before it becomes planes.
 enum Decoded {
@@ -41,7 +41,8 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: Format, packed: bool) ->
         return Err(Error::format(path, "is truncated or damaged: the end of the image is missing"));
     }
     let damaged = |reason| Error::format(path, reason);
-    let (decoded, profile) = guarded(|| decode_samples(bytes, format, packed)).map_err(damaged)?;
+    let (decoded, Beside { profile, said }) =
+        guarded(|| decode_samples(bytes, format, packed)).map_err(damaged)?;
     let (planes, sample_type) = match decoded {
         Decoded::Bands(bands) => bands.into_planes(),
         Decoded::Image(image) => {
@@ -58,25 +59,37 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: Format, packed: bool) ->
     let place = if is_png { "iCCP chunk" } else { "ICC profile" };
     color_tags.extend(profile.map(|profile| color_tags::of_profile(place, &profile)));
     let is_integer = sample_type.starts_with("uint");
-    let pixels = Pixels { is_integer, color_tags, ..Pixels::of_planes(planes) };
+    let primaries = color_tags::other_primaries(&color_tags);
+    let (exposure_s, iso) = said.exif.as_ref().map_or((None, None), |exif| (exif.exposure_s, exif.iso));
+    let Said { exif, orientation } = said;
+    let info = CaptureInfo { exif, orientation, primaries, ..CaptureInfo::default() };
+    let capture = (info != CaptureInfo::default()).then_some(info);
+    let pixels = Pixels { is_integer, color_tags, capture, exposure_s, iso, ..Pixels::of_planes(planes) };
     Ok((pixels, Encoding { format, sample_type: sample_type.to_owned() }))
 }
 
-/// The samples with the ICC profile that is embedded.
-fn decode_samples(bytes: &[u8], format: Format, packed: bool) -> Result<(Decoded, Option<Vec<u8>>), String> {
-    if format == Format::Tiff {
-        let profile = tiff::icc_profile(bytes);
-        return Ok(match tiff::decode(bytes, packed)? {
-            Some(bands) => (Decoded::Bands(bands), profile),
-            None => (Decoded::Image(decode_dynamic(bytes, format)?.0), profile),
-        });
-    }
-    let (image, profile) = decode_dynamic(bytes, format)?;
-    Ok((Decoded::Image(image), profile))
+/// What stands in a file beside its picture; what of it is damaged says nothing, the picture may still be whole.
+struct Beside {
+    /// The ICC profile that is embedded.
+    profile: Option<Vec<u8>>,
+    /// What its EXIF says.
+    said: Said,
 }
 
-/// The image with the ICC profile that is embedded.
-fn decode_dynamic(bytes: &[u8], format: Format) -> Result<(DynamicImage, Option<Vec<u8>>), String> {
+fn decode_samples(bytes: &[u8], format: Format, packed: bool) -> Result<(Decoded, Beside), String> {
+    if format == Format::Tiff {
+        let said = Directory::first(bytes).map_or_else(Said::default, |root| Said::of(&root));
+        let beside = Beside { profile: tiff::icc_profile(bytes), said };
+        return Ok(match tiff::decode(bytes, packed)? {
+            Some(bands) => (Decoded::Bands(bands), beside),
+            None => (Decoded::Image(decode_dynamic(bytes, format)?.0), beside),
+        });
+    }
+    let (image, beside) = decode_dynamic(bytes, format)?;
+    Ok((Decoded::Image(image), beside))
+}
+
+fn decode_dynamic(bytes: &[u8], format: Format) -> Result<(DynamicImage, Beside), String> {
     let mut limits = Limits::default();
     limits.max_alloc = Some(MAX_DECODER_BYTES);
     let mut reader = ImageReader::with_format(Cursor::new(bytes), image_format(format));
@@ -86,9 +99,10 @@ fn decode_dynamic(bytes: &[u8], format: Format) -> Result<(DynamicImage, Option<
     let (width, height) = decoder.dimensions();
     let ratio = if matches!(format, Format::Png | Format::Tiff) { MAX_RATIO } else { u64::MAX };
     check_declared([width, height], decoder.total_bytes(), bytes, ratio)?;
-    // A profile that is damaged says nothing; the picture may still be whole.
     let profile = decoder.icc_profile().ok().flatten();
-    Ok((DynamicImage::from_decoder(decoder).map_err(damaged)?, profile))
+    let exif = decoder.exif_metadata().ok().flatten();
+    let said = exif.map_or_else(Said::default, |block| Said::of_block(&block));
+    Ok((DynamicImage::from_decoder(decoder).map_err(damaged)?, Beside { profile, said }))
 }
 
 /// Refuses an image of `image_bytes`, before anything is allocated for it, of no pixels or too many, or of more than `ratio`
@@ -173,122 +187,4 @@ fn drop_alpha(planes: Array3<f32>) -> Result<Array3<f32>, String> {
     }
     samples.truncate(colours);
     Array3::from_shape_vec((channels - 1, height, width), samples).map_err(|error| error.to_string())
-}
-
-/// Encodes planes: 16 bits in PNG and TIFF unless 8 are wanted, 8 bits in JPEG, shared-exponent floats in Radiance
-/// HDR.
-pub(super) fn encode(
-    planes: &ArrayView3<'_, f32>,
-    format: Format,
-    options: PixelOptions,
-) -> Result<Vec<u8>, String> {
-    let channels = planes.dim().0;
-    if channels != 1 && channels != 3 {
-        return Err(format!("{} cannot hold {channels} channels; write .npy", format.name()));
-    }
-    check_values(planes, format, options)?;
-    if format == Format::Hdr {
-        encode_hdr(planes)
-    } else {
-        encode_integers(planes, format, options.eight_bit)
-    }
-}
-
-/// Refuses values that the format would change beyond rounding, unless they may be clipped.
-fn check_values(planes: &ArrayView3<'_, f32>, format: Format, options: PixelOptions) -> Result<(), String> {
-    let name = format.name();
-    if let Some(((c, y, x), value)) = planes.indexed_iter().find(|(_, value)| !value.is_finite()) {
-        return Err(format!(
-            "{name} cannot hold {value}, found at row {y}, column {x}, channel {c}; replace such values, or write .exr \
-             or .npy"
-        ));
-    }
-    let min = planes.iter().copied().fold(f32::INFINITY, f32::min);
-    let max = planes.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-    if min < 0.0 && !(options.clip || options.clip_negative) {
-        return Err(format!(
-            "{name} holds no negative values and the image goes down to {min}; write .exr or .npy, or clip it with \
-             `udc convert --clip`"
-        ));
-    }
-    match format {
-        _ if options.clip => Ok(()),
-        Format::Hdr if max > HDR_MAX => Err(format!(
-            "{name} ends at {HDR_MAX:.3e} and the image reaches {max:.3e}; write .exr or .npy, or clip it with `udc \
-             convert --clip`"
-        )),
-        Format::Hdr => Ok(()),
-        _ if max > 1.0 => Err(format!(
-            "{name} holds values up to 1 and the image reaches {max}; tone map it first (`udc tonemap`), write .exr, \
-             .hdr or .npy, or clip it with `udc convert --clip`"
-        )),
-        _ => Ok(()),
-    }
-}
-
-fn encode_integers(planes: &ArrayView3<'_, f32>, format: Format, eight_bit: bool) -> Result<Vec<u8>, String> {
-    let (channels, height, width) = planes.dim();
-    let grey = channels == 1;
-    let (samples, colour) = if eight_bit || format == Format::Jpeg {
-        let samples = to_interleaved(planes, |v| [to_u8(v)]);
-        (samples, if grey { ExtendedColorType::L8 } else { ExtendedColorType::Rgb8 })
-    } else {
-        let samples = to_interleaved(planes, |v| to_u16(v).to_ne_bytes());
-        (samples, if grey { ExtendedColorType::L16 } else { ExtendedColorType::Rgb16 })
-    };
-    let (width, height) = sides(width, height)?;
-    let mut file = Cursor::new(Vec::new());
-    let encoded = match format {
-        Format::Jpeg => {
-            JpegEncoder::new_with_quality(&mut file, JPEG_QUALITY).encode(&samples, width, height, colour)
-        }
-        _ => {
-            image::write_buffer_with_format(&mut file, &samples, width, height, colour, image_format(format))
-        }
-    };
-    encoded.map_err(|error| error.to_string())?;
-    Ok(file.into_inner())
-}
-
-fn encode_hdr(planes: &ArrayView3<'_, f32>) -> Result<Vec<u8>, String> {
-    let (channels, height, width) = planes.dim();
-    let value = |c: usize, y, x| planes[[c.min(channels - 1), y, x]].clamp(0.0, HDR_MAX);
-    let pixels: Vec<Rgb<f32>> = (0..height * width)
-        .map(|i| Rgb(to_shared_exponent([0, 1, 2].map(|c| value(c, i / width, i % width)))))
-        .collect();
-    let mut bytes = Vec::new();
-    HdrEncoder::new(&mut bytes).encode(&pixels, width, height).map_err(|error| error.to_string())?;
-    Ok(bytes)
-}
-
-/// Rounds a pixel to what Radiance HDR holds, three mantissas of 8 bits and an exponent; the encoder alone cuts off.
-fn to_shared_exponent(pixel: [f32; 3]) -> [f32; 3] {
-    let brightest = f64::from(pixel.into_iter().fold(0.0, f32::max));
-    // Below this the format holds zero.
-    if brightest < f64::from(f32::MIN_POSITIVE) {
-        return pixel;
-    }
-    let exponent = brightest.log2().floor() + 1.0;
-    #[expect(clippy::cast_possible_truncation, reason = "eight bits times a power of two")]
-    let rounded = |step: f64| pixel.map(|value| ((f64::from(value) / step).round() * step) as f32);
-    let step = (exponent - 8.0).exp2();
-    let is_full = (brightest / step).round() > 255.0;
-    rounded(if is_full { 2.0 * step } else { step }).map(|value| value.min(HDR_MAX))
-}
-
-fn sides(width: usize, height: usize) -> Result<(u32, u32), String> {
-    match (u32::try_from(width), u32::try_from(height)) {
-        (Ok(width), Ok(height)) => Ok((width, height)),
-        _ => Err(format!("{width} × {height} pixels are too many")),
-    }
-}
-
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the type's range")]
-fn to_u8(value: f32) -> u8 {
-    (value.clamp(0.0, 1.0) * f32::from(u8::MAX)).round() as u8
-}
-
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the type's range")]
-fn to_u16(value: f32) -> u16 {
-    (value.clamp(0.0, 1.0) * f32::from(u16::MAX)).round() as u16
 }

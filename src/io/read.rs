@@ -5,14 +5,15 @@ use std::path::Path;
 use ndarray::{Array3, ArrayView2, Axis, concatenate};
 
 use super::format::{self, Encoding, Format};
-use super::{DomainTag, HEAD_BYTES, Pixels, dng, exr, npy, plain, raster};
+use super::layer::locate;
+use super::{DomainTag, HEAD_BYTES, ImageLayer, Pixels, dng, exr, npy, plain, raster};
 use crate::core::bayer::BayerPattern;
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::image::{Domain, Image, Linear};
 use crate::core::provenance::Provenance;
 
-/// Reads an image file of any supported format.
+/// Reads an image file of any supported format; of an EXR, `file.exr:layer` reads one of its layers.
 ///
 /// # Errors
 /// [`Error::Io`] when the file cannot be read, [`Error::Format`] when it is damaged or no image,
@@ -55,7 +56,7 @@ pub fn inspect_mosaic(path: &Path, pattern: BayerPattern) -> Result<(Pixels, Enc
 /// [`Error::Io`] when the file cannot be read. A damaged file has no provenance: reading it says more.
 pub fn read_provenance(path: &Path) -> Result<Option<Provenance>> {
     let head = plain::read_head(path, HEAD_BYTES)?;
-    Ok(exr::provenance_of_head(&head))
+    Ok(exr::provenance_of_head(path, &head))
 }
 
 /// Reads what an image file says of its capture, without its pixels; formats other than EXR carry nothing.
@@ -64,7 +65,17 @@ pub fn read_provenance(path: &Path) -> Result<Option<Provenance>> {
 /// [`Error::Io`] when the file cannot be read; [`Error::Format`] when what it says is damaged.
 pub fn read_capture_info(path: &Path) -> Result<Option<CaptureInfo>> {
     let head = plain::read_head(path, HEAD_BYTES)?;
-    exr::capture_of_head(&head).map_err(|reason| Error::format(path, reason))
+    exr::capture_of_head(path, &head).map_err(|reason| Error::format(path, reason))
+}
+
+/// Lists what can be read of an image file of several layers or parts, which is an EXR: nothing of another, nor of one that
+/// is damaged.
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be read.
+pub fn read_layers(path: &Path) -> Result<Vec<ImageLayer>> {
+    let head = plain::read_head(path, HEAD_BYTES)?;
+    Ok(exr::layers_of_head(&head))
 }
 
 pub(super) fn decode_image(
@@ -73,6 +84,12 @@ pub(super) fn decode_image(
     format: Format,
     packed: Option<BayerPattern>,
 ) -> Result<(Pixels, Encoding)> {
+    if let (file, Some(layer)) = locate(path)
+        && format != Format::Exr
+    {
+        let reason = format!("is a {} file, which has no layers: leave out `:{layer}`", format.name());
+        return Err(Error::format(file, reason));
+    }
     match format {
         Format::Exr => exr::decode(path, bytes, packed),
         Format::Npy => npy::decode_image(path, bytes),

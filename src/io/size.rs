@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::format::Format;
+use super::layer::locate;
 use super::plain::read_head;
 use super::{DomainTag, HEAD_BYTES, exr, npy, raster, read_image_told};
 use crate::core::error::{Error, Result};
@@ -19,7 +20,7 @@ pub fn read_image_size<D: Domain>(path: &Path, told: Option<DomainTag>) -> Resul
     let head = read_head(path, HEAD_BYTES)?;
     let found = match Format::of_contents(&head) {
         Some(Format::Exr) => {
-            let file = path.metadata().map_err(|source| Error::io("read", path, source))?;
+            let file = locate(path).0.metadata().map_err(|source| Error::io("read", path, source))?;
             let fits = |domain: Option<DomainTag>| match told {
                 Some(told) => domain.is_none() && told.name() == D::NAME || domain == Some(told),
                 None => domain.is_none_or(|tag| tag.name() == D::NAME),

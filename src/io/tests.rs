@@ -4,6 +4,7 @@ mod bank;
 mod damage;
 mod exr;
 mod fixtures;
+mod layers;
 mod outputs;
 mod size;
 

@@ -2,6 +2,8 @@
 //!
 //! Both may be stored in strips or tiles, in any compression that the `tiff` crate undoes.
 
+mod write;
+
 use std::io::Cursor;
 
 use ndarray::Array3;
@@ -12,6 +14,8 @@ use tiff::{ColorType, TiffError};
 use super::MAX_PIXELS;
 use super::planes::gather;
 use super::raster::{MAX_DECODER_BYTES, MAX_RATIO, check_declared, from_u8, from_u16};
+
+pub(super) use write::{Samples, encode};
 
 type FileDecoder<'a> = Decoder<Cursor<&'a [u8]>>;
 

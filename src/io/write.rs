@@ -3,13 +3,15 @@
 use std::path::Path;
 
 use half::f16;
-use ndarray::ArrayView3;
+use ndarray::{ArrayView2, ArrayView3};
 
 use super::format::Format;
 use super::{DomainTag, Pixels, check_output, exr, npy, raster, write_atomically};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
+use crate::core::exif::Exif;
 use crate::core::image::{Domain, Image, ToneMapped};
+use crate::core::primaries::ColorSpace;
 use crate::core::provenance::Provenance;
 
 /// How an image is written.
@@ -44,7 +46,7 @@ pub fn write_image<D: Domain>(path: &Path, image: &Image<D>, options: &WriteOpti
     };
     let clip = D::NAME == ToneMapped::NAME;
     let WriteOptions { half, overwrite, .. } = *options;
-    let options = PixelOptions { half, overwrite, clip, clip_negative: true, eight_bit: false };
+    let options = PixelOptions { half, overwrite, clip, clip_negative: true, ..PixelOptions::default() };
     write_contents(path, &contents, options)
 }
 
@@ -61,6 +63,8 @@ pub struct PixelOptions {
     pub clip_negative: bool,
     /// 8 bits instead of 16, in formats that have both.
     pub eight_bit: bool,
+    /// The colours of a picture for viewing, whose profile is embedded in PNG, JPEG and TIFF.
+    pub color_space: Option<ColorSpace>,
 }
 
 /// Writes pixels, with what is known of them, in the format of the path's extension.
@@ -68,15 +72,48 @@ pub struct PixelOptions {
 /// # Errors
 /// As [`write_image`].
 pub fn write_pixels(path: &Path, pixels: &Pixels, options: PixelOptions) -> Result<()> {
-    let contents = Contents {
+    write_contents(path, &contents_of(pixels), options)
+}
+
+fn contents_of(pixels: &Pixels) -> Contents<'_> {
+    Contents {
         planes: pixels.planes.view(),
         domain: pixels.domain,
         exposure_s: pixels.exposure_s,
         iso: pixels.iso,
         provenance: pixels.provenance.as_ref(),
         capture: pixels.capture.as_ref(),
-    };
-    write_contents(path, &contents, options)
+    }
+}
+
+/// Writes a JPEG picture for viewing as [`write_pixels`] does, with the stops by which displays with headroom show each of its
+/// pixels brighter.
+///
+/// # Equation
+/// Of linear light l of the picture and its gain g: `l_HDR = (l + o)·2^g − o` with o = [`GAIN_OFFSET`](super::GAIN_OFFSET).
+///
+/// # Shapes
+/// `gains` is `[height, width]`.
+///
+/// # Errors
+/// As [`write_image`]; [`Error::Unsupported`] for files of other formats.
+pub fn write_with_gains(
+    path: &Path,
+    pixels: &Pixels,
+    gains: ArrayView2<'_, f32>,
+    options: PixelOptions,
+) -> Result<()> {
+    let format = Format::of_extension(path)?;
+    if format != Format::Jpeg {
+        let reason = format!("gains for HDR displays are written in JPEG, and {} is none", path.display());
+        return Err(Error::Unsupported(reason));
+    }
+    check_output(path, options.overwrite)?;
+    let contents = contents_of(pixels);
+    let picture = raster::encode(&contents.planes, format, options, exif_of(&contents));
+    let bytes = picture.and_then(|picture| raster::attach(picture, gains));
+    let bytes = bytes.map_err(|reason| Error::format(path, reason))?;
+    write_atomically(path, options.overwrite, |file| file.write_all(&bytes))
 }
 
 /// What an encoder is given: pixels that belong to somebody else.
@@ -106,8 +143,13 @@ fn write_contents(path: &Path, contents: &Contents<'_>, options: PixelOptions) -
             return write_atomically(path, options.overwrite, |file| encoder.write(file));
         }
         Format::Npy => npy::encode_image(&contents.planes, options.half),
-        _ => raster::encode(&contents.planes, format, options),
+        _ => raster::encode(&contents.planes, format, options, exif_of(contents)),
     };
     let bytes = encoded.map_err(|reason| Error::format(path, reason))?;
     write_atomically(path, options.overwrite, |file| file.write_all(&bytes))
+}
+
+/// What a picture for viewing says of its camera; light is no such picture.
+fn exif_of<'a>(contents: &Contents<'a>) -> Option<&'a Exif> {
+    contents.capture?.exif.as_ref().filter(|_| contents.domain == Some(DomainTag::Display))
 }

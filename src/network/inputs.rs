@@ -1,5 +1,6 @@
 //! What a network is given: the image, what is known of its PSF, and further planes of the image's sides.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use burn::tensor::Tensor;
@@ -48,6 +49,11 @@ impl Planes {
         self.0.get(&plane)
     }
 
+    /// The plane of a name, without the others.
+    pub fn into_plane(mut self, plane: Plane) -> Option<ToneMappedImage> {
+        self.0.remove(&plane)
+    }
+
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
@@ -60,6 +66,18 @@ impl Planes {
     #[must_use]
     pub fn crop(&self, top: usize, left: usize, height: usize, width: usize) -> Self {
         self.0.iter().map(|(&plane, image)| (plane, image.crop(top, left, height, width))).collect()
+    }
+
+    /// A window of every plane, copied unless it is all of them.
+    ///
+    /// # Panics
+    /// When it reaches outside of the planes.
+    pub fn window(&self, [top, left]: [usize; 2], [height, width]: [usize; 2]) -> Cow<'_, Self> {
+        let is_whole = |image: &ToneMappedImage| (image.height(), image.width()) == (height, width);
+        if self.0.values().all(is_whole) {
+            return Cow::Borrowed(self);
+        }
+        Cow::Owned(self.crop(top, left, height, width))
     }
 
     /// Bytes of all planes.

@@ -12,7 +12,7 @@ use super::inputs::{Inputs, Plane};
 use super::parameters::Parameters;
 use crate::core::error::Result;
 use crate::core::image::CHANNELS;
-use crate::core::progress::Progress;
+use crate::core::progress::{PIXELS, Progress};
 use crate::kernels::stream::{Arena, Graph, Plan, Source, Tensor};
 use crate::kernels::{Convolution, Geometry, Isa};
 
@@ -141,7 +141,16 @@ impl Engine for Streamed {
         let kept = || self.arena.lock().unwrap_or_else(PoisonError::into_inner);
         let mut arena = std::mem::take(&mut *kept());
         let plan = self.plan(height, width, room);
-        let outcome = plan.run(&mut arena, &sources, sink, |_| progress.check());
+        let bar = progress.bar((height * width) as u64, PIXELS);
+        let mut rows_done = 0;
+        let proceed = |rows: usize| {
+            let rows = rows.min(height);
+            bar.inc(((rows - rows_done) * width) as u64);
+            rows_done = rows;
+            progress.check()
+        };
+        let outcome = plan.run(&mut arena, &sources, sink, proceed);
+        bar.inc(((height - rows_done) * width) as u64);
         *kept() = arena;
         outcome.map(|()| restored)
     }

@@ -1,10 +1,10 @@
 //! Keeps a network's corrections to what the capture allows.
 
-use ndarray::{Array3, Axis, Zip};
+use ndarray::{Array2, Axis, Zip};
 
 use super::deconvolution::Border;
 use crate::core::error::Result;
-use crate::core::fft::{Boundary, Convolver};
+use crate::core::fft::{Boundary, PlaneOperator, TransformPrecision};
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
@@ -58,40 +58,48 @@ impl Guard<'_> {
 
     /// q of each channel.
     fn moved(&self, deconvolved: &ToneMappedImage, restored: &ToneMappedImage) -> Result<[f64; CHANNELS]> {
-        let mut difference = Array3::zeros(restored.planes().dim());
-        let curve = self.curve;
-        Zip::from(&mut difference).and(&restored.planes()).and(&deconvolved.planes()).par_for_each(
-            |out, r, d| {
-                *out = curve.expand(*r) - curve.expand(*d);
-            },
-        );
         let boundary = match self.border {
-            Border::Zero => Boundary::Zero,
             Border::Periodic => Boundary::Periodic,
-            Border::Smooth => Boundary::Replicate,
+            // Beyond the border nothing is corrected.
+            Border::Zero | Border::Smooth => Boundary::Zero,
         };
         let size = [restored.height(), restored.width()];
-        let convolver = Convolver::new(size, [self.psf.height(), self.psf.width()], boundary)?;
-        let difference = LinearImage::from_planes(difference)?;
-        let blurred = convolver.convolve(&convolver.spectrum(&difference)?, &convolver.otf(self.psf)?);
-        Ok(std::array::from_fn(|channel| {
-            let from = saturated_from(self.saturation[channel]);
-            let values = blurred.index_axis(Axis(0), channel);
-            let (mut sum, mut count) = (0.0, 0_u32);
-            for (moved, y) in values.iter().zip(self.capture.channel(channel)) {
-                if *y < from {
-                    sum += f64::from(moved / (y.max(0.0) + curve.alpha)).powi(2);
-                    count += 1;
+        let of_psf = [self.psf.height(), self.psf.width()];
+        let operator = PlaneOperator::new(size, of_psf, boundary, TransformPrecision::Single);
+        let mut blurred = Array2::zeros(size);
+        let mut moved = [0.0; CHANNELS];
+        for (channel, moved) in moved.iter_mut().enumerate() {
+            let otf = operator.transfer_function(self.psf.channel(channel), |k| k)?;
+            let (restored, deconvolved) = (restored.channel(channel), deconvolved.channel(channel));
+            let difference = |y: usize, out: &mut [f32]| {
+                for ((out, r), d) in out.iter_mut().zip(restored.row(y)).zip(deconvolved.row(y)) {
+                    *out = self.curve.expand(*r) - self.curve.expand(*d);
                 }
+            };
+            operator.convolve(&otf, (size[0], difference), &mut blurred);
+            *moved = self.relative_norm(&blurred, channel);
+        }
+        Ok(moved)
+    }
+
+    /// The root mean square of a plane over `y + α`, where the capture y is not saturated.
+    fn relative_norm(&self, plane: &Array2<f32>, channel: usize) -> f64 {
+        let from = saturated_from(self.saturation[channel]);
+        let (mut sum, mut count) = (0.0, 0_u32);
+        for (value, y) in plane.iter().zip(self.capture.channel(channel)) {
+            if *y < from {
+                sum += f64::from(value / (y.max(0.0) + self.curve.alpha)).powi(2);
+                count += 1;
             }
-            (sum / f64::from(count.max(1))).sqrt()
-        }))
+        }
+        (sum / f64::from(count.max(1))).sqrt()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ndarray::Array3;
 
     fn guard<'a>(capture: &'a LinearImage, psf: &'a Psf, noise: f32) -> Guard<'a> {
         let curve = ToneCurve { alpha: 0.25, x_max: 4.0 };

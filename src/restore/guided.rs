@@ -77,11 +77,11 @@ impl Restoration {
         let planes = planes_of(model.architecture().planes(), &image, Some(solution), &planes)?;
         let tone_mapped = curve.tone_map(&image);
         let (conditioning, angle) = self.conditioning(model, &tone_mapped, saturation, progress)?;
-        let operator = NetworkOperator::new(model).told(conditioning)?.with_planes(planes.clone());
+        let operator = NetworkOperator::new(model).told(conditioning)?.with_planes(&planes);
         let mut restored = restore_windows(&tone_mapped, plan, operator, progress)?;
-        if let (Some(options), Some(deconvolved)) = (options, planes.get(Plane::Deconvolved)) {
+        if let (Some(options), Some(deconvolved)) = (options, planes.into_plane(Plane::Deconvolved)) {
             let guard = Guard { capture: &image, psf, border: self.border(), curve, saturation, noise };
-            restored = guard.refine(deconvolved, restored, options.refine)?;
+            restored = guard.refine(&deconvolved, restored, options.refine)?;
         }
         let level = saturation.map(|white| curve.compress(saturated_from(white)));
         let restored = blend_highlights(restored, &tone_mapped, level, self.highlights())?;

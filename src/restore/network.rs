@@ -26,7 +26,7 @@ pub(super) struct NetworkOperator<'a> {
     model: &'a Model,
     conditioning: Conditioning,
     /// The planes of the whole image that the network reads.
-    planes: Planes,
+    planes: &'a Planes,
     /// Bytes beyond the least that many threads may take.
     room: u64,
 }
@@ -34,7 +34,7 @@ pub(super) struct NetworkOperator<'a> {
 impl<'a> NetworkOperator<'a> {
     /// Takes a network that is told nothing yet, and takes as much memory as its threads can use.
     pub(super) fn new(model: &'a Model) -> Self {
-        Self { model, conditioning: Conditioning::None, planes: Planes::default(), room: u64::MAX }
+        Self { model, conditioning: Conditioning::None, planes: Planes::NONE, room: u64::MAX }
     }
 
     /// The network with what it is told; networks that need no code are told nothing.
@@ -60,7 +60,7 @@ impl<'a> NetworkOperator<'a> {
     }
 
     /// Hands the network planes of the whole image.
-    pub(super) fn with_planes(self, planes: Planes) -> Self {
+    pub(super) fn with_planes(self, planes: &'a Planes) -> Self {
         Self { planes, ..self }
     }
 
@@ -80,8 +80,11 @@ impl WindowOperator for NetworkOperator<'_> {
     }
 
     fn window_bytes(&self, height: usize, width: usize, room: u64) -> u64 {
-        let planes = self.model.architecture().planes().len() * CHANNELS * size_of::<f32>();
-        self.model.working_bytes_in(height, width, room) + (planes * height * width) as u64
+        self.model.working_bytes_in(height, width, room)
+    }
+
+    fn copied_floats(&self) -> usize {
+        CHANNELS * self.model.architecture().planes().len()
     }
 
     fn apply(
@@ -99,7 +102,7 @@ impl WindowOperator for NetworkOperator<'_> {
                 Inputs::new(image, None).with_map(map.slice(window))
             }
         };
-        let planes = self.planes.crop(top, left, image.height(), image.width());
+        let planes = self.planes.window([top, left], [image.height(), image.width()]);
         self.model.restore_in(&inputs.with_planes(&planes), self.room, progress)
     }
 }
@@ -136,7 +139,7 @@ mod tests {
             let model = model(kind, condition);
             let code = Conditioning::Code(KernelCode::from_elem(5, 0.3));
             let planes = testing::planes_of(&image);
-            let operator = NetworkOperator::new(&model).told(code).unwrap().with_planes(planes);
+            let operator = NetworkOperator::new(&model).told(code).unwrap().with_planes(&planes);
             let whole = operator.apply(&image, 0, 0, &Progress::default()).unwrap();
             let largest = whole.as_slice().iter().fold(0.0f32, |m, v| m.max(v.abs()));
             let tiling = Tiling::with_tile([50, 403], 48, &operator).unwrap();

@@ -414,9 +414,13 @@ impl Restoration {
         })
     }
 
-    /// Floats that are kept of every pixel of an image beside the image itself: planes, and a code that changes.
+    /// Floats that are kept of every pixel of an image beside the image itself: planes, with them the capture before it was
+    /// tone-mapped, and a code that changes.
     fn floats_of_pixel(&self, model: &Model) -> usize {
-        let planes = CHANNELS * model.architecture().planes().len();
+        let planes = match model.architecture().planes().len() {
+            0 => 0,
+            planes => CHANNELS * (planes + 1),
+        };
         match (&self.kernel, model.architecture().code_len()) {
             (KernelKnowledge::Field { .. }, Some(code)) => planes + code,
             _ => planes,

@@ -6,7 +6,7 @@ use ndarray::{Array3, s};
 use crate::core::bytes::format_bytes;
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, ToneMappedImage};
-use crate::core::progress::Progress;
+use crate::core::progress::{PIXELS, Progress};
 
 /// Tiles and windows start at multiples of this at least: the published network halves its resolution twice.
 pub(super) const ALIGNMENT: usize = 4;
@@ -28,6 +28,11 @@ pub(super) trait WindowOperator {
     /// Bytes that it takes to restore one window beside the window itself and the result, with `room` bytes more than the
     /// least for many threads. Tiles are chosen without room, since results depend on tiles.
     fn window_bytes(&self, height: usize, width: usize, room: u64) -> u64;
+
+    /// Floats of every pixel that are copied with a window out of several, beside the window itself and the result.
+    fn copied_floats(&self) -> usize {
+        0
+    }
 
     /// Restores `image`, which starts at (`top`, `left`) of the whole image and ends before it or with it.
     ///
@@ -140,7 +145,8 @@ impl Tiling {
         let side = |spans: &[Span]| spans.last().map_or(0, |span| span.end);
         let rgb = |height: usize, width: usize| (CHANNELS * size_of::<f32>() * height * width) as u64;
         // The only window is the image; one of several is copied out of it and restored to another copy.
-        let copies = if self.len() == 1 { 0 } else { 2 * rgb(height, width) };
+        let more = (operator.copied_floats() * size_of::<f32>() * height * width) as u64;
+        let copies = if self.len() == 1 { 0 } else { 2 * rgb(height, width) + more };
         let frames = FRAMES_IN_MEMORY * rgb(side(&self.rows), side(&self.columns));
         frames + copies + operator.window_bytes(height, width, 0)
     }
@@ -189,14 +195,13 @@ pub(super) fn restore_tiled(
     operator: &dyn WindowOperator,
     progress: &Progress,
 ) -> Result<ToneMappedImage> {
-    let bar = progress.bar(tiling.len() as u64, "restoring");
     if tiling.len() == 1 {
         progress.check()?;
         let restored = operator.apply(image, 0, 0, progress)?;
         assert_eq!(restored.planes().dim(), image.planes().dim());
-        bar.finish_and_clear();
         return Ok(restored);
     }
+    let bar = progress.bar((image.height() * image.width()) as u64, PIXELS);
     let mut restored = Array3::zeros(image.planes().dim());
     for row in &tiling.rows {
         for column in &tiling.columns {
@@ -209,7 +214,7 @@ pub(super) fn restore_tiled(
             restored
                 .slice_mut(s![.., row.start..row.end, column.start..column.end])
                 .assign(&window.planes().slice(kept));
-            bar.inc(1);
+            bar.inc(((row.end - row.start) * (column.end - column.start)) as u64);
         }
     }
     bar.finish_and_clear();

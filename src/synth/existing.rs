@@ -8,11 +8,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use crate::core::error::{Error, Result};
+use crate::core::shard::Shard;
 use crate::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Split, Triplet, TripletFiles};
 use crate::io::{self, LineLog};
 
 use super::list::listed;
-use super::scenes::{Scene, Shard};
+use super::scenes::Scene;
 use super::synthesis::Synthesis;
 
 /// What to do about what is in the folder already.
@@ -22,6 +23,9 @@ pub enum Existing {
     Refuse,
     /// Keep finished triplets, make the others.
     Resume,
+    /// The same, even where another process holds what this one is to write: one of a node that is gone, whose locks a
+    /// network file system has kept, or one that goes on for nothing.
+    TakeOver,
     /// Begin anew.
     Overwrite,
 }
@@ -215,7 +219,8 @@ impl Place {
             if LineLog::open(&list)?.try_lock().is_err() {
                 let name = list.file_name().unwrap_or_default().display();
                 let reason = format!(
-                    "has another run at work, which holds {name}; wait for its end, or make another part with --shard"
+                    "has another run at work, which holds {name}; wait for its end, make another part with --shard, or pass \
+                     --take-over if it is of a machine that is gone"
                 );
                 return self.refuse(&reason);
             }

@@ -40,21 +40,25 @@ impl DatasetFolder {
         // Shards that start together come here one after the other.
         let turn = io::lock_folder(root);
         let place = Place::find(root, synthesis, existing)?;
-        place.check_free()?;
+        if existing != Existing::TakeOver {
+            place.check_free()?;
+        }
         if existing == Existing::Overwrite {
             place.remove_lists()?;
         }
         describe(root, synthesis, &place, existing == Existing::Overwrite)?;
         let list = place.list();
         let log = LineLog::open(&list)?;
-        log.try_lock()?;
+        if existing != Existing::TakeOver {
+            log.try_lock()?;
+        }
         drop(turn);
         if existing != Existing::Refuse {
             remove_unfinished(root)?;
         }
         let mut folder = Self { root: root.to_owned(), list, log, finished: BTreeSet::new() };
         match existing {
-            Existing::Resume => folder.resume(synthesis)?,
+            Existing::Resume | Existing::TakeOver => folder.resume(synthesis)?,
             Existing::Refuse | Existing::Overwrite => folder.restart_list(&[])?,
         }
         Ok(folder)
@@ -90,14 +94,12 @@ impl DatasetFolder {
         Ok(())
     }
 
-    /// Replaces the list. The new file is held before anybody may ask for it, and the old one until then.
+    /// Replaces the list. The new file is held before it has its name, and the old one until then. Where files cannot be
+    /// locked, another run of this part, as one that a cluster has begun again, goes on with a list that nobody reads: the
+    /// last one that begins makes all that is not listed, and lists it.
     fn restart_list(&mut self, triplets: &[Triplet]) -> Result<()> {
         let text: String = triplets.iter().map(|triplet| to_line(triplet) + "\n").collect();
-        let turn = io::lock_folder(&self.root);
-        io::write_atomically(&self.list, true, |file| file.write_all(text.as_bytes()))?;
-        self.log = LineLog::open(&self.list)?;
-        self.log.try_lock()?;
-        drop(turn);
+        self.log = LineLog::replace(&self.list, &text)?;
         Ok(())
     }
 
@@ -136,12 +138,21 @@ fn describe(root: &Path, synthesis: &Synthesis, place: &Place, overwrite: bool) 
     };
     if overwrite || !root.join(CONFIG_FILE).is_file() {
         let bank = bank_file.read()?;
-        // Another shard may describe the same dataset at this moment, with the same words.
-        io::write_atomically(&root.join(&config.bank), true, |file| file.write_all(&bank))?;
+        let (bank_path, config_path) = (root.join(&config.bank), root.join(CONFIG_FILE));
+        if overwrite {
+            io::write_atomically(&bank_path, true, |file| file.write_all(&bank))?;
+        } else {
+            // Another shard may describe the same dataset at this moment, with the same words, and read them.
+            io::write_once(&bank_path, &bank)?;
+        }
         if let Some(field) = &synthesis.field {
             io::write_psf_field(&root.join(FIELD_FILE), field)?;
         }
-        return write(config);
+        return if overwrite {
+            write(config)
+        } else {
+            io::write_once(&config_path, config.to_toml().as_bytes())
+        };
     }
     match &place.extended {
         Some(extended) => write(extended),

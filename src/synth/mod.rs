@@ -24,5 +24,5 @@ pub use formation::Formation;
 pub use kernels::MemoryNeeds;
 pub use noise::add_noise;
 pub use scene_run::SceneReport;
-pub use scenes::{Division, Scene, Shard, common_margin, list_scenes};
+pub use scenes::{Division, Scene, common_margin, list_scenes};
 pub use synthesis::{Needs, Synthesis, SynthesisConfig};

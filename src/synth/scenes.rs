@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use sha2::{Digest, Sha256};
 
@@ -45,39 +44,6 @@ impl fmt::Display for Division {
     }
 }
 
-/// One of several runs that make a dataset together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shard {
-    /// Which one, from 0.
-    pub index: usize,
-    /// How many there are.
-    pub count: usize,
-}
-
-impl Shard {
-    /// The only run.
-    pub const WHOLE: Self = Self { index: 0, count: 1 };
-
-    /// The scenes that this run is for: every `count`-th, so that sizes and sources are spread.
-    pub fn choose(self, scenes: Vec<Scene>) -> Vec<Scene> {
-        scenes.into_iter().skip(self.index).step_by(self.count).collect()
-    }
-}
-
-impl FromStr for Shard {
-    type Err = Error;
-
-    /// Reads `I/N`, with I from 1 to N.
-    fn from_str(text: &str) -> Result<Self> {
-        let parse = || {
-            let (index, count) = text.split_once('/')?;
-            let (index, count): (usize, usize) = (index.parse().ok()?, count.parse().ok()?);
-            (1..=count).contains(&index).then(|| Self { index: index - 1, count })
-        };
-        parse().ok_or_else(|| Error::config("shard", format!("expected I/N such as 2/8, found `{text}`")))
-    }
-}
-
 /// Names the scenes in `paths`, finds their sources and divides these.
 ///
 /// A source is what `udc crop` wrote into the file as its panorama, else the file's name up to its last `_`.
@@ -108,7 +74,7 @@ pub fn list_scenes(paths: Vec<PathBuf>, division: Division, seed: u64) -> Result
 }
 
 fn stem(path: &Path) -> String {
-    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    io::stem_of_input(path)
 }
 
 /// The margin that scenes have around the frame: what was asked for, or what their files declare.
@@ -255,22 +221,6 @@ mod tests {
         let divide = |seed| scenes(20, Division::TestFraction(0.3), seed);
         assert_eq!(divide(1), divide(1));
         assert_ne!(tested(&divide(1)), tested(&divide(2)));
-    }
-
-    #[test]
-    fn shards_are_read_from_one() {
-        assert_eq!("2/8".parse::<Shard>().unwrap(), Shard { index: 1, count: 8 });
-        for text in ["0/8", "9/8", "2", "a/b", "1/0"] {
-            assert!(text.parse::<Shard>().is_err(), "{text}");
-        }
-    }
-
-    #[test]
-    fn shards_share_the_scenes_out() {
-        let all = scenes(5, Division::All(Split::Train), 0);
-        let parts: Vec<_> = (0..4).flat_map(|index| Shard { index, count: 4 }.choose(all.clone())).collect();
-        assert_eq!(parts.len(), all.len());
-        assert!(all.iter().all(|scene| parts.contains(scene)));
     }
 
     #[test]

@@ -2,22 +2,23 @@
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
+use crate::batch::{Estimate, HEADER_BYTES, PROCESS_BYTES, Sampler};
 use crate::core::error::{Error, Result};
 use crate::core::field::PsfField;
 use crate::core::image::{CHANNELS, Linear};
 use crate::core::kernel_code::KernelBank;
+use crate::core::shard::Shard;
 use crate::dataset::{BANK_FILE, DatasetConfig, FORMAT, FormationConfig, VERSION};
 use crate::io::{self, DomainTag};
 
 use super::Formation;
 use super::degradations::{BankFile, Degradations};
+use super::existing::Existing;
 use super::kernels::{KernelSet, MemoryNeeds};
-use super::scenes::{Division, Scene, Shard, common_margin, list_scenes};
-
-/// The size that EXR and NumPy headers stay below.
-const HEADER_BYTES: u64 = 1 << 14;
+use super::scenes::{Division, Scene, common_margin, list_scenes};
 
 /// A dataset that is to be made.
 pub struct Synthesis {
@@ -133,6 +134,37 @@ impl Synthesis {
         let images = self.scenes.len() * self.bank.len();
         let disk_bytes = truths * (1 + self.bank.len() as u64) + self.bank_file.read()?.len() as u64;
         Ok(Needs { images, size, sizes_differ: sizes.len() > 1, memory, disk_bytes })
+    }
+
+    /// Says what the synthesis into `folder` takes, after making images of the first scene for about `patience` by `sample`:
+    /// a synthesis of that scene alone.
+    ///
+    /// # Errors
+    /// As [`Self::needs`] and [`Self::run`].
+    pub fn estimate(&self, sample: &Self, folder: &Path, patience: Duration) -> Result<Estimate> {
+        let needs = self.needs()?;
+        let sampler = Sampler::new(patience);
+        let scratch = io::scratch_folder(folder)?;
+        let sampled = sample.run(scratch.path(), Existing::Overwrite, &sampler.progress(), |_| {});
+        sampled.or_else(|error| if error.is_interrupt() { Ok(()) } else { Err(error) })?;
+        let pixels = |synthesis: &Self| -> Result<f64> {
+            let sizes =
+                synthesis.scenes.iter().map(|scene| io::read_image_size::<Linear>(&scene.path, self.told));
+            sizes.map(|size| size.map(|[height, width]| (height * width) as f64)).sum()
+        };
+        let cost = sampler.cost();
+        // In images of the sampled scene's size.
+        let images = self.bank.len() as f64 * pixels(self)? / pixels(sample)?;
+        Ok(Estimate {
+            items: needs.images as u64,
+            unit: "images",
+            disk_bytes: needs.disk_bytes,
+            memory_bytes: needs.memory.bytes + PROCESS_BYTES,
+            cost: cost.of(images),
+            fixed: cost.fixed,
+            threads: rayon::current_num_threads(),
+            measured: format!("{} images of one scene", sampler.steps()),
+        })
     }
 
     /// Plans the work on scenes of one size.

@@ -9,8 +9,10 @@ mod checkpoint;
 mod clean;
 mod config;
 mod data;
+mod estimate;
 mod identity;
 mod instruction_sets;
+mod live;
 mod loss;
 mod on_device;
 mod optimizer;
@@ -31,6 +33,7 @@ pub use config::{
     ScheduleConfig, TrainConfig, ValidationConfig,
 };
 pub use data::{Degrade, ExampleData, InMemory, OnTheFlyData, Patch, StoredData, TrainingData, Window};
+pub use estimate::estimate;
 pub use identity::DataIdentity;
 pub use run::{Job, Outcome, Start, read_config};
 pub use sampler::Sampler;

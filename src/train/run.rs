@@ -5,7 +5,7 @@
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -15,6 +15,7 @@ use super::config::TrainConfig;
 use super::data::TrainingData;
 use super::identity::DataIdentity;
 use super::instruction_sets::InstructionSets;
+use super::live::LiveView;
 use super::tensorboard::{self, EventLog};
 use super::trainer::{ADVICE, Step, Trainer};
 use super::validation::{Validation, ValidationScore, Validator};
@@ -311,8 +312,9 @@ fn open_log(path: &Path, iteration: u64) -> Result<LineLog> {
         value.and_then(|value| value["iteration"].as_u64()).is_some_and(|found| found <= iteration)
     };
     let kept: String = text.lines().take_while(is_done).map(|line| format!("{line}\n")).collect();
-    io::write_atomically(path, true, |out| out.write_all(kept.as_bytes()))?;
-    LineLog::open(path)
+    // Where folders cannot be locked, as on network file systems, files may be.
+    LineLog::open(path)?.try_lock()?;
+    LineLog::replace(path, &kept)
 }
 
 /// A run between two steps.
@@ -343,8 +345,9 @@ impl Run {
     /// Makes steps until the end; true when the user stopped it before.
     fn advance(&mut self, job: &Job<'_>) -> Result<bool> {
         let config = job.config;
-        let bar = job.progress.bar(config.iterations, "training");
+        let bar = job.progress.bar(config.iterations, "steps");
         bar.start_at(self.trainer.iteration());
+        let mut view = LiveView::new(config.validation.best, self.best);
         while self.trainer.iteration() < config.iterations {
             if job.progress.check().is_err() {
                 return Ok(true);
@@ -353,7 +356,9 @@ impl Run {
                 // Only now: a run that has ended keeps its model's arithmetic, whoever looks at it.
                 self.instruction_sets = self.instruction_sets.followed(job.backend, job.warn);
             }
+            let started = Instant::now();
             let step = self.trainer.step(job.data)?;
+            let taken = started.elapsed();
             let is_due = |every: u64| every > 0 && step.iteration.is_multiple_of(every);
             if is_due(config.log_every) {
                 self.write_line(&step)?;
@@ -370,7 +375,8 @@ impl Run {
             if is_due(config.checkpoint.every) {
                 self.save_checkpoint(job)?;
             }
-            bar.set_message(format!("loss {:.5}", step.loss));
+            view.note_validation(self.last_validation.as_ref(), self.best);
+            bar.show(view.after(&step, taken, self.trainer.waited()));
             bar.inc(1);
         }
         bar.finish_and_clear();

@@ -1,6 +1,7 @@
 //! The training itself, without files: weights, optimiser and position, advanced one step at a time.
 
 use std::borrow::Cow;
+use std::time::{Duration, Instant};
 
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Gradients as BurnGradients, Tensor, TensorData};
@@ -47,6 +48,8 @@ pub struct Trainer {
     state: State,
     /// What steps change, where they are computed on another device than the CPU.
     on_device: Option<OnDevice>,
+    /// How long the last step waited for samples.
+    waited: Duration,
 }
 
 /// Everything that a step changes.
@@ -104,6 +107,7 @@ impl Trainer {
             loss,
             recent: Vec::new(),
             ahead: None,
+            waited: Duration::ZERO,
             state,
             on_device,
         })
@@ -112,6 +116,11 @@ impl Trainer {
     /// Number of steps done.
     pub fn iteration(&self) -> u64 {
         self.state.iteration
+    }
+
+    /// How long the last step waited for samples, which are drawn while others are computed with.
+    pub fn waited(&self) -> Duration {
+        self.waited
     }
 
     /// The weights to use: their running mean when it is asked for.
@@ -234,16 +243,22 @@ impl Trainer {
     ) -> Result<f64> {
         let (count, crop) = (self.config.data.accumulate as u64, self.config.data.crop);
         let mut total = 0.0;
+        self.waited = Duration::ZERO;
         for number in self.state.iteration * count..(self.state.iteration + 1) * count {
+            let began = Instant::now();
             let patches = self.batch(data, number)?;
+            let drawn_at = Instant::now();
             let next = number + 1;
             let is_due = next < self.config.iterations.saturating_mul(count);
             let samples = is_due.then(|| self.samples(next));
             // Another thread draws if one is free; else this one does, once it has computed. What cannot be drawn is
             // drawn again when its turn comes, and reported then.
             let this = &*self;
-            let (computed, drawn) =
-                rayon::join(|| compute(this, &patches), || draw(data, samples?, crop).ok());
+            let ((computed, computing), drawn) = rayon::join(
+                || (compute(this, &patches), drawn_at.elapsed()),
+                || draw(data, samples?, crop).ok(),
+            );
+            self.waited += (drawn_at - began) + drawn_at.elapsed().saturating_sub(computing);
             self.ahead = drawn.map(|patches| (next, patches));
             let (loss, part) = computed?;
             total += loss / count as f64;

@@ -77,7 +77,10 @@ impl TrainingSet {
     }
 
     /// Refuses kernel codes of another length than the network reads.
-    pub(super) fn check_codes(&self, config: &TrainConfig) -> Result<()> {
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the key to change.
+    pub fn check_codes(&self, config: &TrainConfig) -> Result<()> {
         let found = match self {
             Self::Stored(dataset) => dataset.code_dim(),
             Self::OnTheFly(clean, _) => clean.bank.code_dim(),

@@ -28,6 +28,7 @@ const FLOW: &[&str] = &[
     "examples",
     "train",
     "inspect",
+    "doctor",
     "experiment",
     "report",
 ];

@@ -3,6 +3,7 @@
 use std::fs;
 
 use super::common::{fail, succeed};
+use super::json_events::events;
 
 /// The steps that the demo prints before it runs them, in their order.
 const STEPS: [&str; 9] = ["psf", "fuse", "codes", "synth", "restore", "train", "eval", "report", "The page"];
@@ -11,7 +12,10 @@ const STEPS: [&str; 9] = ["psf", "fuse", "codes", "synth", "restore", "train", "
 fn the_demo_goes_through_the_whole_pipeline_to_its_page() {
     let scratch = tempfile::tempdir().unwrap();
     let folder = scratch.path();
-    let said = succeed(folder, &["demo", "--quick", "-o", "demo"]);
+    // Scripts are told of all steps as one run.
+    let (told, said) = events(folder, &["demo", "--quick", "-o", "demo"], 0);
+    let page = &told.last().unwrap()["results"]["report"];
+    assert!(page.as_str().is_some_and(|page| page.ends_with("report.html")), "{page}");
     let mut rest = said.as_str();
     for step in STEPS {
         let line = if step.starts_with("The") { step.to_owned() } else { format!("$ udc {step} ") };

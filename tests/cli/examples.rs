@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::common::{fail, succeed};
 
-const CONFIG: &str = r#"
+pub(crate) const CONFIG: &str = r#"
 iterations = 4
 log-every = 1
 [architecture]

@@ -41,7 +41,7 @@ fn write_capture(path: &Path, psf: &Psf, light: f32) {
     write_image(path, &seen, &WriteOptions::default()).unwrap();
 }
 
-fn write_inputs(folder: &Path) {
+pub(crate) fn write_inputs(folder: &Path) {
     let turned = panel(0.4);
     write_psf(&folder.join("psf.exr"), &panel(0.0), &WriteOptions::default()).unwrap();
     write_capture(&folder.join("lamps.exr"), &turned, 3000.0);

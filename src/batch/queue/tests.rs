@@ -33,6 +33,8 @@ impl Greys {
     }
 }
 
+const RESUME: Selection = Selection { shard: Shard::WHOLE, resume: true };
+
 impl Stages for Greys {
     type Job = Job;
     type Input = u8;
@@ -82,7 +84,7 @@ fn jobs(folder: &Path, greys: &[u8]) -> Vec<Job> {
 fn a_job_that_fails_does_not_keep_the_others_from_being_done() {
     let scratch = tempfile::tempdir().unwrap();
     let (folder, notes) = (scratch.path().join("out"), Notes::default());
-    let error = run(&Greys::with(1), jobs(&folder, &[1, 0, 2]), false, &notes).unwrap_err();
+    let error = run(&Greys::with(1), jobs(&folder, &[1, 0, 2]), Selection::default(), &notes).unwrap_err();
     assert_eq!(error.to_string(), "1 of 3 images were not done: making 0: there is no light");
     let written = |grey: u8| folder.join(format!("{grey}.exr")).display().to_string();
     assert_eq!(notes.take(), [written(1), "warning: making 0: there is no light".to_owned(), written(2)]);
@@ -94,7 +96,7 @@ fn a_job_that_fails_does_not_keep_the_others_from_being_done() {
 fn a_single_job_fails_with_what_was_being_done_and_leaves_no_folder() {
     let scratch = tempfile::tempdir().unwrap();
     let (folder, notes) = (scratch.path().join("out"), Notes::default());
-    let error = run(&Greys::with(1), jobs(&folder, &[0]), false, &notes).unwrap_err();
+    let error = run(&Greys::with(1), jobs(&folder, &[0]), Selection::default(), &notes).unwrap_err();
     assert_eq!(error.in_full(), "making 0: there is no light");
     assert!(notes.take().is_empty() && !folder.exists());
 }
@@ -105,11 +107,11 @@ fn an_interrupt_ends_the_work_and_keeps_what_is_done() {
     let folder = scratch.path().join("out");
     let greys = Greys { stops_at: Some(2), ..Greys::with(1) };
     let notes = Notes::of(Progress::new(None, Arc::clone(&greys.interrupted)));
-    let error = run(&greys, jobs(&folder, &[1, 2, 3]), false, &notes).unwrap_err();
+    let error = run(&greys, jobs(&folder, &[1, 2, 3]), Selection::default(), &notes).unwrap_err();
     assert!(error.is_interrupt(), "{error}");
     assert!(folder.join("1.exr").exists() && !folder.join("3.exr").exists());
     // Who asked before the work began gets nothing.
-    let error = run(&greys, jobs(&folder, &[3, 4]), false, &notes).unwrap_err();
+    let error = run(&greys, jobs(&folder, &[3, 4]), Selection::default(), &notes).unwrap_err();
     assert!(error.is_interrupt() && !folder.join("3.exr").exists());
 }
 
@@ -117,12 +119,12 @@ fn an_interrupt_ends_the_work_and_keeps_what_is_done() {
 fn resuming_keeps_what_was_made_in_the_same_way() {
     let scratch = tempfile::tempdir().unwrap();
     let (folder, notes) = (scratch.path(), Notes::default());
-    run(&Greys::with(1), jobs(folder, &[1, 2]), false, &notes).unwrap();
+    run(&Greys::with(1), jobs(folder, &[1, 2]), Selection::default(), &notes).unwrap();
     notes.take();
-    run(&Greys::with(1), jobs(folder, &[1, 2, 3]), true, &notes).unwrap();
+    run(&Greys::with(1), jobs(folder, &[1, 2, 3]), RESUME, &notes).unwrap();
     let third = folder.join("3.exr").display().to_string();
     assert_eq!(notes.take(), ["2 of 3 images are there".to_owned(), third]);
-    let refused = |greys: &Greys, jobs| run(greys, jobs, true, &notes).unwrap_err().to_string();
+    let refused = |greys: &Greys, jobs| run(greys, jobs, RESUME, &notes).unwrap_err().to_string();
     let other_settings = refused(&Greys::with(2), jobs(folder, &[1, 4]));
     assert!(other_settings.contains("1.exr was made with other settings"), "{other_settings}");
     let other_files = vec![Job { grey: 7, output: folder.join("1.exr") }];

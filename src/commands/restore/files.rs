@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use udc::batch::{Destination, Unplaced};
 use udc::capture::{CaptureFiles, CaptureGroups, Told, names_of};
 use udc::core::error;
-use udc::io::{Format, sha256_of_file};
+use udc::io::{Format, sha256_of_input};
 use udc::restore::{Capture, CaptureReading};
 
 use super::RestoreArgs;
@@ -40,8 +40,8 @@ impl Job {
         if let Some(found) = self.sha256.get() {
             return Ok(found);
         }
-        let of_input = |input: &PathBuf| input.is_file().then(|| sha256_of_file(input)).transpose();
-        let found: Vec<Option<String>> = self.inputs.iter().map(of_input).collect::<Result<_, _>>()?;
+        let found: Vec<Option<String>> =
+            self.inputs.iter().map(|input| sha256_of_input(input)).collect::<Result<_, _>>()?;
         Ok(self.sha256.get_or_init(|| found))
     }
 }
@@ -49,19 +49,21 @@ impl Job {
 impl RestoreArgs {
     /// What to restore to where; refuses outputs that exist before any work.
     pub(super) fn jobs(&self, session: &Session) -> Result<Vec<Job>> {
+        let inputs = self.layer.of(&self.inputs);
         let CaptureGroups { captures, in_folder, warnings } = if self.is_bracket() {
-            CaptureGroups::of_brackets(&self.inputs)?
+            CaptureGroups::of_brackets(&inputs)?
         } else {
             if let Some(flag) = self.raw.flag_of_brackets() {
                 bail!("{flag} is for brackets: add --bracket, or --exposures with the times");
             }
-            CaptureGroups::of_files(&self.inputs)?
+            CaptureGroups::of_files(&inputs)?
         };
         warnings.iter().for_each(|warning| session.warn(warning));
         let destination = Destination {
             path: &self.output,
             extension: self.format,
             accepts_existing: session.overwrite || self.resume,
+            shard: self.shard,
         };
         let unplaced =
             |files: &CaptureFiles| Unplaced { name: files.name.clone(), source: names_of(&files.files) };

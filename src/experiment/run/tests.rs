@@ -13,6 +13,7 @@ use crate::codes::make_rotated_bank;
 use crate::core::image::LinearImage;
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
+use crate::core::shard::Shard;
 use crate::dataset::{CONFIG_FILE, DatasetConfig, FORMAT, FormationConfig, KernelChoice, Split, VERSION};
 use crate::experiment::{
     EarlierRows, MethodResults, PICTURES, Region, Results, Sweep, SweepConfig, SweepEntry, SweepEvent,
@@ -81,7 +82,7 @@ fn everything() -> ExperimentConfig {
     let (split, kernels) = (Split::Test, KernelChoice::All);
     ExperimentConfig {
         measuring: EvalConfig::default(),
-        images: ImagesConfig { split, kernels, limit: None, max_memory: 1 << 30 },
+        images: ImagesConfig { split, kernels, limit: None, max_memory: 1 << 30, shard: Shard::WHOLE },
         regions: true,
         mismatch: true,
         ldr: Some(1.0),
@@ -183,6 +184,7 @@ fn sweep_config(single: Option<&str>) -> SweepConfig {
         max_memory: 1 << 30,
         backend: Backend::default(),
         earlier: EarlierRows::Refuse,
+        shard: Shard::WHOLE,
     }
 }
 

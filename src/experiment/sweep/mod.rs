@@ -7,12 +7,14 @@ use std::path::Path;
 
 use serde_json::json;
 
+use super::measurement::{MeasuredDataset, Measurement};
 use super::{
-    Candidate, Comparison, EvalConfig, ImagesConfig, KeptPictures, Listener, RESULTS, Results, ResultsFolder,
-    validation_measures,
+    Candidate, Comparison, EvalConfig, Findings, ImagesConfig, KeptPictures, Listener, RESULTS, Results,
+    ResultsFolder, validation_measures,
 };
 use crate::core::error::{Error, Result};
 use crate::core::metrics::{Measure, Metric};
+use crate::core::shard::Shard;
 use crate::dataset::{Dataset, KernelChoice, Split};
 use crate::io;
 use crate::network::{Backend, Model};
@@ -60,6 +62,8 @@ pub struct SweepConfig {
     pub backend: Backend,
     /// What is done with rows that are there already.
     pub earlier: EarlierRows,
+    /// Whose configurations are trained and measured; the table is made of the rows of all.
+    pub shard: Shard,
 }
 
 /// What a sweep says on its way.
@@ -101,14 +105,16 @@ impl<'a> Sweep<'a> {
         Ok(Self { config, dataset, data_sha256: dataset.triplets_sha256(), single, folder, listener })
     }
 
-    /// Trains and measures every configuration; one that fails does not keep the others from being finished.
+    /// Trains and measures every configuration of the shard; one that fails does not keep the others from being finished.
     ///
     /// # Errors
     /// [`Error::Unsupported`] when configurations have one name, or several seeds, or earlier rows are in the way or of
     /// other data; [`Error::Interrupted`], with what to do next before it.
     pub fn run(&self, entries: &[SweepEntry], on_event: &dyn Fn(SweepEvent<'_>)) -> Result<SweepResults> {
         check_comparable(entries)?;
-        self.prepare_folder(entries)?;
+        self.config.shard.check(entries.len(), "configurations")?;
+        let entries = self.config.shard.choose(entries.iter().collect());
+        self.prepare_folder(&entries)?;
         let (mut rows, mut failed) = (Vec::new(), Vec::new());
         for entry in entries {
             on_event(SweepEvent::Begins(&entry.name));
@@ -139,7 +145,7 @@ impl<'a> Sweep<'a> {
         self.config.measuring.metrics.iter().map(Measure::metric).collect()
     }
 
-    fn prepare_folder(&self, entries: &[SweepEntry]) -> Result<()> {
+    fn prepare_folder(&self, entries: &[&SweepEntry]) -> Result<()> {
         let begun = entries.iter().find(|entry| self.folder.join(&entry.name).exists());
         if let (Some(entry), EarlierRows::Refuse) = (begun, self.config.earlier) {
             return Err(Error::Unsupported(format!(
@@ -230,9 +236,12 @@ impl<'a> Sweep<'a> {
         let network = Candidate::Network(entry.name.clone(), Box::new(model), Highlights::default());
         let candidates = [Candidate::Nothing, network];
         let (split, kernels) = (Split::Test, KernelChoice::All);
-        let images = ImagesConfig { split, kernels, limit: *limit, max_memory: *max_memory };
+        let (limit, max_memory, shard) = (*limit, *max_memory, Shard::WHOLE);
+        let images = ImagesConfig { split, kernels, limit, max_memory, shard };
         let comparison = Comparison::new(self.dataset, &candidates, &images, self.listener)?;
         let evaluation = comparison.evaluate(measuring, false, &KeptPictures::default())?;
+        let measured = MeasuredDataset::of("", &comparison, evaluation);
+        let Findings { evaluation, .. } = Measurement::of_dataset(measured).into_findings()?;
         let results = folder.join("results");
         ResultsFolder::prepare(&results, &RESULTS.map(str::to_owned), true)?
             .write_results(&evaluation, &Results::of(&evaluation))?;

@@ -5,6 +5,9 @@ use std::fmt::{self, Write as _};
 use super::ImageDescription;
 use crate::core::camera_color::CameraColor;
 use crate::core::capture::CaptureInfo;
+use crate::core::exif::Exif;
+use crate::core::primaries::Primaries;
+use crate::inspect::layers::write_layers;
 use crate::inspect::text::{number, write_lines};
 use crate::io::RawMetadata;
 
@@ -22,6 +25,7 @@ fn write_image(text: &mut String, image: &ImageDescription) -> fmt::Result {
         "{} image, {} × {} (width × height), {channels} channel{plural} of {}",
         image.format, image.width, image.height, image.sample_type
     )?;
+    write_layers(text, &image.layers)?;
     writeln!(text, "  domain    {}", image.domain.unwrap_or("not declared"))?;
     for tag in &image.color_tags {
         writeln!(text, "  colours   {tag}")?;
@@ -82,6 +86,9 @@ fn write_raw(text: &mut String, raw: &RawMetadata) -> fmt::Result {
     if !raw.corrections.is_empty() {
         writeln!(text, "  corrected {}", raw.corrections.join(", "))?;
     }
+    if let Some(exif) = &raw.exif {
+        write_exif(text, exif)?;
+    }
     let ignored = raw.ignored.iter().map(|opcode| match opcode.optional {
         true => format!("{} (optional)", opcode.name),
         false => opcode.name.clone(),
@@ -108,7 +115,35 @@ fn write_capture(text: &mut String, capture: &CaptureInfo) -> fmt::Result {
     if let Some(stops) = capture.baseline_exposure_ev {
         writeln!(text, "  baseline  {stops:+.2} stops")?;
     }
-    Ok(())
+    if let Some(primaries) = &capture.primaries {
+        write_primaries(text, primaries)?;
+    }
+    capture.exif.as_ref().map_or(Ok(()), |exif| write_exif(text, exif))
+}
+
+fn write_primaries(text: &mut String, primaries: &Primaries) -> fmt::Result {
+    let Primaries { red, green, blue, white } = *primaries;
+    let place = |[x, y]: [f64; 2]| format!("{x:.4} {y:.4}");
+    let name = primaries.name().map_or(String::new(), |name| format!("{name}: "));
+    let [red, green, blue, white] = [red, green, blue, white].map(place);
+    writeln!(text, "  primaries {name}red {red}, green {green}, blue {blue}, white {white}")
+}
+
+/// The camera, the exposure, when and where, as far as they are said.
+fn write_exif(text: &mut String, exif: &Exif) -> fmt::Result {
+    let mut said: Vec<String> =
+        [&exif.make, &exif.model, &exif.lens, &exif.taken].into_iter().flatten().cloned().collect();
+    let seconds = |seconds: f64| match seconds < 0.5 {
+        true => format!("1/{:.0} s", 1.0 / seconds),
+        false => format!("{} s", number(seconds)),
+    };
+    said.extend(exif.exposure_s.map(seconds));
+    said.extend(exif.f_number.map(|number| format!("f/{number:.1}")));
+    said.extend(exif.iso.map(|iso| format!("ISO {iso:.0}")));
+    said.extend(exif.focal_length_mm.map(|length| format!("{length:.1} mm")));
+    let place = exif.position.as_ref();
+    said.extend(place.map(|place| format!("at {:.5}° {:.5}°", place.latitude_deg, place.longitude_deg)));
+    writeln!(text, "  camera    {}", said.join(", "))
 }
 
 /// The light that gains stand for, and the matrix to linear sRGB.

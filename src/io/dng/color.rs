@@ -1,8 +1,8 @@
 //! What a digital negative says of its camera's colours: matrices, the lights that they are for, the white of the scene.
 
-use super::directory::Directory;
 use crate::core::camera_color::{CalibratedLight, CameraColor};
 use crate::core::matrix3::{IDENTITY, Matrix3};
+use crate::io::directory::Directory;
 
 const COLOR_MATRICES: [u16; 2] = [50721, 50722];
 const CALIBRATIONS: [u16; 2] = [50723, 50724];

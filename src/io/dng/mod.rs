@@ -6,7 +6,6 @@
 //! same black level, and the shading of the lens corrected by [`opcodes`]. The picture stays as it lies on the sensor.
 
 mod color;
-mod directory;
 mod gains;
 mod lossless_jpeg;
 mod opcodes;
@@ -17,25 +16,24 @@ use std::path::Path;
 
 use ndarray::{Array3, s};
 
+use super::directory::{BITS, COMPRESSION, Directory, GREY, PHOTOMETRIC, RGB, SAMPLES, WIDTH};
+use super::exif::Said;
 use super::format::{Encoding, Format};
 use super::{Pixels, RawMetadata, raster};
 use crate::core::bayer::BayerPattern;
 use crate::core::capture::is_exposure;
 use crate::core::error::{Error, Result};
 use crate::core::orientation::Orientation;
-use directory::{BITS, COMPRESSION, Directory, GREY, PHOTOMETRIC, RGB, SAMPLES, WIDTH};
-
 use color::Fields;
 use opcodes::Corrections;
 
 const ORIENTATION: u16 = 274;
-const SUB_DIRECTORIES: u16 = 330;
+pub(super) const SUB_DIRECTORIES: u16 = 330;
 const CFA_REPEAT: u16 = 33421;
 const CFA_PATTERN: u16 = 33422;
 const EXPOSURE_TIME: u16 = 33434;
 const ISO: u16 = 34855;
 const EXIF: u16 = 34665;
-const DNG_VERSION: u16 = 50706;
 const LINEARIZATION_TABLE: u16 = 50712;
 const BLACK_LEVEL_REPEAT: u16 = 50713;
 const BLACK_LEVEL: u16 = 50714;
@@ -46,7 +44,7 @@ const BASELINE_EXPOSURE: u16 = 50730;
 const ACTIVE_AREA: u16 = 50829;
 
 /// Values of [`PHOTOMETRIC`]: a mosaic, and its colours interpolated.
-const CFA: usize = 32803;
+pub(super) const CFA: usize = 32803;
 const LINEAR_RAW: usize = 34892;
 
 /// Values of [`COMPRESSION`]: none, LZW, deflate by two names; lossy JPEG and JPEG XL.
@@ -56,7 +54,7 @@ const LOSSY: [usize; 2] = [34892, 52546];
 /// Whether a TIFF file says that it is a digital negative, or holds a mosaic as one does.
 pub(super) fn is_dng(bytes: &[u8]) -> bool {
     Directory::first(bytes)
-        .is_some_and(|root| root.numbers(DNG_VERSION).is_some() || root.number(PHOTOMETRIC) == Some(CFA))
+        .is_some_and(|root| root.has_dng_version() || root.number(PHOTOMETRIC) == Some(CFA))
 }
 
 /// The raw image `[1, height, width]`, or `[3, height, width]` where the file holds it interpolated.
@@ -102,6 +100,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
         baseline_exposure_ev,
         corrections: corrections.applied,
         ignored: corrections.ignored,
+        exif: Said::of(&root).exif,
         ..metadata
     });
     let (exposure_s, iso) = (in_exif(EXPOSURE_TIME), in_exif(ISO));

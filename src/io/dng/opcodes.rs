@@ -4,12 +4,12 @@
 use ndarray::{Array3, Axis};
 use rayon::prelude::*;
 
-use super::directory::Directory;
 use super::gains::{Gain, GainMap, Vignette};
 use super::reader::Reader;
 use crate::core::bayer::BayerPattern;
 use crate::core::saturation::saturated_from;
 use crate::io::IgnoredOpcode;
+use crate::io::directory::Directory;
 
 /// Opcodes for the photosites as they are read, for linear light, and for interpolated colours.
 const LISTS: [u16; 3] = [51008, 51009, 51022];

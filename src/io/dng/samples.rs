@@ -4,9 +4,9 @@
 use ndarray::Array3;
 use rayon::prelude::*;
 
-use super::directory::{BITS, COMPRESSION, Directory, HEIGHT, SAMPLES, WIDTH};
 use super::lossless_jpeg;
 use crate::io::MAX_PIXELS;
+use crate::io::directory::{BITS, COMPRESSION, Directory, HEIGHT, SAMPLES, WIDTH};
 
 const FILL_ORDER: u16 = 266;
 const STRIP_OFFSETS: u16 = 273;

@@ -1,66 +1,144 @@
-//! Chooses which channels of an OpenEXR file are the image.
-
-use std::collections::BTreeMap;
+//! Chooses which channels of an OpenEXR file are the image: by the name that the user gives, else by OpenEXR's rules.
 
 use ::exr::meta::MetaData;
-use ::exr::meta::header::Header;
 
+use super::groups::{Group, groups_of};
 use crate::core::bayer::BayerPattern;
+use crate::core::nearest::nearest;
 
-/// The channels of an image inside of a file: red, green, blue, or luminance alone.
+/// The channels of an image inside of a file: red, green, blue, or one alone.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Layer {
     /// Index of the part.
     pub(super) header: usize,
     /// Indices of the channels in the part's list.
     pub(super) channels: Vec<usize>,
-    /// Part name and channel prefix, for messages.
-    name: String,
-    /// Whether the layer has neither a prefix nor, among several parts, a name.
-    unnamed: bool,
 }
 
-/// Chooses the one layer that is an image: R, G, B by name, or Y where no layer has colours.
+/// What is read of a group of channels, the first that is there; four photosites come before these.
+const PICTURES: [&[&str]; 2] = [&["R", "G", "B"], &["Y"]];
+
+/// Chooses the image of a file: the layer of a name, or the one that is the image by itself.
 ///
-/// A file of a single channel is that channel, whatever its name: mosaics are stored so.
-///
-/// Among several layers the one without a channel prefix is the image, as OpenEXR defines it, when there is
-/// only one such. With a pattern, four channels are the photosites of a packed mosaic.
-pub(super) fn choose_layer(meta: &MetaData, packed: Option<BayerPattern>) -> Result<Layer, String> {
-    let parts = || meta.headers.iter().enumerate().flat_map(|(index, header)| layers_of_part(index, header));
+/// Without a name it is R, G, B, or Y where no layer has colours. A file of a single channel is that channel, whatever its
+/// name: mosaics are stored so. Among several layers the one without a channel prefix is the image, as OpenEXR defines it,
+/// when there is only one such. With a pattern, four channels are the photosites of a packed mosaic.
+pub(super) fn choose_layer(
+    meta: &MetaData,
+    packed: Option<BayerPattern>,
+    name: Option<&str>,
+) -> Result<Layer, String> {
     let packed = packed.map(names_of_sites).unwrap_or_default();
-    let wanted = packed.iter().map(<[&str; 4]>::as_slice).chain([&["R", "G", "B"][..], &["Y"][..]]);
-    for wanted in wanted {
-        let mut found: Vec<Layer> = parts().filter_map(|part| part.pick(wanted)).collect();
-        let unnamed = found.iter().filter(|layer| layer.unnamed).count();
-        if unnamed == 1 {
-            found.retain(|layer| layer.unnamed);
+    let pictures: Vec<&[&str]> = packed.iter().map(<[&str; 4]>::as_slice).chain(PICTURES).collect();
+    let groups = groups_of(meta);
+    match name {
+        Some(name) => named(&groups, &pictures, name),
+        None => usual(&groups, &pictures),
+    }
+}
+
+fn usual(groups: &[Group], pictures: &[&[&str]]) -> Result<Layer, String> {
+    for wanted in pictures {
+        let mut found: Vec<(&Group, Layer)> =
+            groups.iter().filter_map(|group| Some((group, group.pick(wanted)?))).collect();
+        if found.iter().filter(|(group, _)| group.prefix.is_empty()).count() == 1 {
+            found.retain(|(group, _)| group.prefix.is_empty());
         }
-        match found.len() {
-            0 => {}
-            1 => return Ok(found.remove(0)),
-            _ => {
-                let names: Vec<String> = found.into_iter().map(|layer| layer.name).collect();
-                return Err(format!(
-                    "has several layers ({}); write the one you mean to a file of its own",
-                    names.join(", ")
-                ));
+        if found.len() > 1 {
+            let names: Vec<&str> = found.iter().map(|(group, _)| group.name.as_str()).collect();
+            return Err(format!(
+                "has several layers ({}); name the one you mean behind a colon, as in file.exr:{}",
+                names.join(", "),
+                names[0]
+            ));
+        }
+        if let Some((_, layer)) = found.pop() {
+            return Ok(layer);
+        }
+    }
+    let channels: Vec<(&Group, &String, usize)> = groups
+        .iter()
+        .flat_map(|group| group.channels.iter().map(move |(name, index)| (group, name, *index)))
+        .collect();
+    if let [(group, _, index)] = channels[..] {
+        return Ok(Layer { header: group.header, channels: vec![index] });
+    }
+    let names: Vec<String> = channels.iter().map(|(group, name, _)| group.name_of(name)).collect();
+    let Some(first) = names.first() else { return Err("has no channel".to_owned()) };
+    Err(format!(
+        "has no R, G, B channels and no Y channel; it has {}: name one behind a colon, as in file.exr:{first}",
+        names.join(", ")
+    ))
+}
+
+/// The layer of a name, in capital or small letters where that makes no difference.
+fn named(groups: &[Group], pictures: &[&[&str]], name: &str) -> Result<Layer, String> {
+    let exact = |known: &str| known == name;
+    let folded = |known: &str| known.to_lowercase() == name.to_lowercase();
+    let mut found = matches(groups, pictures, exact);
+    if found.is_empty() {
+        found = matches(groups, pictures, folded);
+    }
+    // Several names of one layer may be the same.
+    found.dedup();
+    match &found[..] {
+        [Ok(layer)] => Ok(layer.clone()),
+        [Err(group)] => {
+            let names: Vec<String> = group.channels.keys().map(|channel| group.name_of(channel)).collect();
+            Err(format!(
+                "`{name}` is no picture of R, G, B or Y; name one of its channels: {}",
+                names.join(", ")
+            ))
+        }
+        [] => {
+            let names = all_names(groups);
+            let meant =
+                nearest(name, &names).map_or(String::new(), |known| format!("; did you mean `{known}`?"));
+            Err(format!("has no layer `{name}`, but {}{meant}", names.join(", ")))
+        }
+        _ => Err(format!("has several layers `{name}`; name one of {}", all_names(groups).join(", "))),
+    }
+}
+
+/// The layers that a name stands for, or the group of channels that is no picture.
+fn matches<'a>(
+    groups: &'a [Group],
+    pictures: &[&[&str]],
+    is_meant: impl Fn(&str) -> bool,
+) -> Vec<Result<Layer, &'a Group>> {
+    let mut found = Vec::new();
+    for group in groups {
+        let picture = || pictures.iter().find_map(|wanted| group.pick(wanted));
+        if group.aliases.iter().any(|alias| !alias.is_empty() && is_meant(alias)) {
+            found.push(picture().or_else(|| group.only_channel()).ok_or(group));
+            continue;
+        }
+        for spelled in PICTURES.iter().filter(|wanted| group.pick(wanted).is_some()) {
+            let ends = [spelled.concat(), format!("{}A", spelled.concat())];
+            if ends.iter().any(|end| group.spells(end).any(|name| is_meant(&name))) {
+                found.extend(group.pick(spelled).map(Ok));
+            }
+        }
+        let is_luminance = group.pick(&["Y"]).is_some();
+        for (channel, index) in &group.channels {
+            if is_luminance && channel == "Y" {
+                continue;
+            }
+            if group.spells(channel).any(|name| is_meant(&name)) {
+                found.push(Ok(Layer { header: group.header, channels: vec![*index] }));
             }
         }
     }
-    if let [header] = &meta.headers[..]
-        && let [channel] = &header.channels.list[..]
-    {
-        let name = channel.name.to_string();
-        return Ok(Layer { header: 0, channels: vec![0], name, unnamed: true });
-    }
-    let names: Vec<String> = meta
-        .headers
-        .iter()
-        .flat_map(|header| &header.channels.list)
-        .map(|channel| channel.name.to_string())
-        .collect();
-    Err(format!("has no R, G, B channels and no Y channel; it has {}", names.join(", ")))
+    found
+}
+
+/// What can be named: layers that are pictures, and the channels of others.
+pub(super) fn all_names(groups: &[Group]) -> Vec<String> {
+    let names = |group: &Group| match PICTURES.iter().any(|wanted| group.pick(wanted).is_some()) {
+        true => vec![group.name.clone()],
+        false => group.channels.keys().map(|channel| group.name_of(channel)).collect(),
+    };
+    groups.iter().flat_map(names).collect()
 }
 
 /// What the four photosites of a pattern, in reading order, are called in files: the greens counted in reading order, or
@@ -75,39 +153,6 @@ fn names_of_sites(pattern: BayerPattern) -> Vec<[&'static str; 4]> {
     };
     let named = |greens| [0, 1, 2, 3].map(|site| name(site, greens));
     vec![named(["G1", "G2"]), named([green_of_row(0), green_of_row(1)]), ["R", "G", "B", "A"]]
-}
-
-/// The channels of one part that share a prefix.
-struct Group {
-    header: usize,
-    part: String,
-    prefix: String,
-    channels: BTreeMap<String, usize>,
-}
-
-fn layers_of_part(index: usize, header: &Header) -> Vec<Group> {
-    let part = header.own_attributes.layer_name.as_ref().map(ToString::to_string).unwrap_or_default();
-    let mut groups: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
-    for (channel, description) in header.channels.list.iter().enumerate() {
-        let name = description.name.to_string();
-        let (prefix, name) = name.rsplit_once('.').map_or(("", name.as_str()), |split| split);
-        groups.entry(prefix.to_owned()).or_default().insert(name.to_ascii_uppercase(), channel);
-    }
-    let group = |(prefix, channels)| Group { header: index, part: part.clone(), prefix, channels };
-    groups.into_iter().map(group).collect()
-}
-
-impl Group {
-    fn pick(self, wanted: &[&str]) -> Option<Layer> {
-        let channels: Vec<usize> =
-            wanted.iter().map(|name| self.channels.get(*name).copied()).collect::<Option<_>>()?;
-        let name = match (self.part.as_str(), self.prefix.as_str()) {
-            ("", "") => "unnamed".to_owned(),
-            ("", name) | (name, "") => name.to_owned(),
-            (part, prefix) => format!("{part}/{prefix}"),
-        };
-        Some(Layer { header: self.header, channels, unnamed: self.prefix.is_empty(), name })
-    }
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ use half::f16;
 use ndarray::{ArrayView3, Axis, concatenate, s};
 use rayon::prelude::*;
 
+use super::chromaticities::attribute_of;
 use super::{CAPTURE_ATTRIBUTE, DOMAIN_ATTRIBUTE, PROVENANCE_ATTRIBUTE, WAVE};
 use crate::io::Contents;
 use crate::io::npy::check_half;
@@ -130,6 +131,8 @@ fn layer_attributes(contents: &Contents<'_>) -> LayerAttributes {
 /// Puts the provenance and the capture among the image's attributes and the domain among the layer's.
 fn image_attributes(contents: &Contents<'_>, width: usize, height: usize) -> ImageAttributes {
     let mut attributes = ImageAttributes::with_size((width, height));
+    attributes.chromaticities =
+        contents.capture.and_then(|capture| capture.primaries).map(|primaries| attribute_of(&primaries));
     let text = |json: String| AttributeValue::Text(Text::from_bytes_unchecked(json.bytes().collect()));
     let provenance = contents.provenance.map(|provenance| (PROVENANCE_ATTRIBUTE, text(provenance.to_json())));
     let capture = contents.capture.map(|capture| (CAPTURE_ATTRIBUTE, text(capture.to_json())));

@@ -81,7 +81,7 @@ fn files() -> Vec<(String, Format, Vec<u8>)> {
         files.push((
             format.name().into(),
             format,
-            raster::encode(&view, format, PixelOptions { clip: true, ..Default::default() }).unwrap(),
+            raster::encode(&view, format, PixelOptions { clip: true, ..Default::default() }, None).unwrap(),
         ));
     }
     let grey = planes.index_axis(Axis(0), 0).iter().copied().collect::<Vec<_>>();

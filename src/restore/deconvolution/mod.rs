@@ -180,7 +180,7 @@ pub fn deconvolve(
     if config.method == Method::Joint {
         return joint::restore(image, psf, config, progress);
     }
-    let bar = progress.bar(CHANNELS as u64, "deconvolving");
+    let bar = progress.bar(CHANNELS as u64, "channels deconvolved");
     let mut restored = Array3::zeros(image.planes().dim());
     for channel in 0..CHANNELS {
         progress.check()?;

@@ -7,6 +7,8 @@ pub use file::{read_pose, write_pose};
 
 use std::fmt;
 
+use serde::Serialize;
+
 use super::deconvolution::{PoseEstimate, write_pose_in_words};
 use crate::codes::MeasurementErrors;
 use crate::core::error::{Error, Result};
@@ -14,7 +16,7 @@ use crate::core::psf::Psf;
 use crate::core::rng::stream;
 
 /// A pose of a PSF, and how well it is known.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Pose {
     /// By how much the PSF is to be turned about its centre, in degrees, counter-clockwise as displayed.
     pub turn_deg: f64,

@@ -131,8 +131,9 @@ mod tests {
     use super::*;
     use crate::core::progress::Progress;
     use crate::core::rng;
+    use crate::core::shard::Shard;
     use crate::examples::{ExampleSet, ExamplesConfig};
-    use crate::synth::{Existing, Shard};
+    use crate::synth::Existing;
 
     /// Eight examples of 40 pixels, four of which are for validation.
     fn examples(root: &std::path::Path) -> ExamplesFolder {

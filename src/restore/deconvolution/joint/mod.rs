@@ -133,7 +133,7 @@ impl<'a> Colors<'a> {
         let has_lamps = self.channels.iter().any(Channel::has_lamps);
         let efforts: Vec<[usize; 2]> = self.channels.iter().map(Channel::effort).collect();
         let rounds = efforts.iter().map(|[rounds, _]| *rounds).max().unwrap_or(0);
-        let bar = progress.bar((CHANNELS * rounds) as u64, "deconvolving");
+        let bar = progress.bar((CHANNELS * rounds) as u64, "rounds of deconvolution");
         let mut workspace = Workspace::new(self.frame);
         for round in 0..rounds {
             if round > 0 || !has_lamps {

@@ -83,6 +83,11 @@ const USELESS_SIGMA: Pose2 = [0.05, 2e-3];
 /// wrong by many times their deviation.
 const LEAST_LIGHT_TO_NOISE: f64 = 50.0;
 
+/// The same after the first steps, in whatever pose the PSF is: of 61 captures of 24 scenes behind two panels, turned by 0.3° and
+/// not, those above it have poses right to 0.2° and 0.5 %, and those below it are wrong by up to half a degree, tell nothing, or
+/// tell it less well than others; the search of these ends early.
+const FIRST_LIGHT_TO_NOISE: f64 = 60.0;
+
 /// How a capture was taken, for [`find_pose`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseConfig {
@@ -200,6 +205,9 @@ impl<'a> Search<'a> {
     fn run(mut self) -> Result<Option<PoseEstimate>> {
         self.improve_light(&[], FIRST_STEPS)?;
         self.weigh()?;
+        if !self.tells_much()? {
+            return Ok(None);
+        }
         self.try_poses()?;
         for _ in 0..ROUNDS {
             self.weigh()?;
@@ -234,6 +242,12 @@ impl<'a> Search<'a> {
         let left = self.scene.left(&self.blur(self.pose)?, &self.light);
         self.scene.weigh(&left);
         Ok(())
+    }
+
+    /// Whether the light's first fit already stands out of the scene's detail.
+    fn tells_much(&self) -> Result<bool> {
+        let seen = self.scene.seen(&self.blur(self.pose)?, &self.light);
+        Ok(light_to_noise(&seen, &(&self.scene.target - &seen)) >= FIRST_LIGHT_TO_NOISE)
     }
 
     /// Takes the best of the poses that are tried with the light as it is.

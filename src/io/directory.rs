@@ -1,4 +1,5 @@
-//! Reads the directories of digital negatives, which are those of TIFF files: fields of a tag, a type, a count, and values or their position.
+//! Reads the directories of TIFF files, of digital negatives and of EXIF: fields of a tag, a type, a count, and values or their
+//! position.
 //!
 //! The file: byte order, 42, the position of the first directory (TIFF 6.0, section 2). Nothing is believed that lies
 //! beyond the end of the file.
@@ -9,6 +10,8 @@ pub(super) const BITS: u16 = 258;
 pub(super) const COMPRESSION: u16 = 259;
 pub(super) const PHOTOMETRIC: u16 = 262;
 pub(super) const SAMPLES: u16 = 277;
+
+const DNG_VERSION: u16 = 50706;
 
 /// Values of [`PHOTOMETRIC`]: black is zero; red, green and blue.
 pub(super) const GREY: u16 = 1;
@@ -66,6 +69,19 @@ impl<'a> Directory<'a> {
     pub(super) fn inner(&self, tag: u16) -> impl Iterator<Item = Self> + '_ {
         let places = self.numbers(tag).unwrap_or_default();
         places.into_iter().take(MAX_DIRECTORIES).filter_map(|start| self.at(start))
+    }
+
+    /// Whether the file says that it is a digital negative.
+    pub(super) fn has_dng_version(&self) -> bool {
+        self.numbers(DNG_VERSION).is_some()
+    }
+
+    /// The text of a field: up to its first zero, without spaces around, what is no UTF-8 or controls left out.
+    pub(super) fn text(&self, tag: u16) -> Option<String> {
+        let bytes = self.bytes_of(tag)?.split(|byte| *byte == 0).next()?;
+        let text: String = String::from_utf8_lossy(bytes).chars().filter(|c| !c.is_control()).collect();
+        let text = text.trim();
+        (!text.is_empty()).then(|| text.to_owned())
     }
 
     /// Length of the file in bytes.
