@@ -154,3 +154,72 @@ impl ModuleVisitor for Gather {
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::optimizer::{average, clip, global_norm};
+    use super::*;
+    use crate::network::Initialisation;
+
+    fn state() -> State {
+        let architecture = Architecture { features: 2, filter_size: 3, ..Architecture::default() };
+        let parameters = Parameters::random(&architecture, Initialisation::Released, 3);
+        let (moments, average) = (Moments::zeros(&parameters), Some(parameters.clone()));
+        State { iteration: 0, parameters, moments, average }
+    }
+
+    fn gradients(state: &State, step: usize) -> Vec<Vec<f32>> {
+        let value = |i: usize| ((i * 7919 + step * 31) % 1000) as f32 / 500.0 - 1.0;
+        state.parameters.iter().map(|p| (0..p.values.len()).map(value).collect()).collect()
+    }
+
+    /// The same sums of 32-bit floats, but for the order of those of the norm.
+    #[test]
+    fn steps_are_those_of_the_cpu() {
+        let config = OptimizerConfig { clip_norm: 0.5, ema_decay: 0.9, ..OptimizerConfig::default() };
+        let mut expected = state();
+        let mut on_device = OnDevice::upload(&expected, &Device::flex());
+        for step in 1..=3 {
+            let mut of_step = gradients(&expected, step);
+            let flat = of_step.concat();
+            let count = flat.len();
+            let flat = Tensor::from_data(TensorData::new(flat, [count]), &Device::flex());
+            let (next, told) = on_device.stepped(flat, &config, (step as u64, 1e-2));
+            on_device = next;
+            let norm = global_norm(&of_step);
+            assert!((told.gradient_norm / norm - 1.0).abs() < 1e-5, "{} {norm}", told.gradient_norm);
+            clip(&mut of_step, norm, config.clip_norm);
+            expected.moments.step(&mut expected.parameters, &of_step, &config, (step as u64, 1e-2));
+            average(expected.average.as_mut().unwrap(), &expected.parameters, config.ema_decay);
+        }
+        let mut found = state();
+        on_device.download(&mut found);
+        let all = |state: &State| -> Vec<f32> {
+            let of = |parameters: &Parameters| parameters.iter().flat_map(|p| p.values.clone()).collect();
+            let moments = [&state.moments.first, &state.moments.second].map(|moments| moments.concat());
+            [of(&state.parameters), of(state.average.as_ref().unwrap())]
+                .into_iter()
+                .chain(moments)
+                .flatten()
+                .collect()
+        };
+        for (found, expected) in all(&found).into_iter().zip(all(&expected)) {
+            assert!((found - expected).abs() <= 1e-5 * expected.abs().max(1e-3), "{found} {expected}");
+        }
+        let mut weights = state().parameters;
+        on_device.download_weights(&mut weights);
+        assert_eq!(Some(weights), found.average);
+    }
+
+    #[test]
+    fn a_weight_that_is_no_number_is_told() {
+        let mut broken = state();
+        broken.parameters.iter_mut().next().unwrap().values[0] = f32::NAN;
+        let on_device = OnDevice::upload(&broken, &Device::flex());
+        let flat = gradients(&broken, 1).concat();
+        let count = flat.len();
+        let flat = Tensor::from_data(TensorData::new(flat, [count]), &Device::flex());
+        let (_, told) = on_device.stepped(flat, &OptimizerConfig::default(), (1, 1e-3));
+        assert!(told.largest_weight.is_infinite(), "{told:?}");
+    }
+}
