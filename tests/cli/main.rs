@@ -35,6 +35,7 @@ mod negatives;
 mod perceptual_weights;
 mod photograph;
 mod pictures;
+mod plan;
 mod pose;
 mod psf_files;
 mod random_panels;
