@@ -3,6 +3,7 @@
 mod bars;
 mod bench;
 mod bracket;
+mod browser;
 mod choices;
 mod codes;
 mod completions;
@@ -27,6 +28,7 @@ mod sweep;
 mod synth;
 mod tonemap;
 mod train;
+mod view;
 
 use std::fmt::Display;
 use std::io::{IsTerminal, Write as _};
@@ -116,6 +118,7 @@ enum Command {
     Eval(eval::EvalArgs),
     Finish(finish::FinishArgs),
     Report(report::ReportArgs),
+    View(view::ViewArgs),
     Bench(bench::BenchArgs),
     Info(info::InfoArgs),
     Convert(convert::ConvertArgs),
@@ -294,6 +297,7 @@ impl Command {
             Self::Eval(args) => args.run(session),
             Self::Finish(args) => args.run(session),
             Self::Report(args) => args.run(session),
+            Self::View(args) => args.run(session),
             Self::Bench(args) => args.run(session),
             Self::Info(args) => args.run(session),
             Self::Convert(args) => args.run(session),

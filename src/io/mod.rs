@@ -59,6 +59,7 @@ pub use psf::{PsfFaults, PsfMove, PsfOptions, PsfReading, inspect_psf, read_psf,
 pub use read::{
     image_of, inspect_image, inspect_mosaic, read_capture_info, read_image, read_image_told, read_pixels,
     read_provenance,
+    to_rgb,
 };
 pub use shared_input::SharedInput;
 pub use size::read_image_size;

@@ -48,3 +48,4 @@ mod synth;
 mod tiff;
 mod tone;
 mod train;
+mod view;

@@ -89,6 +89,8 @@ function startViewers() {
   document.querySelectorAll(".viewer").forEach((element) => observer.observe(element));
 }
 
+// What works by this script alone is hidden without it.
+document.documentElement.classList.add("scripted");
 startTheme();
 startFolds();
 document.querySelectorAll("table").forEach(makeSortable);
