@@ -59,7 +59,9 @@ impl ReportArgs {
         io::write_atomically(&self.output, session.overwrite, |file| file.write_all(html.as_bytes()))?;
         if html.len() > PAGE_BYTES {
             let megabytes = html.len() / 1_000_000;
-            session.warn(format_args!("the page has {megabytes} MB, more than is easily sent; give it fewer inputs"));
+            session.warn(format_args!(
+                "the page has {megabytes} MB, more than is easily sent; give it fewer inputs"
+            ));
         }
         session.tell(format_args!("wrote {}", self.output.display()));
         if self.open {

@@ -84,7 +84,10 @@ impl ViewArgs {
             Some(reference) => {
                 let is_it = |file: &&PathBuf| io::identity(file) == io::identity(reference);
                 Some(files.iter().find(is_it).cloned().with_context(|| {
-                    format!("--reference {} is none of the images; give it among them too", reference.display())
+                    format!(
+                        "--reference {} is none of the images; give it among them too",
+                        reference.display()
+                    )
                 })?)
             }
             None => None,

@@ -62,8 +62,10 @@ impl KeptPictures {
         };
         let shown = methods.iter().map(name).chain(["ground truth".to_owned()]);
         let prefix = &self.prefix;
-        let pictures: Vec<String> =
-            shown.enumerate().map(|(index, what)| format!("{prefix}{scene}.{}-{what}.png", index + 1)).collect();
+        let pictures: Vec<String> = shown
+            .enumerate()
+            .map(|(index, what)| format!("{prefix}{scene}.{}-{what}.png", index + 1))
+            .collect();
         let is_first = spread(self.count, total).next() == Some(index);
         let light = pictures.iter().filter(|_| is_first).map(|name| name.replace(".png", ".exr"));
         light.chain(pictures.iter().cloned()).collect()

@@ -58,8 +58,7 @@ pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_file};
 pub use psf::{PsfFaults, PsfMove, PsfOptions, PsfReading, inspect_psf, read_psf, show_shift, write_psf};
 pub use read::{
     image_of, inspect_image, inspect_mosaic, read_capture_info, read_image, read_image_told, read_pixels,
-    read_provenance,
-    to_rgb,
+    read_provenance, to_rgb,
 };
 pub use shared_input::SharedInput;
 pub use size::read_image_size;

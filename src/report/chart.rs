@@ -80,7 +80,9 @@ pub fn coloured_line_chart(series: &[Series], axes: &Axes, colours: &[&str]) -> 
     let mut svg = open(SIZE.0, frame.height, &format!("{} by {}", axes.y, axes.x));
     frame.draw_axes(&mut svg, axes).expect("writing to a string cannot fail");
     for (index, (one, line)) in series.iter().zip(&lines).enumerate() {
-        frame.draw_line(&mut svg, (index, colours), &one.name, line).expect("writing to a string cannot fail");
+        frame
+            .draw_line(&mut svg, (index, colours), &one.name, line)
+            .expect("writing to a string cannot fail");
     }
     svg.push_str("</svg>");
     svg

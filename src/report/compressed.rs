@@ -106,7 +106,9 @@ mod tests {
 
     #[test]
     fn a_jpeg_is_within_its_loss_of_the_image_and_smaller_with_less_quality() {
-        let planes = Array3::from_shape_fn((3, 40, 50), |(c, y, x)| ((c + y) as f32 * 0.01 + x as f32 * 0.01).min(1.0));
+        let planes = Array3::from_shape_fn((3, 40, 50), |(c, y, x)| {
+            ((c + y) as f32 * 0.01 + x as f32 * 0.01).min(1.0)
+        });
         let image = ToneMappedImage::from_planes(planes).unwrap();
         let [good, poor] = [92, 40].map(|quality| jpeg_of(&image, quality));
         assert!(poor.len() < good.len());

@@ -72,7 +72,8 @@ impl KeptScenes {
             curve: curve_of(definition, row[0].0.scene),
             pictures: row.iter().map(picture).collect(),
         };
-        let mut scenes: Vec<KeptScene> = named.chunk_by(|(a, _), (b, _)| a.scene == b.scene).map(scene).collect();
+        let mut scenes: Vec<KeptScene> =
+            named.chunk_by(|(a, _), (b, _)| a.scene == b.scene).map(scene).collect();
         // That of which the light is kept comes first: it is what a reader sees before choosing.
         scenes.sort_by_key(|scene| scene.pictures.iter().all(|picture| picture.exr.is_none()));
         Ok((!scenes.is_empty()).then_some(Self { scenes }))
@@ -102,7 +103,11 @@ impl KeptScenes {
         let mut stills = format!("All pictures: {shown} scenes, JPEG of quality {quality}");
         if shown < self.scenes.len() {
             stills += &format!("; {} more scenes find no room in the page", self.scenes.len() - shown);
-            scenes[0].note += &format!(" {} of {} scenes find no room in the page.", self.scenes.len() - shown, self.scenes.len());
+            scenes[0].note += &format!(
+                " {} of {} scenes find no room in the page.",
+                self.scenes.len() - shown,
+                self.scenes.len()
+            );
         }
         Ok(Viewer { scenes, shown_by: ShownBy::ToneMapping, stills })
     }
@@ -110,7 +115,8 @@ impl KeptScenes {
     /// The best quality by which all scenes are estimated to take at most so many bytes; the least where none does.
     fn quality(&self, first: &ReadScene, room: f64) -> Result<u8> {
         let size = |picture: &KeptPicture| {
-            let [height, width] = io::read_image_size::<ToneMapped>(&picture.png, Some(DomainTag::ToneMapped))?;
+            let [height, width] =
+                io::read_image_size::<ToneMapped>(&picture.png, Some(DomainTag::ToneMapped))?;
             Ok((height * width) as f64)
         };
         let mut pixels = 0.0;
@@ -140,7 +146,9 @@ impl KeptScene {
     fn embed_light(&self, scene: &mut Scene, images: &[ToneMappedImage], mut room: f64) -> Result<()> {
         let count = self.pictures.len();
         let mut left_out = Vec::new();
-        for index in std::iter::once(count - 1).chain((0..count - 1).take(1)).chain((1..count.max(1) - 1).rev()) {
+        for index in
+            std::iter::once(count - 1).chain((0..count - 1).take(1)).chain((1..count.max(1) - 1).rev())
+        {
             let [height, width] = scene.size;
             let bytes = in_base64(2 * 3 * height * width);
             if bytes > room || images[index].height() != height || images[index].width() != width {
@@ -152,7 +160,10 @@ impl KeptScene {
             scene.pictures[index].light = Some(half_floats(light.planes()));
         }
         if !left_out.is_empty() {
-            scene.note += &format!(" The light of {} finds no room in the page: ≈ marks values of compressed pictures.", left_out.join(", "));
+            scene.note += &format!(
+                " The light of {} finds no room in the page: ≈ marks values of compressed pictures.",
+                left_out.join(", ")
+            );
         }
         Ok(())
     }

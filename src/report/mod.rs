@@ -37,7 +37,12 @@ const SPARE: usize = 400_000;
 ///
 /// # Errors
 /// Those of [`Section::into_blocks`].
-pub fn assemble(title: String, before: Vec<Block>, sections: Vec<Section>, after: Vec<Block>) -> Result<Page> {
+pub fn assemble(
+    title: String,
+    before: Vec<Block>,
+    sections: Vec<Section>,
+    after: Vec<Block>,
+) -> Result<Page> {
     let of_sections = sections.iter().flat_map(|section| section.blocks.clone());
     let fixed = before.iter().cloned().chain(of_sections).chain(after.iter().cloned()).collect();
     let taken = Page { title: title.clone(), blocks: fixed }.to_html().len();

@@ -271,7 +271,9 @@ mod tests {
     fn a_wide_table_moves_within_its_frame() {
         let table = Block::Table(vec!["method".to_owned()], vec![vec!["net".to_owned()]]);
         let html = Page { title: String::new(), blocks: vec![table] }.to_html();
-        assert!(html.contains("<div class=\"wide\" tabindex=\"0\"") && html.contains(".wide { overflow-x: auto;"));
+        assert!(
+            html.contains("<div class=\"wide\" tabindex=\"0\"") && html.contains(".wide { overflow-x: auto;")
+        );
         assert!(html.contains("<thead><tr><th>method</th></tr>") && html.contains("</table></div>"));
     }
 
@@ -280,7 +282,9 @@ mod tests {
         let heading = |text: &str| Block::Heading(text.to_owned());
         let page = |blocks: Vec<Block>| Page { title: String::new(), blocks }.to_html();
         let html = page(vec![heading("one"), Block::Text("text".to_owned()), heading("<two>")]);
-        assert!(html.contains("<a href=\"#section-2\">&lt;two&gt;</a>") && html.contains("<h2 id=\"section-2\">"));
+        assert!(
+            html.contains("<a href=\"#section-2\">&lt;two&gt;</a>") && html.contains("<h2 id=\"section-2\">")
+        );
         assert!(!page(vec![heading("one")]).contains("<nav"));
     }
 }

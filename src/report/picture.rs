@@ -28,9 +28,7 @@ pub fn signed(planes: ArrayView3<'_, f32>) -> Vec<u8> {
         plane.iter().map(|value| value.abs()).fold(f32::MIN_POSITIVE, f32::max)
     };
     let largest: Vec<f32> = (0..CHANNELS).map(largest).collect();
-    encode(planes, |channel, value| {
-        0.5 + 0.5 * (value.abs() / largest[channel]).sqrt().copysign(value)
-    })
+    encode(planes, |channel, value| 0.5 + 0.5 * (value.abs() / largest[channel]).sqrt().copysign(value))
 }
 
 /// Encodes the mean absolute difference of the channels of two images, `full_scale` and above being white.

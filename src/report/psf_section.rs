@@ -116,10 +116,8 @@ fn curves(psf: &Psf) -> Vec<(String, String)> {
 /// Shows a bank: the strip of its kernels, the components of the codes, how the codes lie, and the code of every kernel.
 pub fn bank(name: &str, bank: &KernelBank) -> Vec<Block> {
     let shown: Vec<usize> = spread(STRIP_LENGTH, bank.len()).collect();
-    let figure = |&index: &usize| Figure {
-        picture: small_psf(&bank.psfs[index]),
-        caption: bank.kernel_name(index),
-    };
+    let figure =
+        |&index: &usize| Figure { picture: small_psf(&bank.psfs[index]), caption: bank.kernel_name(index) };
     let mut counted = format!("{} kernels, described by codes of {} numbers.", bank.len(), bank.code_dim());
     if shown.len() < bank.len() {
         counted += &format!(" The strip shows {} of them.", shown.len());
@@ -144,7 +142,8 @@ fn small_psf(psf: &Psf) -> Vec<u8> {
         return picture::log_psf(psf, PSF_DECADES);
     }
     let brightest = brightest_of(psf.planes(), step);
-    Psf::from_energy(brightest).map_or_else(|_| picture::log_psf(psf, PSF_DECADES), |small| picture::log_psf(&small, PSF_DECADES))
+    Psf::from_energy(brightest)
+        .map_or_else(|_| picture::log_psf(psf, PSF_DECADES), |small| picture::log_psf(&small, PSF_DECADES))
 }
 
 /// The largest value of each square of `step` × `step` pixels.
@@ -166,7 +165,11 @@ fn components(bank: &KernelBank) -> Vec<Block> {
         let row = bank.basis.components.row(index);
         let planes = Array3::from_shape_vec(shape, row.to_vec()).ok()?;
         let share = 100.0 * bank.basis.explained_variance[index] / total;
-        let share = if share.is_finite() { format!(": {share:.1} % of the variance shown by codes") } else { String::new() };
+        let share = if share.is_finite() {
+            format!(": {share:.1} % of the variance shown by codes")
+        } else {
+            String::new()
+        };
         Some(Figure { picture: picture::signed(planes.view()), caption: format!("c{}{share}", index + 1) })
     };
     let figures: Vec<Figure> = (0..bank.code_dim().min(SHOWN_COMPONENTS)).filter_map(figure).collect();
@@ -193,7 +196,10 @@ fn codes_chart(bank: &KernelBank) -> Option<Block> {
     };
     let points: Vec<Point> = (0..bank.len()).map(point).collect();
     let axes = Axes { x: "c1".to_owned(), y: "c2".to_owned(), log_y: false };
-    Some(Block::Chart(scatter(&points, &axes), "The kernels by the first two numbers of their codes.".to_owned()))
+    Some(Block::Chart(
+        scatter(&points, &axes),
+        "The kernels by the first two numbers of their codes.".to_owned(),
+    ))
 }
 
 fn codes_table(bank: &KernelBank) -> Block {
@@ -210,8 +216,8 @@ fn codes_table(bank: &KernelBank) -> Block {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ndarray::{Array1, Array2};
     use crate::core::kernel_code::CodeBasis;
+    use ndarray::{Array1, Array2};
 
     fn point(side: usize) -> Psf {
         let mut planes = Array3::zeros((3, side, side));
@@ -224,10 +230,13 @@ mod tests {
         let blocks = psfs(&[("<one>".to_owned(), point(5)), ("two".to_owned(), point(1))]);
         let Block::Table(_, rows) = &blocks[3] else { panic!("numbers follow the pictures") };
         assert_eq!((rows.len(), &rows[0][..3]), (6, &["<one>", "red", "100.00"].map(str::to_owned)[..]));
-        let charts: Vec<_> = blocks.iter().filter_map(|block| match block {
-            Block::Charts(charts) => Some(charts.len()),
-            _ => None,
-        }).collect();
+        let charts: Vec<_> = blocks
+            .iter()
+            .filter_map(|block| match block {
+                Block::Charts(charts) => Some(charts.len()),
+                _ => None,
+            })
+            .collect();
         assert_eq!(charts, [3, 3]);
     }
 
@@ -242,12 +251,19 @@ mod tests {
         let codes = Array2::from_shape_fn((30, 2), |(kernel, at)| (kernel * (at + 1)) as f32);
         let angles = (0..30).map(|kernel| f64::from(kernel) - 15.0).collect();
         let blocks = bank("bank", &KernelBank::new(psfs, codes, basis, Some(angles)).unwrap());
-        let strips: Vec<usize> = blocks.iter().filter_map(|block| match block {
-            Block::Strip(figures) => Some(figures.len()),
-            _ => None,
-        }).collect();
+        let strips: Vec<usize> = blocks
+            .iter()
+            .filter_map(|block| match block {
+                Block::Strip(figures) => Some(figures.len()),
+                _ => None,
+            })
+            .collect();
         assert_eq!(strips, [STRIP_LENGTH, 2]);
-        assert!(blocks.iter().any(|block| matches!(block, Block::Chart(svg, _) if svg.matches("<circle").count() == 30)));
+        assert!(
+            blocks
+                .iter()
+                .any(|block| matches!(block, Block::Chart(svg, _) if svg.matches("<circle").count() == 30))
+        );
     }
 
     #[test]

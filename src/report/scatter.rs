@@ -46,11 +46,15 @@ fn draw_points(svg: &mut String, frame: &Frame, points: &[&Point]) -> std::fmt::
     for point in points {
         let (x, y) = frame.place(point.place);
         let name = escape(&point.name);
-        writeln!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.5\" fill=\"{colour}\"><title>{name}</title></circle>")?;
+        writeln!(
+            svg,
+            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.5\" fill=\"{colour}\"><title>{name}</title></circle>"
+        )?;
         let width = text_width(&point.name);
         let left = if x + 6.0 + width > SIZE.0 { x - 6.0 - width } else { x + 6.0 };
         let room = (left, left + width, (y + 4.0).max(MARGIN.2));
-        let is_free = |other: &(f64, f64, f64)| room.1 < other.0 || room.0 > other.1 || (room.2 - other.2).abs() > 12.0;
+        let is_free =
+            |other: &(f64, f64, f64)| room.1 < other.0 || room.0 > other.1 || (room.2 - other.2).abs() > 12.0;
         if left >= 0.0 && taken.iter().all(is_free) {
             writeln!(svg, "<text x=\"{left:.1}\" y=\"{:.1}\" fill=\"currentColor\">{name}</text>", room.2)?;
             taken.push(room);
@@ -70,8 +74,12 @@ mod tests {
     #[test]
     fn every_point_is_drawn_and_named_where_there_is_room() {
         let point = |name: &str, place| Point { name: name.to_owned(), place };
-        let points =
-            [point("a<b", (0.0, 0.0)), point("hidden", (0.0, 0.0)), point("c", (1.0, 1.0)), point("n", (f64::NAN, 1.0))];
+        let points = [
+            point("a<b", (0.0, 0.0)),
+            point("hidden", (0.0, 0.0)),
+            point("c", (1.0, 1.0)),
+            point("n", (f64::NAN, 1.0)),
+        ];
         let svg = scatter(&points, &axes());
         assert_eq!(svg.matches("<circle").count(), 3);
         assert!(svg.contains(">a&lt;b</text>") && svg.contains(">c</text>"), "{svg}");

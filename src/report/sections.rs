@@ -54,7 +54,9 @@ pub fn training(name: &str, log: &str) -> Result<Vec<Block>> {
         let line: LogLine = serde_json::from_str(line)
             .map_err(|error| Error::config(format!("line {} of the log", index + 1), error.to_string()))?;
         let Some(iteration) = line.iteration else { continue };
-        for (series, value) in [(&mut loss, line.loss), (&mut psnr, line.psnr), (&mut rate, line.learning_rate)] {
+        for (series, value) in
+            [(&mut loss, line.loss), (&mut psnr, line.psnr), (&mut rate, line.learning_rate)]
+        {
             series.points.extend(value.map(|value| (iteration, value)));
         }
     }

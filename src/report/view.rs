@@ -134,7 +134,9 @@ fn light_of(path: &Path, pixels: Pixels, notes: &mut Vec<String>) -> Result<(Arr
         None if !is_integer => ("linear light, as nothing else is said", false),
         Some(DomainTag::Display) | None => {
             if domain.is_none() {
-                notes.push("taken for sRGB, as the file does not say what it holds (--domain says it)".to_owned());
+                notes.push(
+                    "taken for sRGB, as the file does not say what it holds (--domain says it)".to_owned(),
+                );
             }
             #[expect(clippy::cast_possible_truncation, reason = "images are f32")]
             light.par_mapv_inplace(|value| srgb_decode(f64::from(value)) as f32);
@@ -212,7 +214,11 @@ pub fn view(images: Vec<OpenedImage>, reference: Option<usize>) -> Result<Vec<Bl
             scene.name = format!("{}, {}", scene.pictures[0].name, scene.name);
         }
     }
-    blocks.push(Block::Viewer(Box::new(Viewer { scenes, shown_by, stills: "Small pictures of all".to_owned() })));
+    blocks.push(Block::Viewer(Box::new(Viewer {
+        scenes,
+        shown_by,
+        stills: "Small pictures of all".to_owned(),
+    })));
     blocks.push(table);
     Ok(blocks)
 }

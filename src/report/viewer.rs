@@ -82,7 +82,11 @@ impl Viewer {
             "curve": self.shown_by.place(),
             "scenes": self.scenes.iter().enumerate().map(|(at, scene)| scene.data(number, at)).collect::<Vec<_>>(),
         });
-        writeln!(html, "<div class=\"viewer\"><script type=\"application/json\">{}</script></div>", in_script(&data))?;
+        writeln!(
+            html,
+            "<div class=\"viewer\"><script type=\"application/json\">{}</script></div>",
+            in_script(&data)
+        )?;
         open_fold(html, &self.stills)?;
         for (at, scene) in self.scenes.iter().enumerate() {
             scene.write_stills(html, number, at)?;
@@ -203,7 +207,10 @@ mod tests {
             assert!(html.contains(&format!("id=\"{}\"", id.as_str().unwrap())), "{id}");
         }
         assert!(scene["pictures"][1]["half"].is_null());
-        assert!(html.contains("data:image/jpeg;base64,/9gB") && html.contains(">ADwAPAA8</script>"), "{html}");
+        assert!(
+            html.contains("data:image/jpeg;base64,/9gB") && html.contains(">ADwAPAA8</script>"),
+            "{html}"
+        );
     }
 
     #[test]

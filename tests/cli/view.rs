@@ -14,14 +14,16 @@ use super::common::{fail, succeed, udc};
 
 /// Writes linear light whose value is told by channel, row and column.
 fn write_light(path: &Path, [height, width]: [usize; 2], scale: f32) {
-    let value = |(c, y, x): (usize, usize, usize)| scale * (1.0 + c as f32 + 4.0 * y as f32 + 0.25 * x as f32);
+    let value =
+        |(c, y, x): (usize, usize, usize)| scale * (1.0 + c as f32 + 4.0 * y as f32 + 0.25 * x as f32);
     let image = LinearImage::from_planes(Array3::from_shape_fn((3, height, width), value)).unwrap();
     io::write_image(path, &image, &WriteOptions::default()).unwrap();
 }
 
 /// The data of a page's only viewer.
 fn data_of(page: &str) -> Value {
-    let (_, rest) = page.split_once("<div class=\"viewer\"><script type=\"application/json\">").expect("a viewer");
+    let (_, rest) =
+        page.split_once("<div class=\"viewer\"><script type=\"application/json\">").expect("a viewer");
     serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
 }
 
@@ -36,7 +38,8 @@ fn light_of(page: &str, id: &Value) -> Vec<f32> {
 /// Addresses that a page names; a page of udc names none.
 fn addresses(page: &str) -> Vec<&str> {
     let namespace = "http://www.w3.org/2000/svg";
-    let found = page.match_indices("://").map(|(at, _)| &page[at.saturating_sub(5)..(at + 22).min(page.len())]);
+    let found =
+        page.match_indices("://").map(|(at, _)| &page[at.saturating_sub(5)..(at + 22).min(page.len())]);
     found.filter(|found| !namespace.contains(found.trim_start_matches('"'))).collect()
 }
 
@@ -77,8 +80,12 @@ fn every_format_and_domain_is_shown_as_what_it_is() {
     io::write_image(&folder.join("mapped.png"), &mapped, &WriteOptions::default()).unwrap();
     io::write_pixels(&folder.join("photo.png"), &Pixels::of_planes(flat(0.5)), Default::default()).unwrap();
     io::write_pixels(&folder.join("photo.jpg"), &Pixels::of_planes(flat(0.5)), Default::default()).unwrap();
-    io::write_pixels(&folder.join("grey.npy"), &Pixels::of_planes(Array3::from_elem((1, 4, 4), 0.25)), Default::default())
-        .unwrap();
+    io::write_pixels(
+        &folder.join("grey.npy"),
+        &Pixels::of_planes(Array3::from_elem((1, 4, 4), 0.25)),
+        Default::default(),
+    )
+    .unwrap();
     let files = ["grey.npy", "mapped.png", "photo.jpg", "photo.png"];
     succeed(folder, &[&["view"][..], &files, &["-o", "page.html"]].concat());
     let page = fs::read_to_string(folder.join("page.html")).unwrap();
@@ -99,7 +106,8 @@ fn every_format_and_domain_is_shown_as_what_it_is() {
 fn odd_sizes_and_names_and_values_are_shown_with_a_word() {
     let scratch = tempfile::tempdir().unwrap();
     let folder = scratch.path();
-    let hostile = if cfg!(windows) { "a&'b .exr" } else { "</script><img src=x onerror=\"alert(1)\"> & 'ü' №1.exr" };
+    let hostile =
+        if cfg!(windows) { "a&'b .exr" } else { "</script><img src=x onerror=\"alert(1)\"> & 'ü' №1.exr" };
     // A slash would be a folder's.
     let hostile = hostile.replace('/', "∕");
     write_light(&folder.join(&hostile), [1, 1], 1.0);
@@ -179,7 +187,8 @@ fn opens_the_page_and_never_fails_for_it() {
     assert!(nothing.status.success() && said.contains("page.html in a browser"), "{said}");
 
     let opener = programs.join("xdg-open");
-    fs::write(&opener, format!("#!/bin/sh\nprintf %s \"$1\" > '{}'\n", folder.join("opened").display())).unwrap();
+    fs::write(&opener, format!("#!/bin/sh\nprintf %s \"$1\" > '{}'\n", folder.join("opened").display()))
+        .unwrap();
     fs::set_permissions(&opener, fs::Permissions::from_mode(0o755)).unwrap();
     let output = run(&["view", "a.exr"]);
     assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
@@ -232,5 +241,8 @@ fn a_page_of_results_stays_small_and_says_what_was_left_out() {
     let [shown, note] = [data["scenes"].as_array().unwrap().len().to_string(), scene["note"].to_string()];
     assert!(shown == "16" || note.contains("find no room"), "{shown}: {note}");
     assert_eq!(addresses(&page), [""; 0]);
-    assert!(udc(folder, &["report", "results", "-o", "report.html"]).status.code() == Some(1), "never over a page");
+    assert!(
+        udc(folder, &["report", "results", "-o", "report.html"]).status.code() == Some(1),
+        "never over a page"
+    );
 }

@@ -63,6 +63,13 @@ async function moveTo(page, y, x) {
   assert.deepEqual(await place(), [y, x]);
 }
 
+/** The frame of the viewer's stage, all of which is seen. */
+async function stageOf(page) {
+  const stage = page.locator(".viewer-stage").first();
+  await stage.evaluate((element) => element.scrollIntoView({ block: "center", behavior: "instant" }));
+  return stage.boundingBox();
+}
+
 /** The middle of the canvas is on the right of a divider that stands left of it. */
 const middle = (page) => pixel(page, 0.5, 0.5).then((rgba) => rgba.slice(0, 3));
 
@@ -114,7 +121,7 @@ for (const query of ["", "?canvas"]) {
     await set(page, "divider", 50);
     const [left, right] = await beside();
     assert.notDeepEqual(left, right);
-    const box = await page.locator(".viewer-stage").boundingBox();
+    const box = await stageOf(page);
     const y = box.y + 0.8 * box.height;
     await page.mouse.move(box.x + 0.5 * box.width, y);
     await page.mouse.down();
@@ -132,7 +139,6 @@ for (const query of ["", "?canvas"]) {
 
 await check("WebGL2 and canvas draw the same", async () => {
   const pages = await Promise.all(["", "?canvas"].map((query) => open(browser, view, { query, size: SIZES.tablet })));
-  const [a, b] = [];
   const drawings = [];
   for (const page of pages) {
     await set(page, "exposure", 1);
@@ -225,9 +231,9 @@ await check("tables sort by number and by name", () => withPage(report, {}, asyn
 }));
 
 await check("the wheel zooms where the pointer is, fingers pinch", () => withPage(view, {}, async (page) => {
-  const box = await page.locator(".viewer-stage").boundingBox();
-  const place = { x: box.x + 0.55 * box.width, y: box.y + 0.45 * box.height };
   await page.focus(".viewer canvas");
+  const box = await stageOf(page);
+  const place = { x: box.x + 0.55 * box.width, y: box.y + 0.45 * box.height };
   await page.mouse.move(place.x, place.y);
   const under = await text(page, "place");
   await page.mouse.wheel(0, -480);

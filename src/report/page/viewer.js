@@ -75,6 +75,7 @@ class Viewer {
     this.parts.regions.hidden = !scene.regions;
     this.parts.note.textContent = [scene.note, ...scene.pictures.map(({ note }) => note)].filter(Boolean).join(" ");
     if (!isSameSize) this.view = null;
+    this.parts.stage.style.aspectRatio = `${scene.width} / ${scene.height}`;
     this.show();
   }
 
