@@ -2,6 +2,7 @@
 
 mod bench;
 mod bracket;
+mod browser;
 mod choices;
 mod codes;
 mod completions;
@@ -33,6 +34,7 @@ mod sweep;
 mod synth;
 mod tonemap;
 mod train;
+mod view;
 
 use std::fmt::Display;
 use std::io::{IsTerminal, Write as _};
@@ -139,6 +141,7 @@ enum Command {
     Eval(eval::EvalArgs),
     Finish(finish::FinishArgs),
     Report(report::ReportArgs),
+    View(view::ViewArgs),
     Bench(bench::BenchArgs),
     Info(info::InfoArgs),
     Doctor(doctor::DoctorArgs),
@@ -269,6 +272,7 @@ impl Command {
             Self::Eval(args) => args.run(session),
             Self::Finish(args) => args.run(session),
             Self::Report(args) => args.run(session),
+            Self::View(args) => args.run(session),
             Self::Bench(args) => args.run(session),
             Self::Info(args) => args.run(session),
             Self::Doctor(args) => args.run(session),

@@ -55,4 +55,5 @@ mod synth;
 mod tiff;
 mod tone;
 mod train;
+mod view;
 mod viewing;
