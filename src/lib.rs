@@ -10,7 +10,8 @@
 //! - [`kernels`]: the loops that networks spend their time in; [`network`]: the networks made of them;
 //! - [`capture`], [`psf`], [`codes`], [`crop`], [`scenes`], [`synth`], [`finish`]: the stages before and after a network;
 //! - [`perceptual`]: what trained eyes see;
-//! - [`restore`]; [`examples`] to learn restoring any panel from; [`train`]; [`inspect`]: what a file or folder of the project holds; [`doctor`]: what is wrong with it, and what mends that; [`experiment`], [`report`].
+//! - [`restore`]; [`examples`] to learn restoring any panel from; [`train`]; [`inspect`]: what a file or folder of the project holds; [`doctor`]: what is wrong with it, and what mends that; [`experiment`], [`report`];
+//! - [`plan`]: a study on many machines.
 //!
 //! The binary's commands turn flags into configurations of these.
 //!
@@ -89,6 +90,7 @@ pub mod io;
 pub mod kernels;
 pub mod network;
 pub mod perceptual;
+pub mod plan;
 pub mod psf;
 pub mod report;
 pub mod restore;

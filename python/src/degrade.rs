@@ -42,8 +42,8 @@ pub(crate) struct DegradeSettings {
 
 impl DegradeSettings {
     fn formation(&self) -> Result<FormationConfig> {
-        let presets =
-            [("paper", FormationConfig::default as fn() -> _), ("released", FormationConfig::released)];
+        let presets: [(&str, fn() -> FormationConfig); 2] =
+            [("paper", FormationConfig::default), ("released", FormationConfig::released)];
         let borders =
             [("zero", Boundary::Zero), ("replicate", Boundary::Replicate), ("reflect", Boundary::Reflect)];
         let preset = choice("preset", &self.preset, &presets)?();

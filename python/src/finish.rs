@@ -158,6 +158,11 @@ pub(crate) fn finish<'py>(
         }
         Ok((finish_light(image, &look, &config)?, notices))
     })?;
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "rounded within the range of the type"
+    )]
     let array = match settings.bits {
         8 => to_array(py, rounded(&planes, f32::from(u8::MAX), |value| value as u8))?.into_any(),
         16 => to_array(py, rounded(&planes, f32::from(u16::MAX), |value| value as u16))?.into_any(),

@@ -13,8 +13,8 @@ use udc::io::{AnyImage, DomainTag, PsfOptions};
 use udc::network::GUIDED;
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, Method};
 use udc::restore::{
-    Angle, FoundAngle, Highlights, KernelFiles, MemoryBudget, MethodConfig, PoseSource, Precision, RestorationConfig,
-    is_guided,
+    Angle, FoundAngle, Highlights, KernelFiles, MemoryBudget, MethodConfig, PoseSource, Precision,
+    RestorationConfig, is_guided,
 };
 
 use crate::error::to_python;
@@ -193,8 +193,9 @@ pub(crate) fn restore<'py>(
         notices.extend(of_files.iter().map(told));
         let capture = capture.capture(domain_told, progress, &mut notices)?;
         let usual = if settings.true_highlights { DomainTag::Linear } else { capture.image.domain() };
-        let Restored { image, info, angle, curve, lamps, levels, pose } = restoration.restore(capture, progress)?;
-        notices.extend(angle.as_ref().and_then(FoundAngle::warning).map(|text| warning(text.to_string())));
+        let Restored { image, info, angle, curve, lamps, levels, pose } =
+            restoration.restore(capture, progress)?;
+        notices.extend(angle.as_ref().and_then(FoundAngle::warning).map(|text| warning(text.to_owned())));
         let found = json!({
             "angle": angle.map(|angle| angle.to_string()),
             "levels": levels,
@@ -203,7 +204,9 @@ pub(crate) fn restore<'py>(
         });
         let image = match output.unwrap_or(usual) {
             DomainTag::ToneMapped => AnyImage::ToneMapped(image.into_tone_mapped(curve)),
-            DomainTag::Linear | DomainTag::Display | DomainTag::Srgb => AnyImage::Linear(image.into_linear(curve)),
+            DomainTag::Linear | DomainTag::Display | DomainTag::Srgb => {
+                AnyImage::Linear(image.into_linear(curve))
+            }
         };
         Ok((image, info.map(|info| info.to_json()), found.to_string(), notices))
     })?;

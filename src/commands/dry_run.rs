@@ -8,7 +8,7 @@ use serde_json::json;
 
 use udc::batch::Estimate;
 
-use super::{Session, print_line};
+use super::Session;
 
 /// How long a sample of the work may take before it is asked to stop.
 pub(super) const PATIENCE: Duration = Duration::from_secs(2);
@@ -18,21 +18,20 @@ pub(super) const PATIENCE: Duration = Duration::from_secs(2);
 pub(super) struct DryRunArgs {
     /// Write nothing, and say what the run would take: items, bytes on disk, memory, and seconds, after some seconds of work
     /// on a sample
+    ///
+    /// With --json it is one JSON object, and no events are told.
     #[arg(long)]
     pub(super) dry_run: bool,
-    /// With --dry-run: say it as one JSON object
-    #[arg(long, requires = "dry_run")]
-    json: bool,
 }
 
 impl DryRunArgs {
     /// Tells what the run would take.
     pub(super) fn tell(&self, command: &str, estimate: &Estimate, session: &Session) -> Result<()> {
-        if !self.json {
+        if !session.is_json {
             return session.say(format_args!("udc {command} makes {estimate}"));
         }
         let mut told = json!(estimate);
         told["command"] = json!(command);
-        print_line(told)
+        session.say(told)
     }
 }

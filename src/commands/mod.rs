@@ -2,6 +2,7 @@
 
 mod bench;
 mod bracket;
+mod browser;
 mod choices;
 mod codes;
 mod completions;
@@ -22,6 +23,7 @@ mod layer;
 mod live;
 mod man;
 mod metrics;
+mod plan;
 mod pose;
 mod psf;
 mod psf_file;
@@ -33,6 +35,7 @@ mod sweep;
 mod synth;
 mod tonemap;
 mod train;
+mod view;
 
 use std::fmt::Display;
 use std::io::{IsTerminal, Write as _};
@@ -91,7 +94,7 @@ struct GlobalArgs {
     /// When to show on stderr how far work is, how fast it goes and how long the rest takes
     #[arg(long, global = true, help_heading = GLOBAL, value_parser = PROGRESS, default_value = "auto", value_name = "WHEN")]
     progress: ProgressMode,
-    /// Write events to stdout, one JSON object a line, and what people read to stderr; `info` and `doctor` write what they
+    /// Write events to stdout, one JSON object a line, and what people read to stderr; `info`, `doctor` and `plan` write what they
     /// find
     ///
     /// Events are `started`, `configured`, `stage`, `progress`, `item` (a file was written), `found`, `warning`, and in the end
@@ -133,11 +136,13 @@ enum Command {
     Tonemap(tonemap::TonemapArgs),
     Train(train::TrainArgs),
     Sweep(sweep::SweepArgs),
+    Plan(plan::PlanArgs),
     Pose(pose::PoseArgs),
     Restore(restore::RestoreArgs),
     Eval(eval::EvalArgs),
     Finish(finish::FinishArgs),
     Report(report::ReportArgs),
+    View(view::ViewArgs),
     Bench(bench::BenchArgs),
     Info(info::InfoArgs),
     Doctor(doctor::DoctorArgs),
@@ -202,7 +207,10 @@ impl Cli {
         if let (true, name @ ("completions" | "man")) = (self.global.json, self.called.0.as_str()) {
             return Err(misuse(name, "--json is for commands that work on files: leave it out"));
         }
-        let tells_events = self.global.json && !WITHOUT_EVENTS.contains(&self.called.0.as_str());
+        let (name, flags) = &self.called;
+        // What a dry run says is one JSON object.
+        let is_dry = flags.get("dry-run").is_some_and(|value| *value == Value::Bool(true));
+        let tells_events = self.global.json && !is_dry && !WITHOUT_EVENTS.contains(&name.as_str());
         let events = tells_events.then(|| Arc::new(Events::new()));
         let _end = events.clone().map(EndOfEvents);
         let outcome = self.run_told(events.as_ref());
@@ -236,7 +244,7 @@ impl Cli {
 }
 
 /// Commands that tell no events with `--json`: what they find is JSON itself, or they write a text for other programs.
-const WITHOUT_EVENTS: [&str; 4] = ["info", "doctor", "completions", "man"];
+const WITHOUT_EVENTS: [&str; 5] = ["info", "doctor", "plan", "completions", "man"];
 
 /// The name of the subcommand, and the values of its flags.
 fn called(definition: &clap::Command, matches: &ArgMatches) -> (String, Map<String, Value>) {
@@ -259,11 +267,13 @@ impl Command {
             Self::Tonemap(args) => args.run(session),
             Self::Train(args) => args.run(session),
             Self::Sweep(args) => args.run(session),
+            Self::Plan(args) => args.run(session),
             Self::Pose(args) => args.run(session),
             Self::Restore(args) => args.run(session),
             Self::Eval(args) => args.run(session),
             Self::Finish(args) => args.run(session),
             Self::Report(args) => args.run(session),
+            Self::View(args) => args.run(session),
             Self::Bench(args) => args.run(session),
             Self::Info(args) => args.run(session),
             Self::Doctor(args) => args.run(session),
@@ -325,14 +335,6 @@ const LOG_DELAY: Duration = Duration::from_secs(10);
 
 /// What is being done when stdout takes no more.
 const WRITING_TO_STDOUT: &str = "writing to stdout";
-
-/// Prints a line on stdout, whatever the verbosity: what the command was called for.
-///
-/// # Errors
-/// When stdout is closed, or takes no more.
-fn print_line(text: impl Display) -> Result<()> {
-    writeln!(std::io::stdout().lock(), "{text}").context(WRITING_TO_STDOUT)
-}
 
 /// Prints a line on stderr, if anybody reads it.
 pub(crate) fn print_error(text: impl Display) {

@@ -141,7 +141,7 @@ impl SynthArgs {
     fn estimate(&self, synthesis: &Synthesis, session: &Session) -> Result<()> {
         // Before a scene is sampled: a shard may have none.
         synthesis.needs().context("planning the synthesis")?;
-        let sample: Vec<PathBuf> = synthesis.scenes.iter().take(1).map(|scene| scene.path.clone()).collect();
+        let sample: Vec<PathBuf> = synthesis.scenes.iter().take(2).map(|scene| scene.path.clone()).collect();
         let sample = self.plan_scenes(sample, Shard::WHOLE, session)?;
         let estimate = synthesis.estimate(&sample, &self.output, PATIENCE)?;
         self.dry_run.tell("synth", &estimate, session)

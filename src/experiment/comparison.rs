@@ -113,7 +113,7 @@ impl<'a> Comparison<'a> {
             let regions = regions.then(|| Regions::divide(&clean, &degraded, curve));
             let sample = Sample { ground_truth: curve.tone_map(&clean), images, regions };
             let place = (index, self.triplets.len());
-            pictures.keep(&pictures.files(place, &scene_of(triplet), &methods), &sample)?;
+            pictures.keep(&pictures.files(place, &scene_of(triplet), &methods), &sample, curve)?;
             Ok(sample)
         };
         let mut evaluation = self.run(config, methods.clone(), sample)?;

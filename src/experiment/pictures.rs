@@ -6,6 +6,7 @@ use super::{ComparedMethod, Sample};
 use crate::core::error::Result;
 use crate::core::image::ToneMappedImage;
 use crate::core::spread::spread;
+use crate::core::tone::ToneCurve;
 use crate::io::{self, WriteOptions};
 
 /// The folder of the pictures, within that of the results.
@@ -37,14 +38,16 @@ impl<'a> PictureName<'a> {
     /// Reads a file's name; none for files that an evaluation does not write.
     pub fn of_file(file: &'a str) -> Option<Self> {
         // A dot separates the scene from what the picture shows.
-        let (scene, shown) = file.strip_suffix(".png")?.rsplit_once('.')?;
+        let name = file.strip_suffix(".png").or_else(|| file.strip_suffix(".exr"))?;
+        let (scene, shown) = name.rsplit_once('.')?;
         let (number, what) = shown.split_once('-')?;
         Some(Self { scene, number: number.parse().ok()?, what })
     }
 }
 
 impl KeptPictures {
-    /// The files of sample `index` of `total`: none unless it is one of those to keep, which are spread evenly.
+    /// The files of sample `index` of `total`: none unless it is one of those to keep, which are spread evenly. Of the first,
+    /// the light is kept too, in half floats before the pictures: a picture holds little of what is much brighter than white.
     pub(super) fn files(
         &self,
         (index, total): (usize, usize),
@@ -59,22 +62,32 @@ impl KeptPictures {
         };
         let shown = methods.iter().map(name).chain(["ground truth".to_owned()]);
         let prefix = &self.prefix;
-        shown.enumerate().map(|(index, what)| format!("{prefix}{scene}.{}-{what}.png", index + 1)).collect()
+        let pictures: Vec<String> = shown
+            .enumerate()
+            .map(|(index, what)| format!("{prefix}{scene}.{}-{what}.png", index + 1))
+            .collect();
+        let is_first = spread(self.count, total).next() == Some(index);
+        let light = pictures.iter().filter(|_| is_first).map(|name| name.replace(".png", ".exr"));
+        light.chain(pictures.iter().cloned()).collect()
     }
 
-    /// Writes the images of a sample to its files.
-    pub(super) fn keep(&self, files: &[String], sample: &Sample) -> Result<()> {
+    /// Writes the images of a sample, tone-mapped by `curve`, to its files.
+    pub(super) fn keep(&self, files: &[String], sample: &Sample, curve: ToneCurve) -> Result<()> {
         if !files.is_empty() {
             io::create_folder(&self.folder)?;
         }
-        let images = sample.images.iter().chain([&sample.ground_truth]);
-        files.iter().zip(images).try_for_each(|(file, image)| self.write(file, image))
+        let images = sample.images.iter().chain([&sample.ground_truth]).cycle();
+        files.iter().zip(images).try_for_each(|(file, image)| self.write(file, image, curve))
     }
 
-    fn write(&self, file: &str, image: &ToneMappedImage) -> Result<()> {
+    fn write(&self, file: &str, image: &ToneMappedImage, curve: ToneCurve) -> Result<()> {
+        let path = self.folder.join(file);
+        let options = WriteOptions { overwrite: true, half: true, ..WriteOptions::default() };
+        if file.ends_with(".exr") {
+            return io::write_image(&path, &curve.inverse_tone_map(image), &options);
+        }
         let shown: ToneMappedImage = image.map_values(|value| value.clamp(0.0, 1.0));
-        let options = WriteOptions { overwrite: true, ..WriteOptions::default() };
-        io::write_image(&self.folder.join(file), &shown, &options)
+        io::write_image(&path, &shown, &options)
     }
 }
 
@@ -95,7 +108,12 @@ mod tests {
         read.reverse();
         read.sort();
         assert_eq!(read.iter().map(|name| name.what).collect::<Vec<_>>(), order);
+        assert!(files.iter().all(|file| file.ends_with(".png")), "the light of the first alone is kept");
         assert!(pictures.files((1, 4), "street_r+00", &methods).is_empty());
+        let first = pictures.files((0, 4), "street_r+00", &methods[..1]);
+        let what = ["1-0-pth.exr", "2-ground truth.exr", "1-0-pth.png", "2-ground truth.png"];
+        assert_eq!(first, what.map(|what| format!("a.b_street_r+00.{what}")));
+        assert_eq!(PictureName::of_file(&first[0]).unwrap().what, "0-pth");
         assert_eq!(PictureName::of_file("holiday.png"), None);
         assert_eq!(PictureName::of_file("a.b-c.png"), None);
     }

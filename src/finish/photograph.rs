@@ -31,11 +31,11 @@ pub struct Photograph {
     pub exif: Option<Exif>,
 }
 
-/// Finishes light as [`finish`] does, with the look that is known of its capture and a curve that is chosen from it; an
+/// Finishes light as [`finish`](super::finish) does, with the look that is known of its capture and a curve that is chosen from it; an
 /// exposure that is chosen needs no clip beside. `ceiling` is the light at which captures of unknown levels clip.
 ///
 /// # Errors
-/// Those of [`finish`].
+/// Those of [`finish`](super::finish).
 pub fn photograph(image: LinearImage, info: &CaptureInfo, ceiling: f32) -> Result<Photograph> {
     let look = Look::of_capture(info);
     let config = Style::default().config_of(&image, &look, true, ceiling);

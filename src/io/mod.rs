@@ -65,12 +65,12 @@ pub use machine::{available_memory_bytes, check_writable, free_disk_bytes};
 pub use owned_folder::OwnedFolder;
 pub use pixels::{DomainTag, IgnoredOpcode, Pixels, RawMetadata};
 pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_file};
-pub use process::{core_seconds, peak_memory_bytes, scratch_folder};
+pub use process::{core_seconds, core_seconds_of_children, peak_memory_bytes, scratch_folder};
 pub use psf::{PsfFaults, PsfMove, PsfOptions, PsfReading, inspect_psf, read_psf, show_shift, write_psf};
 pub use raster::GAIN_OFFSET;
 pub use read::{
     image_of, inspect_image, inspect_mosaic, read_capture_info, read_image, read_image_told, read_layers,
-    read_pixels, read_provenance,
+    read_pixels, read_provenance, to_rgb,
 };
 pub use shared_input::SharedInput;
 pub use size::read_image_size;

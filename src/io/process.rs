@@ -20,11 +20,21 @@ const TICKS_PER_SECOND: f64 = 100.0;
 
 /// Seconds that this process has spent on all cores together, where the system tells.
 pub fn core_seconds() -> Option<f64> {
+    core_seconds_at(11)
+}
+
+/// Seconds that processes which this one has started, and waited for, have spent on all cores together.
+pub fn core_seconds_of_children() -> Option<f64> {
+    core_seconds_at(13)
+}
+
+/// The sum of two fields behind the program's name: time in the program, and in the system for it.
+fn core_seconds_at(first: usize) -> Option<f64> {
     let stat = fs::read_to_string("/proc/self/stat").ok()?;
     // The name of the program, which may hold anything, stands in parentheses.
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     let ticks = |index: usize| fields.get(index)?.parse::<f64>().ok();
-    Some((ticks(11)? + ticks(12)?) / TICKS_PER_SECOND)
+    Some((ticks(first)? + ticks(first + 1)?) / TICKS_PER_SECOND)
 }
 
 /// Makes a folder for files that nobody is to keep, on the disk that `output` is to be written to where that may be

@@ -161,7 +161,11 @@ pub(super) fn check_cooked(path: &Path, pixels: &Pixels) -> Result<()> {
     }
 }
 
-pub(super) fn to_rgb(path: &Path, planes: Array3<f32>) -> Result<Array3<f32>> {
+/// Takes planes for the channels of a picture: three as they are, a grey one three times.
+///
+/// # Errors
+/// [`Error::Format`] for any other number of channels; `path` is the file that they were read from.
+pub fn to_rgb(path: &Path, planes: Array3<f32>) -> Result<Array3<f32>> {
     match planes.dim().0 {
         3 => Ok(planes),
         1 => {

@@ -42,6 +42,9 @@ const MARKED_POINTS: usize = 24;
 pub(super) const COLOURS: [&str; 7] =
     ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a8a8a"];
 
+/// Colours of the channels red, green and blue, told apart on light and on dark.
+pub(super) const CHANNEL_COLOURS: [&str; 3] = ["#d9442e", "#2f9e44", "#3b7ddd"];
+
 /// How lines are drawn whose colour was used before: once, twice, and so on.
 const DASHES: [&str; 4] = ["", "7 4", "2 3", "9 3 2 3"];
 
@@ -52,6 +55,14 @@ const DASHES: [&str; 4] = ["", "7 4", "2 3", "9 3 2 3"];
 /// # Panics
 /// Never: writing to a string cannot fail.
 pub fn line_chart(series: &[Series], axes: &Axes) -> String {
+    coloured_line_chart(series, axes, &COLOURS)
+}
+
+/// As [`line_chart`], in these colours; lines for which none is left take them again, with dashes.
+///
+/// # Panics
+/// As [`line_chart`].
+pub fn coloured_line_chart(series: &[Series], axes: &Axes, colours: &[&str]) -> String {
     let usable =
         |point: &(f64, f64)| point.0.is_finite() && point.1.is_finite() && (!axes.log_y || point.1 > 0.0);
     let height = |y: f64| if axes.log_y { y.log10() } else { y };
@@ -69,7 +80,9 @@ pub fn line_chart(series: &[Series], axes: &Axes) -> String {
     let mut svg = open(SIZE.0, frame.height, &format!("{} by {}", axes.y, axes.x));
     frame.draw_axes(&mut svg, axes).expect("writing to a string cannot fail");
     for (index, (one, line)) in series.iter().zip(&lines).enumerate() {
-        frame.draw_line(&mut svg, index, &one.name, line).expect("writing to a string cannot fail");
+        frame
+            .draw_line(&mut svg, (index, colours), &one.name, line)
+            .expect("writing to a string cannot fail");
     }
     svg.push_str("</svg>");
     svg
@@ -128,7 +141,7 @@ pub(super) fn shorten(text: &str, width: f64) -> String {
 }
 
 /// The range of the data, mapped to the drawing.
-struct Frame {
+pub(super) struct Frame {
     x: (f64, f64),
     y: (f64, f64),
     /// Width of the legend, right of the lines.
@@ -138,7 +151,7 @@ struct Frame {
 }
 
 impl Frame {
-    fn around(points: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
+    pub(super) fn around(points: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
         let empty = (f64::INFINITY, f64::NEG_INFINITY);
         let (x, y) = points.fold((empty, empty), |(x, y), point| {
             ((x.0.min(point.0), x.1.max(point.0)), (y.0.min(point.1), y.1.max(point.1)))
@@ -151,7 +164,7 @@ impl Frame {
         SIZE.0 - MARGIN.1 - self.legend
     }
 
-    fn place(&self, (x, y): (f64, f64)) -> (f64, f64) {
+    pub(super) fn place(&self, (x, y): (f64, f64)) -> (f64, f64) {
         let along = |value: f64, range: (f64, f64)| (value - range.0) / (range.1 - range.0);
         let (left, _, top, bottom) = MARGIN;
         (
@@ -160,7 +173,7 @@ impl Frame {
         )
     }
 
-    fn draw_axes(&self, svg: &mut String, axes: &Axes) -> std::fmt::Result {
+    pub(super) fn draw_axes(&self, svg: &mut String, axes: &Axes) -> std::fmt::Result {
         let (left, _, top, bottom) = MARGIN;
         let right = self.right();
         let rising = if axes.log_y { log_ticks(self.y) } else { ticks(self.y) };
@@ -198,9 +211,15 @@ impl Frame {
         )
     }
 
-    fn draw_line(&self, svg: &mut String, index: usize, name: &str, line: &[(f64, f64)]) -> std::fmt::Result {
-        let colour = COLOURS[index % COLOURS.len()];
-        let round = index / COLOURS.len();
+    fn draw_line(
+        &self,
+        svg: &mut String,
+        (index, colours): (usize, &[&str]),
+        name: &str,
+        line: &[(f64, f64)],
+    ) -> std::fmt::Result {
+        let colour = colours[index % colours.len()];
+        let round = index / colours.len();
         let stroke = match DASHES[round % DASHES.len()] {
             "" => format!("stroke=\"{colour}\" stroke-width=\"1.6\""),
             dashes => format!("stroke=\"{colour}\" stroke-width=\"1.6\" stroke-dasharray=\"{dashes}\""),
@@ -222,7 +241,7 @@ impl Frame {
         let x = self.right() + 10.0;
         writeln!(
             svg,
-            "<path d=\"M{x:.1} {:.1}h{:.1}\" {stroke}/><text x=\"{:.1}\" y=\"{y}\" fill=\"{colour}\">{}</text>",
+            "<path d=\"M{x:.1} {:.1}h{:.1}\" {stroke}/><text x=\"{:.1}\" y=\"{y}\" fill=\"currentColor\">{}</text>",
             y - 4.0,
             LEGEND_SAMPLE - 4.0,
             x + LEGEND_SAMPLE,

@@ -86,7 +86,7 @@ impl Axis {
         let y = MARGIN.2 + ROW * (index as f64 + 0.5);
         writeln!(
             svg,
-            "<text x=\"{}\" y=\"{}\" text-anchor=\"end\" fill=\"{colour}\">{}</text>",
+            "<text x=\"{}\" y=\"{}\" text-anchor=\"end\" fill=\"currentColor\">{}</text>",
             self.left - 8.0,
             y + 4.0,
             escape(&legend_name(&group.name))

@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
+use super::kept::KeptScenes;
 use super::page::{Block, Figure};
-use super::{plots, sections};
+use super::{plots, psf_section, sections};
 use crate::core::error::{Error, Result};
-use crate::dataset::Dataset;
-use crate::experiment::{Document, LDR, MISMATCH, Mismatch, PICTURES, PictureName, RESULTS, Results};
+use crate::dataset::{CONFIG_FILE, Dataset};
+use crate::experiment::{Document, LDR, MISMATCH, Mismatch, RESULTS, Results};
 use crate::io;
 
 /// The log of a training, in its run's folder.
@@ -17,26 +18,56 @@ pub fn is_bank(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "safetensors")
 }
 
+/// What a page says of one input.
+#[derive(Clone, Debug)]
+pub struct Section {
+    /// Its blocks, without the viewer.
+    pub blocks: Vec<Block>,
+    /// The pictures of its viewer, which take as much room as the page has left.
+    pub pictures: Option<KeptScenes>,
+}
+
+/// The place of an evaluation's viewer: behind heading and table.
+const PLACE_OF_VIEWER: usize = 2;
+
+impl Section {
+    fn of_blocks(blocks: Vec<Block>) -> Self {
+        Self { blocks, pictures: None }
+    }
+
+    /// All blocks, the viewer among them, which takes no more than `room` bytes of the page.
+    ///
+    /// # Errors
+    /// Those of [`KeptScenes::embed`].
+    pub fn into_blocks(mut self, room: usize) -> Result<Vec<Block>> {
+        if let Some(pictures) = &self.pictures {
+            let viewer = pictures.embed(room)?;
+            self.blocks.insert(PLACE_OF_VIEWER, Block::Viewer(Box::new(viewer)));
+        }
+        Ok(self.blocks)
+    }
+}
+
 /// The section of a kernel bank, or of a folder: an evaluation's results, a training run, a dataset.
 ///
 /// # Errors
 /// [`Error::Format`] for results that are damaged or of another layout; [`Error::Config`] for a log that is damaged;
 /// [`Error::Unsupported`] when the folder holds none of these; those of reading banks and datasets.
-pub fn gather(name: &str, input: &Path) -> Result<Vec<Block>> {
+pub fn gather(name: &str, input: &Path) -> Result<Section> {
     if is_bank(input) {
-        return Ok(sections::bank(name, &io::read_bank(input)?));
+        return Ok(Section::of_blocks(psf_section::bank(name, &io::read_bank(input)?)));
     }
     let [results, ..] = RESULTS.map(|file| input.join(file));
     let log = input.join(LOG);
     if results.is_file() {
-        let mut blocks = sections::evaluation(name, &Results::read(&results)?);
-        blocks.splice(2..2, pictures(&input.join(PICTURES))?);
+        let results = Results::read(&results)?;
+        let mut blocks = sections::evaluation(name, &results);
         blocks.extend(further_plots(input)?);
-        Ok(blocks)
+        Ok(Section { blocks, pictures: KeptScenes::find(input, &results.definition)? })
     } else if log.is_file() {
-        sections::training(name, &io::read_text(&log)?)
-    } else if input.join("dataset.toml").is_file() || input.join("synthetic_data").is_dir() {
-        Ok(sections::dataset(name, &Dataset::open(input)?))
+        Ok(Section::of_blocks(sections::training(name, &io::read_text(&log)?)?))
+    } else if input.join(CONFIG_FILE).is_file() || input.join("synthetic_data").is_dir() {
+        Ok(Section::of_blocks(sections::dataset(name, &Dataset::open(input)?)))
     } else {
         let reason = "it holds no results: neither metrics.json (`udc eval`) nor metrics.jsonl (`udc train`) nor \
                       dataset.toml (`udc synth`)";
@@ -50,7 +81,7 @@ fn further_plots(results: &Path) -> Result<Vec<Block>> {
     let [_, _, ldr] = LDR.map(|file| results.join(file));
     if ldr.is_file() {
         let caption = "Clean, degraded and added light; below, the same scene clipped to a monitor's range.";
-        let figure = Figure { png: io::read_bytes(&ldr)?, caption: caption.to_owned() };
+        let figure = Figure { picture: io::read_bytes(&ldr)?, caption: caption.to_owned() };
         blocks.push(Block::Figures(vec![figure]));
     }
     // Drawn anew from the numbers: a drawing in the folder may be anybody's, and would act in the page as its own.
@@ -61,21 +92,4 @@ fn further_plots(results: &Path) -> Result<Vec<Block>> {
         blocks.extend(Mismatch::read(&mismatch)?.matrices.iter().map(chart));
     }
     Ok(blocks)
-}
-
-/// The pictures that an evaluation kept, a row for each scene.
-fn pictures(folder: &Path) -> Result<Vec<Block>> {
-    if !folder.is_dir() {
-        return Ok(Vec::new());
-    }
-    let files = io::list_folder(folder)?;
-    let mut named: Vec<_> =
-        files.iter().filter_map(|file| Some((PictureName::of_file(file)?, file))).collect();
-    named.sort();
-    let figure = |(name, file): &(PictureName<'_>, &String)| {
-        let png = io::read_bytes(&folder.join(file))?;
-        Ok(Figure { png, caption: format!("{}: {}", name.scene, name.what) })
-    };
-    let rows = named.chunk_by(|(a, _), (b, _)| a.scene == b.scene);
-    rows.map(|row| Ok(Block::Figures(row.iter().map(figure).collect::<Result<_>>()?))).collect()
 }

@@ -20,6 +20,17 @@ pub fn log_psf(psf: &Psf, decades: f32) -> Vec<u8> {
     encode(psf.planes(), |channel, value| 1.0 + (value / peaks[channel]).max(1e-30).log10() / decades)
 }
 
+/// Encodes values of either sign: zero is mid-grey, the largest amount of each channel black or white; in between, the
+/// square root of the amount, so that faint structure is seen.
+pub fn signed(planes: ArrayView3<'_, f32>) -> Vec<u8> {
+    let largest = |channel: usize| {
+        let plane = planes.index_axis(ndarray::Axis(0), channel);
+        plane.iter().map(|value| value.abs()).fold(f32::MIN_POSITIVE, f32::max)
+    };
+    let largest: Vec<f32> = (0..CHANNELS).map(largest).collect();
+    encode(planes, |channel, value| 0.5 + 0.5 * (value.abs() / largest[channel]).sqrt().copysign(value))
+}
+
 /// Encodes the mean absolute difference of the channels of two images, `full_scale` and above being white.
 ///
 /// # Panics
@@ -101,6 +112,13 @@ mod tests {
         assert_eq!(picture.dimensions(), (3 + 6 + 3, 2 + 6 + 2));
         let at = |x, y| picture.get_pixel(x, y).0[0];
         assert_eq!([at(0, 0), at(9, 1), at(2, 8), at(11, 9), at(4, 0)], [0, 51, 51, 102, 255]);
+    }
+
+    #[test]
+    fn signed_values_lie_around_grey() {
+        let planes = Array3::from_shape_fn((3, 1, 3), |(_, _, x)| [-4.0, 0.0, 1.0][x]);
+        let picture = decode(&signed(planes.view()));
+        assert_eq!([0, 1, 2].map(|x| picture.get_pixel(x, 0).0[0]), [0, 128, 191]);
     }
 
     #[test]

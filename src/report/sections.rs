@@ -1,68 +1,14 @@
-//! Turns each kind of result into the blocks of a page's section: PSFs, kernel bank, dataset, training,
-//! evaluation.
+//! Turns results into the blocks of a page's section: dataset, training, evaluation.
 
 use serde::Deserialize;
 
 use super::chart::{Axes, Series, line_chart};
-use super::page::{Block, Figure};
-use super::{picture, plots};
+use super::page::Block;
+use super::plots;
 use crate::core::error::{Error, Result};
-use crate::core::kernel_code::KernelBank;
 use crate::core::metrics::Metric;
-use crate::core::psf::Psf;
 use crate::dataset::{Dataset, Split};
 use crate::experiment::{MethodResults, MetricValues, Region, Results};
-
-/// Decades of the logarithmic stretch of PSFs: a panel's sidelobes lie three to five below the peak.
-const PSF_DECADES: f32 = 5.0;
-
-/// Shows PSFs side by side, each with its size and the share of light in its peak pixel.
-pub fn psfs(named: &[(String, Psf)]) -> Vec<Block> {
-    let figure = |(name, psf): &(String, Psf)| Figure {
-        png: picture::log_psf(psf, PSF_DECADES),
-        caption: format!("{name}: {} × {} pixels, {}", psf.height(), psf.width(), peak_shares(psf)),
-    };
-    vec![
-        Block::Heading("Point spread functions".to_owned()),
-        Block::Text(format!(
-            "Logarithmic stretch: the peak of each channel is white, {PSF_DECADES} decades below it is black."
-        )),
-        Block::Figures(named.iter().map(figure).collect()),
-    ]
-}
-
-fn peak_shares(psf: &Psf) -> String {
-    let peak = |channel| 100.0 * psf.channel(channel).iter().copied().fold(0.0, f32::max);
-    format!(
-        "{:.1} / {:.1} / {:.1} % of red / green / blue light in the peak pixel",
-        peak(0),
-        peak(1),
-        peak(2)
-    )
-}
-
-/// Shows a bank: its first, middle and last kernel, and the code of every kernel.
-pub fn bank(name: &str, bank: &KernelBank) -> Vec<Block> {
-    let mut shown = vec![0, bank.len() / 2, bank.len() - 1];
-    shown.dedup();
-    let figure = |&index: &usize| Figure {
-        png: picture::log_psf(&bank.psfs[index], PSF_DECADES),
-        caption: format!("kernel {}", bank.kernel_name(index)),
-    };
-    let mut head = vec!["kernel".to_owned()];
-    head.extend((1..=bank.code_dim()).map(|i| format!("c{i}")));
-    let row = |index: usize| {
-        let code = bank.code(index);
-        let values = code.iter().map(|value| format!("{value:.4e}"));
-        std::iter::once(bank.kernel_name(index)).chain(values).collect()
-    };
-    vec![
-        Block::Heading(format!("Kernel bank: {name}")),
-        Block::Text(format!("{} kernels, described by codes of {} numbers.", bank.len(), bank.code_dim())),
-        Block::Figures(shown.iter().map(figure).collect()),
-        Block::Table(head, (0..bank.len()).map(row).collect()),
-    ]
-}
 
 /// Counts a dataset's scenes and triplets by split, and says how its degraded images were formed.
 pub fn dataset(name: &str, dataset: &Dataset) -> Vec<Block> {
@@ -83,8 +29,7 @@ pub fn dataset(name: &str, dataset: &Dataset) -> Vec<Block> {
     vec![
         Block::Heading(format!("Dataset: {name}")),
         Block::Table(head, rows),
-        Block::Text("Formation of the degraded images:".to_owned()),
-        Block::Listing(formation),
+        Block::Fold("Formation of the degraded images".to_owned(), vec![Block::Listing(formation)]),
     ]
 }
 
@@ -94,6 +39,7 @@ struct LogLine {
     iteration: Option<f64>,
     loss: Option<f64>,
     psnr: Option<f64>,
+    learning_rate: Option<f64>,
 }
 
 /// Draws the loss of a training, and its validation where there is one, from the lines of its log.
@@ -103,11 +49,14 @@ struct LogLine {
 pub fn training(name: &str, log: &str) -> Result<Vec<Block>> {
     let mut loss = Series { name: "loss".to_owned(), points: Vec::new() };
     let mut psnr = Series { name: "validation".to_owned(), points: Vec::new() };
+    let mut rate = Series { name: "learning rate".to_owned(), points: Vec::new() };
     for (index, line) in log.lines().enumerate() {
         let line: LogLine = serde_json::from_str(line)
             .map_err(|error| Error::config(format!("line {} of the log", index + 1), error.to_string()))?;
         let Some(iteration) = line.iteration else { continue };
-        for (series, value) in [(&mut loss, line.loss), (&mut psnr, line.psnr)] {
+        for (series, value) in
+            [(&mut loss, line.loss), (&mut psnr, line.psnr), (&mut rate, line.learning_rate)]
+        {
             series.points.extend(value.map(|value| (iteration, value)));
         }
     }
@@ -124,6 +73,10 @@ pub fn training(name: &str, log: &str) -> Result<Vec<Block>> {
     if !psnr.points.is_empty() {
         let chart = line_chart(&[psnr], &axes("PSNR in dB", false));
         blocks.push(Block::Chart(chart, "Validation on images that are not trained on.".to_owned()));
+    }
+    if rate.points.windows(2).any(|pair| (pair[0].1 - pair[1].1).abs() > 0.0) {
+        let chart = line_chart(&[rate], &axes("learning rate", true));
+        blocks.push(Block::Chart(chart, "The learning rate on the way; logarithmic scale.".to_owned()));
     }
     Ok(blocks)
 }
@@ -170,8 +123,8 @@ pub fn evaluation(name: &str, results: &Results) -> Vec<Block> {
     blocks.extend(psnr_by_kernel(results));
     // Through a value, so that the keys are in the order of their names.
     let definition = serde_json::to_value(&results.definition).unwrap_or_default();
-    blocks.push(Block::Text("Definition of the metrics:".to_owned()));
-    blocks.push(Block::Listing(format!("{definition:#}")));
+    let listing = vec![Block::Listing(format!("{definition:#}"))];
+    blocks.push(Block::Fold("Definition of the metrics".to_owned(), listing));
     blocks
 }
 

@@ -51,7 +51,7 @@ pub struct CaptureReading {
 #[derive(Debug)]
 enum Light {
     /// An image.
-    Image(Capture),
+    Image(Box<Capture>),
     /// Raw pictures, of which the image is to be made, and the names of their files.
     Pictures(Box<Pictures>, String),
 }
@@ -80,7 +80,7 @@ impl CaptureReading {
             let pixels = read_pixels(file)?;
             if pixels.raw.is_none() {
                 let ImageReading { image, info, contradiction } = any_image_of(file, pixels, told.domain)?;
-                let light = Light::Image(Capture { image, info });
+                let light = Light::Image(Box::new(Capture { image, info }));
                 return Ok(Self { warnings: contradiction.into_iter().collect(), light });
             }
         }
@@ -116,7 +116,7 @@ impl CaptureReading {
     /// As [`Pictures::develop`].
     pub fn develop(self) -> Result<(Capture, Vec<String>)> {
         match self.light {
-            Light::Image(capture) => Ok((capture, Vec::new())),
+            Light::Image(capture) => Ok((*capture, Vec::new())),
             Light::Pictures(pictures, name) => {
                 let Developed { fused, info, warnings, .. } = pictures.develop()?;
                 let warnings = warnings.into_iter().map(|warning| format!("{name}: {warning}")).collect();

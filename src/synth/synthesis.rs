@@ -136,8 +136,8 @@ impl Synthesis {
         Ok(Needs { images, size, sizes_differ: sizes.len() > 1, memory, disk_bytes })
     }
 
-    /// Says what the synthesis into `folder` takes, after making images of the first scene for about `patience` by `sample`:
-    /// a synthesis of that scene alone.
+    /// Says what the synthesis into `folder` takes, after making images for about `patience` by `sample`: a synthesis of
+    /// few of the scenes.
     ///
     /// # Errors
     /// As [`Self::needs`] and [`Self::run`].
@@ -153,17 +153,20 @@ impl Synthesis {
             sizes.map(|size| size.map(|[height, width]| (height * width) as f64)).sum()
         };
         let cost = sampler.cost();
-        // In images of the sampled scene's size.
-        let images = self.bank.len() as f64 * pixels(self)? / pixels(sample)?;
+        // In images of the sampled scenes' size.
+        let sampled = pixels(sample)? / sample.scenes.len() as f64;
+        let images = self.bank.len() as f64 * pixels(self)? / sampled;
+        // As it was read, and as it is stored.
+        let bank_bytes = 2 * self.bank_file.read()?.len() as u64;
         Ok(Estimate {
             items: needs.images as u64,
             unit: "images",
             disk_bytes: needs.disk_bytes,
-            memory_bytes: needs.memory.bytes + PROCESS_BYTES,
+            memory_bytes: needs.memory.bytes + bank_bytes + PROCESS_BYTES,
             cost: cost.of(images),
             fixed: cost.fixed,
             threads: rayon::current_num_threads(),
-            measured: format!("{} images of one scene", sampler.steps()),
+            measured: format!("{} images", sampler.steps()),
         })
     }
 

@@ -31,6 +31,7 @@ const FLOW: &[&str] = &[
     "doctor",
     "experiment",
     "report",
+    "plan",
 ];
 
 struct Source {

@@ -258,7 +258,8 @@ fn replaces_the_pictures_and_plots_of_an_earlier_evaluation_when_told() {
     let eval = ["eval", "dataset", "-o", "results", "--pictures", "2"];
     succeed(folder, &[&eval[..], &["--model", "0.pth", "--mismatch", "--ldr", "--regions"]].concat());
     let pictures = || io::list_folder(&folder.join("results/pictures")).unwrap();
-    assert_eq!(pictures().len(), 6);
+    // Three pictures of each of two scenes, and the light of the first.
+    assert_eq!(pictures().len(), 6 + 3);
     succeed(folder, &["report", "results", "-o", "report.html"]);
     let page = std::fs::read_to_string(folder.join("report.html")).unwrap();
     let captions = ["street_r-03: degraded<", "street_r-03: 0-pth<", "street_r-03: ground truth<"];
@@ -274,7 +275,9 @@ fn replaces_the_pictures_and_plots_of_an_earlier_evaluation_when_told() {
     }
     assert!(fail(folder, &eval, 1).contains("--overwrite"));
     succeed(folder, &["eval", "dataset", "-o", "results", "--pictures", "1", "--overwrite"]);
-    assert_eq!(pictures(), ["mine.png", "street_r-03.1-degraded.png", "street_r-03.2-ground truth.png"]);
+    let [degraded, clean] = ["street_r-03.1-degraded", "street_r-03.2-ground truth"];
+    let kept = [degraded, clean].map(|name| [format!("{name}.exr"), format!("{name}.png")]);
+    assert_eq!(pictures(), [&["mine.png".to_owned()][..], &kept.concat()].concat());
     let left = io::list_folder(&folder.join("results")).unwrap();
     assert!(left.contains(&"notes.txt".to_owned()), "{left:?}");
     let is_stale =

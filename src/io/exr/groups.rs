@@ -116,7 +116,7 @@ fn aliases(header: &Header, part: &str, prefix: &str, has_parts: bool) -> Vec<St
         (part, "") => names.push(part.to_owned()),
         (part, prefix) if part.is_empty() || !has_parts || part == prefix => names.push(prefix.to_owned()),
         (part, prefix) => {
-            names.extend([format!("{part}.{prefix}"), format!("{part}/{prefix}"), prefix.to_owned()])
+            names.extend([format!("{part}.{prefix}"), format!("{part}/{prefix}"), prefix.to_owned()]);
         }
     }
     if prefix.is_empty() {

@@ -141,6 +141,13 @@ impl<'a> Channel<'a> {
         self.lamps.is_some()
     }
 
+    /// The share of the capture's pixels that are saturated.
+    pub(super) fn saturated_share(&self) -> f64 {
+        let from = saturated_from(self.known.level);
+        let count = self.known.capture.iter().filter(|y| **y >= from).count();
+        count as f64 / self.known.capture.len() as f64
+    }
+
     /// Improves the scene.
     pub(super) fn improve(
         &mut self,

@@ -29,7 +29,7 @@ mod uncertainty;
 
 use ndarray::{Array3, Axis};
 
-use super::DeconvolutionConfig;
+use super::{DeconvolutionConfig, Method, constrained};
 use crate::core::error::Result;
 use crate::core::fft::TransformPrecision;
 use crate::core::image::{CHANNELS, LinearImage};
@@ -39,6 +39,9 @@ use channel::{Channel, Known, Workspace};
 use frame::Frame;
 use prior::{Edges, InverseBrightness};
 use refine::{Refined, refine};
+
+/// The share of a channel's pixels that may be saturated for their light to be looked for in their flare.
+const MOST_SATURATED: f64 = 0.05;
 
 /// What a capture tells of its scene.
 #[derive(Clone, Debug)]
@@ -59,7 +62,7 @@ pub(super) fn restore(
     progress: &Progress,
 ) -> Result<LinearImage> {
     let frame = frame_of(image, psf, config);
-    let mut colors = Colors::start(&frame, (image, psf), config, progress)?.restore(progress)?;
+    let mut colors = Colors::solve(&frame, (image, psf), config, progress)?;
     match colors.refined(progress)? {
         Some(Refined { scene, .. }) => LinearImage::from_planes(scene),
         None => colors.scene(),
@@ -74,7 +77,7 @@ pub(super) fn solve(
     progress: &Progress,
 ) -> Result<Solution> {
     let frame = frame_of(image, psf, config);
-    let mut colors = Colors::start(&frame, (image, psf), config, progress)?.restore(progress)?;
+    let mut colors = Colors::solve(&frame, (image, psf), config, progress)?;
     let relative_noise = std::array::from_fn(|channel| colors.channels[channel].relative_noise());
     let (scene, deviation) = match colors.refined(progress)? {
         Some(Refined { scene, deviation }) => (LinearImage::from_planes(scene)?, deviation),
@@ -112,6 +115,39 @@ struct Colors<'a> {
 }
 
 impl<'a> Colors<'a> {
+    /// The scenes of all channels, as far as the capture tells them.
+    fn solve(
+        frame: &'a Frame,
+        (image, psf): (&'a LinearImage, &'a Psf),
+        config: &'a DeconvolutionConfig,
+        progress: &Progress,
+    ) -> Result<Self> {
+        let colors = Self::start(frame, (image, psf), config, progress)?;
+        if colors.channels.iter().all(|channel| channel.saturated_share() <= MOST_SATURATED) {
+            return colors.restore(progress);
+        }
+        colors.explain_plainly((image, psf), config, progress)
+    }
+
+    /// Takes the scenes that [`constrained`] finds, which believes saturated pixels to be little brighter than that: where they
+    /// are many, their flare does not tell the light of each.
+    fn explain_plainly(
+        mut self,
+        (image, psf): (&LinearImage, &Psf),
+        config: &DeconvolutionConfig,
+        progress: &Progress,
+    ) -> Result<Self> {
+        let usual = DeconvolutionConfig::of_method(Method::Constrained);
+        let config = DeconvolutionConfig { method: usual.method, iterations: usual.iterations, ..*config };
+        for (index, channel) in self.channels.iter_mut().enumerate() {
+            let scene =
+                constrained::restore(image.channel(index), psf.channel(index), &config, index, progress)?;
+            channel.scene = self.frame.surround(scene.view());
+        }
+        self.find_edges();
+        Ok(self)
+    }
+
     fn start(
         frame: &'a Frame,
         (image, psf): (&'a LinearImage, &'a Psf),
