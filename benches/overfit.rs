@@ -108,7 +108,7 @@ fn learns(name: &str, config: &TrainConfig) -> bool {
         if step.iteration.is_multiple_of(LOOK) {
             let weights = Weights {
                 architecture: config.architecture.clone(),
-                parameters: trainer.weights().clone(),
+                parameters: trainer.weights().into_owned(),
                 origin: Origin::default(),
             };
             let found = quality(&data, Some(&Model::new(weights)));

@@ -96,6 +96,7 @@ fn candidates() -> Vec<Candidate> {
         Vec::new(),
         &[RestorationMethod::Deconvolution(deconvolution::Method::RichardsonLucy)],
         &highlights,
+        Backend::default(),
     )
 }
 
