@@ -86,7 +86,8 @@ fn gradients(config: &mut TrainConfig, initial: &Parameters, data: &InMemory) ->
     config.optimizer.learning_rate = SCALE * config.optimizer.epsilon;
     let mut trainer = Trainer::new(config, Some(initial.clone()), data.0.len(), Backend::default()).unwrap();
     let step = trainer.step(data).unwrap();
-    let moved = initial.iter().zip(trainer.weights().iter()).map(|(before, after)| {
+    let weights = trainer.weights();
+    let moved = initial.iter().zip(weights.iter()).map(|(before, after)| {
         let pairs = before.values.iter().zip(&after.values);
         pairs.map(|(before, after)| (f64::from(*before) - f64::from(*after)) / SCALE).collect()
     });

@@ -40,8 +40,10 @@ use frame::Frame;
 use prior::{Edges, InverseBrightness};
 use refine::{Refined, refine};
 
-/// The share of a channel's pixels that may be saturated for their light to be looked for in their flare.
-const MOST_SATURATED: f64 = 0.05;
+/// The share of a channel's pixels that may be saturated for their light to be looked for in their flare. Of 24 scenes clipped at 1,
+/// 17 have more: there that light is a guess which takes 15 dB from what [`constrained`] restores, on average, and adds 1 to 5 dB
+/// in three of them.
+const MOST_SATURATED: f64 = 0.06;
 
 /// What a capture tells of its scene.
 #[derive(Clone, Debug)]
