@@ -113,6 +113,22 @@ impl Clock {
     }
 }
 
+/// How long short work is repeated: many ticks of the clocks that systems count processor time by.
+const REPEATED_FOR: Duration = Duration::from_millis(400);
+
+/// What a piece of work costs: the mean of as many times as it can be done in a moment, and of one at least.
+///
+/// # Errors
+/// The first of the work.
+pub fn spent_on<E>(mut work: impl FnMut() -> Result<(), E>) -> Result<Spent, E> {
+    let (clock, mut times) = (Clock::start(), 0.0);
+    while times < 1.0 || clock.begun.elapsed() < REPEATED_FOR {
+        work()?;
+        times += 1.0;
+    }
+    Ok(clock.spent().times(1.0 / times))
+}
+
 /// Cost that goes with the amount of work: so much at the beginning, and so much for each unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LinearCost {
@@ -263,6 +279,19 @@ mod tests {
         let spent = |seconds| Spent { seconds, core_seconds: 2.0 * seconds };
         let cost = LinearCost::through((1.0, spent(3.0)), (3.0, spent(4.0)));
         assert_eq!(cost.of(10.0), Spent { seconds: 7.5, core_seconds: 15.0 });
+    }
+
+    #[test]
+    fn short_work_is_repeated_and_an_error_ends_it() {
+        let mut times = 0;
+        let spent = spent_on(|| {
+            times += 1;
+            std::thread::sleep(Duration::from_millis(10));
+            Ok::<(), ()>(())
+        });
+        let seconds = spent.unwrap().seconds;
+        assert!(times > 1 && seconds >= 0.01 && seconds * f64::from(times) >= REPEATED_FOR.as_secs_f64());
+        assert_eq!(spent_on(|| Err("no")).unwrap_err(), "no");
     }
 
     #[test]

@@ -10,7 +10,9 @@ mod tone_mapping;
 mod watcher;
 
 pub use destination::{Destination, Unplaced};
-pub use estimate::{Clock, Estimate, HEADER_BYTES, LinearCost, PROCESS_BYTES, Sampler, Span, Spent};
+pub use estimate::{
+    Clock, Estimate, HEADER_BYTES, LinearCost, PROCESS_BYTES, Sampler, Span, Spent, spent_on,
+};
 pub use queue::{Selection, Stages, run};
 pub use tone_mapping::ToneMapping;
 #[cfg(test)]

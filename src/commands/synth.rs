@@ -90,6 +90,9 @@ pub(crate) struct SynthArgs {
     dry_run: DryRunArgs,
 }
 
+/// Scenes that a sample of the synthesis may come to.
+const SAMPLED_SCENES: usize = 32;
+
 impl SynthArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let synthesis = self.plan(session)?;
@@ -141,7 +144,9 @@ impl SynthArgs {
     fn estimate(&self, synthesis: &Synthesis, session: &Session) -> Result<()> {
         // Before a scene is sampled: a shard may have none.
         synthesis.needs().context("planning the synthesis")?;
-        let sample: Vec<PathBuf> = synthesis.scenes.iter().take(2).map(|scene| scene.path.clone()).collect();
+        // As many as can be worked on in the time of a sample.
+        let sample: Vec<PathBuf> =
+            synthesis.scenes.iter().take(SAMPLED_SCENES).map(|scene| scene.path.clone()).collect();
         let sample = self.plan_scenes(sample, Shard::WHOLE, session)?;
         let estimate = synthesis.estimate(&sample, &self.output, PATIENCE)?;
         self.dry_run.tell("synth", &estimate, session)

@@ -36,6 +36,9 @@ impl Shard {
 
     /// The items that this run is for where neighbours belong together: a block of `total`; those of two shards differ in
     /// length by one at most, and one after the other they are all items in their order.
+    ///
+    /// # Panics
+    /// Never: a share of the total is none of more.
     pub fn block(self, total: usize) -> Range<usize> {
         // In 128 bits, since the product may not fit into fewer.
         let cut = |index: usize| {

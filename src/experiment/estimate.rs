@@ -1,7 +1,7 @@
 //! Says beforehand what an evaluation takes, from parts of the first image by every candidate.
 
 use super::run::Experiment;
-use crate::batch::{Clock, Estimate, HEADER_BYTES, PROCESS_BYTES, Spent};
+use crate::batch::{Estimate, HEADER_BYTES, PROCESS_BYTES, Spent, spent_on};
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
 use crate::core::progress::Progress;
@@ -33,23 +33,23 @@ impl Experiment<'_> {
         let mut largest = 0;
         for comparison in self.comparisons() {
             let Some((_, triplet)) = comparison.own().next() else { continue };
-            let clock = Clock::start();
             let (clean, degraded) = comparison.read(triplet)?;
             let size = [clean.height(), clean.width()];
             let pixels = (size[0] * size[1]) as u64;
             let curve = comparison.dataset.formation.curve()?;
             let truth = curve.tone_map(&clean);
             largest = largest.max(pixels);
-            let (mut cost, mut memory) = (clock.spent(), 0);
+            let mut cost = spent_on(|| comparison.read(triplet).map(|_| ()))?;
+            let mut memory = 0;
             let kernels = comparison.dataset.kernel_names().len() as f64;
             let measures = &self.config().measuring;
-            let clock = Clock::start();
-            let shown = curve.tone_map(&degraded);
-            measures
-                .metrics
-                .iter()
-                .try_for_each(|m| m.compare(&shown, &truth, &measures.definition).map(|_| ()))?;
-            let measuring = clock.spent();
+            let measuring = spent_on(|| {
+                let shown = curve.tone_map(&degraded);
+                let measured = measures.metrics.iter();
+                measured
+                    .map(|m| m.compare(&shown, &truth, &measures.definition))
+                    .try_for_each(|found| found.map(|_| ()))
+            })?;
             for candidate in comparison.candidates() {
                 let (time, bytes) = comparison.cost(candidate, (triplet, &degraded), progress)?;
                 let each = time.of(pixels as f64).and(measuring);

@@ -1,7 +1,7 @@
 //! Times a restoration on small parts of a capture, from which follows what it takes for all of it.
 
 use super::{Capture, Restoration};
-use crate::batch::{Clock, LinearCost, Spent};
+use crate::batch::{LinearCost, Spent, spent_on};
 use crate::core::error::Result;
 use crate::core::progress::Progress;
 use crate::io::AnyImage;
@@ -25,9 +25,8 @@ impl Restoration {
             if measured.last().is_some_and(|(less, _)| *less >= pixels) {
                 break;
             }
-            let clock = Clock::start();
-            self.restore(part, &progress.without_bars())?;
-            measured.push((pixels, clock.spent()));
+            let spent = spent_on(|| self.restore(part.clone(), &progress.without_bars()).map(|_| ()))?;
+            measured.push((pixels, spent));
         }
         Ok(match measured[..] {
             [less, more] => LinearCost::through(less, more),

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::{TrainConfig, Trainer, TrainingData};
-use crate::batch::{Clock, Estimate, HEADER_BYTES, LinearCost, PROCESS_BYTES, Spent};
+use crate::batch::{Estimate, HEADER_BYTES, LinearCost, PROCESS_BYTES, Spent, spent_on};
 use crate::core::error::Result;
 use crate::core::image::CHANNELS;
 use crate::io;
@@ -68,7 +68,7 @@ pub fn estimate(
     })
 }
 
-/// The cost of the second of two steps on so many samples.
+/// The cost of a step on so many samples, but for the first.
 fn time_step(
     config: &TrainConfig,
     data: &dyn TrainingData,
@@ -79,9 +79,7 @@ fn time_step(
     (config.data.batch, config.data.accumulate) = (samples, 1);
     let mut trainer = Trainer::new(&config, None, data.len(), backend)?;
     trainer.step(data)?;
-    let clock = Clock::start();
-    trainer.step(data)?;
-    Ok(clock.spent())
+    spent_on(|| trainer.step(data).map(|_| ()))
 }
 
 /// Checkpoints with weights, their mean and the optimiser's two moments, the latest and the best model, previews, logs.

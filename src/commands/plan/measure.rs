@@ -280,9 +280,9 @@ impl<'a> Laboratory<'a> {
         Ok(stages)
     }
 
-    fn eval_args(&self, output: &str) -> Vec<String> {
+    fn eval_args(&self, dataset: &str, output: &str) -> Vec<String> {
         let study = self.study;
-        let mut args = vec!["eval".to_owned(), self.path("dataset"), "-o".to_owned(), self.path(output)];
+        let mut args = vec!["eval".to_owned(), self.path(dataset), "-o".to_owned(), self.path(output)];
         args.extend(["--metrics".to_owned(), study.evaluation.metrics.join(",")]);
         for name in study.networks.keys() {
             args.extend(["--model".to_owned(), self.path(&format!("run-{name}/model.safetensors"))]);
@@ -294,7 +294,7 @@ impl<'a> Laboratory<'a> {
     }
 
     fn eval(&mut self) -> Result<Stage> {
-        let told = self.ask(&self.eval_args("results"))?;
+        let told = self.ask(&self.eval_args("dataset", "results"))?;
         self.eval = self.cost_of(&told, told.fixed, told.items);
         let study = self.study;
         let scenes = study.scene_count(self.panoramas.len());
@@ -332,8 +332,9 @@ impl<'a> Laboratory<'a> {
             let (_, spent) = self.run(&self.train_args(config, &run, &more))?;
             checks.push(check(&format!("train {name}"), iterations, cost, spent));
         }
-        let images = SCENES[0] / 2 * (self.study.rotations.dim + 1);
-        let (_, spent) = self.run(&self.eval_args("checked-results"))?;
+        let args = self.eval_args("checked-dataset", "checked-results");
+        let images = self.ask(&args)?.items;
+        let (_, spent) = self.run(&args)?;
         checks.push(check("eval", images, self.eval, spent));
         Ok(checks)
     }
