@@ -14,7 +14,7 @@ use udc::network::GUIDED;
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, Method};
 use udc::restore::{
     Angle, FoundAngle, Highlights, KernelFiles, MemoryBudget, MethodConfig, PoseSource, Precision,
-    RestorationConfig, is_guided,
+    RestorationConfig, Restored, is_guided,
 };
 
 use crate::error::to_python;
@@ -83,8 +83,8 @@ impl RestoreSettings {
         };
         let highlights =
             [("restored", Highlights::Restored), ("keep", Highlights::Keep), ("blend", Highlights::Blend)];
-        let limit_bytes =
-            parse_bytes(&self.max_memory).map_err(|reason| Error::config("max_memory", reason))?;
+        let limit_bytes = parse_bytes(&self.max_memory)
+            .map_err(|reason| Error::config("max_memory", reason.to_string()))?;
         let config = RestorationConfig {
             method,
             kernel: self.kernel()?,
