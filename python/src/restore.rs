@@ -10,7 +10,7 @@ use udc::core::bytes::parse_bytes;
 use udc::core::error::{Error, Result};
 use udc::dataset::NoiseConfig;
 use udc::io::{AnyImage, DomainTag, PsfOptions};
-use udc::network::GUIDED;
+use udc::network::{Backend, GUIDED};
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, Method};
 use udc::restore::{
     Angle, FoundAngle, Highlights, KernelFiles, MemoryBudget, MethodConfig, PoseSource, Precision,
@@ -92,6 +92,7 @@ impl RestoreSettings {
             x_max: self.x_max,
             highlights: choice("highlights", &self.highlights, &highlights)?,
             noise: self.noise.as_deref().map(NoiseConfig::parse).transpose()?,
+            backend: Backend::default(),
             memory: MemoryBudget { limit_bytes, ..MemoryBudget::default() },
         };
         config.curve(None)?;
