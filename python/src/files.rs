@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 
 use udc::core::capture::CaptureInfo;
 use udc::core::image::{Linear, ToneMapped};
+use udc::core::primaries::{ColorSpace, Primaries};
 use udc::io::{
     DomainTag, PixelOptions, Pixels, PsfOptions, WriteOptions, image_of, inspect_psf, write_image,
     write_pixels,
@@ -61,6 +62,7 @@ pub(crate) struct WriteSettings {
     half: bool,
     overwrite: bool,
     eight_bit: bool,
+    color_space: String,
     info: Option<String>,
 }
 
@@ -75,6 +77,8 @@ pub(crate) fn write_image_file(
     let choices = [DomainTag::Linear, DomainTag::ToneMapped, DomainTag::Display].map(|tag| (tag.name(), tag));
     let domain = choice("domain", &settings.domain, &choices).map_err(|error| to_python(&error))?;
     let given = image.own(settings.info.as_deref())?;
+    let spaces = [("srgb", ColorSpace::Srgb), ("display-p3", ColorSpace::DisplayP3)];
+    let space = choice("color_space", &settings.color_space, &spaces).map_err(|error| to_python(&error))?;
     let WriteSettings { half, overwrite, eight_bit, .. } = settings;
     run(py, |_| {
         let (name, mut pixels) = given.pixels()?;
@@ -85,8 +89,23 @@ pub(crate) fn write_image_file(
         match domain {
             DomainTag::ToneMapped => write_image(&path, &image_of::<ToneMapped>(&name, pixels)?, &options),
             DomainTag::Display => {
-                let options =
-                    PixelOptions { half, overwrite, clip: true, eight_bit, ..PixelOptions::default() };
+                let primaries = Some(space.primaries()).filter(|found| *found != Primaries::SRGB);
+                let info = CaptureInfo {
+                    exif: options.capture.and_then(|info| info.exif),
+                    primaries,
+                    ..CaptureInfo::default()
+                };
+                let capture = (info != CaptureInfo::default()).then_some(info);
+                let pixels = Pixels { capture, ..pixels };
+                let color_space = Some(space);
+                let options = PixelOptions {
+                    half,
+                    overwrite,
+                    clip: true,
+                    eight_bit,
+                    color_space,
+                    ..PixelOptions::default()
+                };
                 write_pixels(&path, &pixels, options)
             }
             DomainTag::Linear | DomainTag::Srgb => {

@@ -8,10 +8,11 @@ use pyo3::prelude::*;
 use udc::core::capture::{CaptureInfo, is_exposure, is_level};
 use udc::core::error::{Error, Result};
 use udc::core::orientation::Orientation;
+use udc::core::primaries::ColorSpace;
 use udc::core::tone::ToneCurve;
 use udc::finish::{
-    ClaheConfig, Clip, ColorMatrix, Curve, CurveKind, Look, Style, channel_means, finish as finish_light,
-    read_color_matrix,
+    ClaheConfig, Clip, ColorMatrix, Curve, CurveKind, Look, NoiseFloor, RollOff, Style, channel_means,
+    finish as finish_light, read_color_matrix,
 };
 
 use crate::error::to_python;
@@ -33,6 +34,10 @@ pub(crate) struct FinishSettings {
     curve: Option<String>,
     gamma: Option<f32>,
     max: Option<f32>,
+    roll_off: Option<String>,
+    color_space: String,
+    noise: Option<f32>,
+    estimate_noise: bool,
     clip_limit: Option<f64>,
     grid: Option<usize>,
     no_clahe: bool,
@@ -56,8 +61,8 @@ impl FinishSettings {
         if self.no_clip && self.clip.is_some() {
             return refuse("no_clip", "contradicts clip: leave one of them out");
         }
-        if self.no_clahe && (self.clip_limit.is_some() || self.grid.is_some()) {
-            return refuse("no_clahe", "contradicts clip_limit and grid: leave them out");
+        if self.no_clahe && (self.clip_limit.is_some() || self.grid.is_some() || self.noise.is_some()) {
+            return refuse("no_clahe", "contradicts clip_limit, grid and noise: leave them out");
         }
         if self.saturation.iter().flatten().any(|level| !is_level(*level)) {
             return refuse("saturation", "must be three numbers from 1e-6 to 1e9, for red, green and blue");
@@ -82,6 +87,7 @@ impl FinishSettings {
         let clahe = ClaheConfig {
             clip_limit: self.clip_limit.unwrap_or(default.clip_limit),
             grid: self.grid.map(|side| [side; 2]).or(default.grid),
+            ..default
         };
         let kinds = [
             ("gamma", CurveKind::Gamma),
@@ -93,9 +99,36 @@ impl FinishSettings {
         let curve = || Curve::of_kind(kind.unwrap_or_default(), self.gamma, self.max);
         let curve =
             self.says_curve().then(curve).transpose().map_err(|reason| Error::config("curve", reason))?;
-        let style = Style { clip, curve, clahe: (!self.no_clahe).then_some(clahe) };
+        let roll_offs = [("hue", RollOff::Hue), ("channels", RollOff::Channels)];
+        let spaces = [("srgb", ColorSpace::Srgb), ("display-p3", ColorSpace::DisplayP3)];
+        let style = Style {
+            clip,
+            curve,
+            roll_off: self
+                .roll_off
+                .as_deref()
+                .map(|word| choice("roll_off", word, &roll_offs))
+                .transpose()?,
+            color_space: choice("color_space", &self.color_space, &spaces)?,
+            clahe: (!self.no_clahe).then_some(clahe),
+            noise: self.noise_floor()?,
+            ..Style::default()
+        };
         style.check()?;
         Ok(style)
+    }
+
+    fn noise_floor(&self) -> Result<Option<NoiseFloor>> {
+        match self.noise {
+            _ if self.estimate_noise => Ok(Some(NoiseFloor::Estimated)),
+            None => Ok(None),
+            Some(codes) if !(0.0..=255.0).contains(&codes) => {
+                let reason = format!("must be \"auto\" or a number of codes from 0 to 255, found {codes}");
+                Err(Error::config("noise", reason))
+            }
+            Some(codes) if codes > 0.0 => Ok(Some(NoiseFloor::Told(codes))),
+            Some(_) => Ok(Some(NoiseFloor::Ignored)),
+        }
     }
 
     fn look(&self, said: CaptureInfo, reference: Option<Given>, notices: &mut Notices) -> Result<Look> {

@@ -10,11 +10,11 @@ use udc::core::bytes::parse_bytes;
 use udc::core::error::{Error, Result};
 use udc::dataset::NoiseConfig;
 use udc::io::{AnyImage, DomainTag, PsfOptions};
-use udc::network::GUIDED;
+use udc::network::{Backend, GUIDED};
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, Method};
 use udc::restore::{
     Angle, FoundAngle, Highlights, KernelFiles, MemoryBudget, MethodConfig, PoseSource, Precision,
-    RestorationConfig, is_guided,
+    RestorationConfig, Restored, is_guided,
 };
 
 use crate::error::to_python;
@@ -83,8 +83,8 @@ impl RestoreSettings {
         };
         let highlights =
             [("restored", Highlights::Restored), ("keep", Highlights::Keep), ("blend", Highlights::Blend)];
-        let limit_bytes =
-            parse_bytes(&self.max_memory).map_err(|reason| Error::config("max_memory", reason))?;
+        let limit_bytes = parse_bytes(&self.max_memory)
+            .map_err(|reason| Error::config("max_memory", reason.to_string()))?;
         let config = RestorationConfig {
             method,
             kernel: self.kernel()?,
@@ -92,6 +92,7 @@ impl RestoreSettings {
             x_max: self.x_max,
             highlights: choice("highlights", &self.highlights, &highlights)?,
             noise: self.noise.as_deref().map(NoiseConfig::parse).transpose()?,
+            backend: Backend::default(),
             memory: MemoryBudget { limit_bytes, ..MemoryBudget::default() },
         };
         config.curve(None)?;

@@ -271,7 +271,7 @@ def test_psnr_and_ssim(cli, at, capture, scene, definition):
 def test_files_are_read_and_written_as_the_program_does(cli, at, scene):
     for extension in ["npy", "exr", "hdr"]:
         udc.write(at(f"a.{extension}"), scene)
-        cli("convert", f"a.{extension}", "-o", f"{extension}.npy")
+        cli("convert", f"a.{extension}", f"{extension}.npy")
         assert same(udc.read(at(f"a.{extension}")), load(at(f"{extension}.npy")))
     assert same(udc.read(at("a.npy")), scene) and same(udc.read(at("a.exr")), scene)
     udc.write(at("half.exr"), scene, half=True)

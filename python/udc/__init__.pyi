@@ -86,6 +86,7 @@ def write(
     domain: Optional[Literal["linear", "tone-mapped", "display"]] = None,
     info: Optional[_Info] = None,
     bits: Optional[Literal[8, 16]] = None,
+    color_space: Literal["srgb", "display-p3"] = "srgb",
     half: bool = False,
     overwrite: bool = False,
 ) -> None: ...
@@ -223,6 +224,9 @@ def finish(
     curve: Optional[Literal["gamma", "srgb", "aces", "none"]] = None,
     gamma: Optional[float] = None,
     max: Optional[float] = None,
+    roll_off: Optional[Literal["hue", "channels"]] = None,
+    color_space: Literal["srgb", "display-p3"] = "srgb",
+    noise: Optional[Union[float, Literal["auto"]]] = None,
     clip_limit: Optional[float] = None,
     grid: Optional[int] = None,
     no_clahe: bool = False,

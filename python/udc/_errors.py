@@ -33,8 +33,13 @@ _KINDS = {2: UdcFileNotFoundError, 17: UdcFileExistsError, 13: UdcPermissionErro
 _FLAG = re.compile(r"(?<![\w-])--([a-z]+(?:-[a-z]+)*)")
 
 
+# The setting that a message begins with.
+_KEY = re.compile(r"^[a-z]+(?:-[a-z]+)+(?=: )")
+
+
 def in_python(text):
     """Names keywords where the command line has flags: `--psf-domain` becomes `psf_domain`."""
+    text = _KEY.sub(lambda key: key.group(0).replace("-", "_"), text)
     return _FLAG.sub(lambda flag: flag.group(1).replace("-", "_"), text)
 
 

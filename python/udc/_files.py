@@ -59,7 +59,7 @@ def read_bank(path):
     return _native.read_bank(path_of(path))
 
 
-def write(path, image, *, domain=None, info=None, bits=None, half=False, overwrite=False):
+def write(path, image, *, domain=None, info=None, bits=None, color_space="srgb", half=False, overwrite=False):
     """Writes an image, a PSF or a kernel bank in the format of the path's extension: whole, or not at all.
 
     Parameters
@@ -74,6 +74,8 @@ def write(path, image, *, domain=None, info=None, bits=None, half=False, overwri
         What is known of the capture; OpenEXR carries it.
     bits : {8, 16}, optional
         Bits of PNG and TIFF of display values; by default those of the array, and 16 for floats.
+    color_space : {"srgb", "display-p3"}
+        What red, green and blue of display values are: PNG, JPEG and TIFF carry the profile.
     half : bool
         Half floats, in formats that have them.
     overwrite : bool
@@ -89,6 +91,7 @@ def write(path, image, *, domain=None, info=None, bits=None, half=False, overwri
     usual = "display" if is_integer else (said or "linear")
     settings = {
         "domain": domain or usual,
+        "color_space": color_space,
         "half": half,
         "overwrite": overwrite,
         "eight_bit": bits == 8 or (bits is None and dtype == np.uint8),

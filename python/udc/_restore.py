@@ -166,6 +166,9 @@ def finish(
     curve=None,
     gamma=None,
     max=None,
+    roll_off=None,
+    color_space="srgb",
+    noise=None,
     clip_limit=None,
     grid=None,
     no_clahe=False,
@@ -203,6 +206,13 @@ def finish(
         Of curve "gamma", 2.8 by default.
     max : float, optional
         Light that is shown as white: 6 for gamma by default, else 1.
+    roll_off : {"hue", "channels"}, optional
+        How highlights roll off; by default "hue" with an automatic exposure, else "channels".
+    color_space : {"srgb", "display-p3"}
+        Colours of the picture; `write` embeds their profile.
+    noise : float or "auto", optional
+        Noise whose local contrast is not raised: its standard deviation in 8-bit codes of lightness, "auto" to estimate it, 0 for
+        none; by default "auto" with an automatic exposure, else 0.
     clip_limit, grid : float and int, optional
         Of CLAHE: height to which histograms are cut (1), tiles on each side (8); no_clahe leaves it out.
     bits : {8, 16, 32}
@@ -228,6 +238,10 @@ def finish(
         "curve": curve,
         "gamma": gamma,
         "max": max,
+        "roll_off": roll_off,
+        "color_space": color_space,
+        "noise": None if noise is None or noise == "auto" else float(noise),
+        "estimate_noise": isinstance(noise, str),
         "clip_limit": clip_limit,
         "grid": grid,
         "no_clahe": no_clahe,
