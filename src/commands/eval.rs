@@ -133,7 +133,7 @@ pub(crate) struct EvalArgs {
     #[arg(long, value_name = "N", requires = "datasets", conflicts_with = "restored",
         value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
     limit: Option<usize>,
-    /// Keep N of the restored images as pictures beside the results, evenly spread
+    /// Keep N of the restored images as pictures beside the results, evenly spread; of the first also the light, as .exr
     #[arg(long, value_name = "N", requires = "datasets", conflicts_with = "restored", default_value_t = 0)]
     pictures: usize,
     #[command(flatten)]

@@ -20,17 +20,17 @@ class CanvasRenderer {
     const { width, height } = state.left.picture;
     // Two by two samples at most: this is the slow way.
     const count = state.scale < 0.75 ? 2 : 1;
-    const colour = [0, 0, 0];
+    const [colour, sum] = [[0, 0, 0], [0, 0, 0]];
+    const offsets = Array.from({ length: count }, (_, index) => ((index + 0.5) / count - 0.5) / state.scale);
     for (let row = 0; row < canvas.height; row += 1) {
       for (let column = 0; column < canvas.width; column += 1) {
         const [x, y] = [state.originX + (column + 0.5) / state.scale, state.originY + (row + 0.5) / state.scale];
         if (x < 0 || y < 0 || x >= width || y >= height) continue;
         const sample = sides[Number(column + 0.5 >= state.divider)];
-        const sum = [0, 0, 0];
+        sum.fill(0);
         for (let part = 0; part < count * count; part += 1) {
-          const offset = (index) => ((index + 0.5) / count - 0.5) / state.scale;
-          const u = Math.min(Math.max(Math.floor(x + offset(part % count)), 0), width - 1);
-          const v = Math.min(Math.max(Math.floor(y + offset(Math.floor(part / count))), 0), height - 1);
+          const u = Math.min(Math.max(Math.floor(x + offsets[part % count]), 0), width - 1);
+          const v = Math.min(Math.max(Math.floor(y + offsets[Math.floor(part / count)]), 0), height - 1);
           sample(v * width + u, colour);
           mark(v * width + u, column, canvas.height - row, colour);
           for (let channel = 0; channel < 3; channel += 1) sum[channel] += colour[channel];

@@ -89,11 +89,24 @@ void main() {
   colour = vec4(sum / float(count * count), 1.0);
 }`;
 
+/** Names of renderers that compute on the CPU, which is slower at it than drawing without them. */
+const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
+
+/** The largest side of a texture; 0 without WebGL2, or, unless it is insisted on, without a graphics processor. */
+function largestTexture(isInsisted) {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  if (!gl) return 0;
+  const names = gl.getExtension("WEBGL_debug_renderer_info");
+  const name = gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
+  const largest = gl.getParameter(gl.MAX_TEXTURE_SIZE);
+  gl.getExtension("WEBGL_lose_context")?.loseContext();
+  return SOFTWARE.test(name) && !isInsisted ? 0 : largest;
+}
+
 class GlRenderer {
-  /** Null where the browser has no WebGL2. */
   static on(canvas) {
-    const gl = canvas.getContext("webgl2", { antialias: false, preserveDrawingBuffer: true });
-    return gl ? new GlRenderer(gl) : null;
+    // What is drawn is printed and saved as well.
+    return new GlRenderer(canvas.getContext("webgl2", { antialias: false, preserveDrawingBuffer: true }));
   }
 
   constructor(gl) {

@@ -33,13 +33,16 @@ class Viewer {
     return scene;
   }
 
-  /** Chooses WebGL2 if the browser has it and it takes pictures as large as these; `?canvas` in the address does without. */
+  /**
+   * Chooses WebGL2 if the machine is fast at it and it takes pictures as large as these; `?canvas` in the address does
+   * without, `?webgl` insists on it.
+   */
   startRenderer() {
     const { canvas } = this.parts;
-    const isRefused = new URLSearchParams(location.search).has("canvas");
+    const address = new URLSearchParams(location.search);
     const largest = Math.max(...this.scenes.flatMap((scene) => [scene.width, scene.height]));
-    this.renderer = isRefused || largest > largestTexture() ? null : GlRenderer.on(canvas);
-    this.renderer ||= CanvasRenderer.on(canvas);
+    const isRefused = address.has("canvas") || largest > largestTexture(address.has("webgl"));
+    this.renderer = (isRefused ? CanvasRenderer : GlRenderer).on(canvas);
     this.element.dataset.renderer = this.renderer.name;
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => {
@@ -434,15 +437,6 @@ class Viewer {
     if (!right.value) right.value = value;
     this.show();
   }
-}
-
-/** The largest side of a texture; 0 without WebGL2. */
-function largestTexture() {
-  const gl = document.createElement("canvas").getContext("webgl2");
-  if (!gl) return 0;
-  const largest = gl.getParameter(gl.MAX_TEXTURE_SIZE);
-  gl.getExtension("WEBGL_lose_context")?.loseContext();
-  return largest;
 }
 
 /** A number with its sign and two digits. */
