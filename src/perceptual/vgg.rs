@@ -193,8 +193,10 @@ pub(super) fn check_sides([height, width]: [usize; 2]) -> Result<()> {
     Ok(())
 }
 
-/// Weight and bias of the convolutions of each resolution.
-fn read_convolutions(path: &Path) -> Result<Vec<Vec<(Vec<f32>, Vec<f32>)>>> {
+/// Weight `[outputs, inputs, 3, 3]` and bias `[outputs]` of the convolutions of each resolution.
+pub(super) type Convolutions = Vec<Vec<(Vec<f32>, Vec<f32>)>>;
+
+fn read_convolutions(path: &Path) -> Result<Convolutions> {
     let mut tensors = SOURCE.read(path, &tensor_list())?.into_iter();
     let mut convolution = |_: &usize| {
         let [weight, bias] = [(); 2].map(|()| tensors.next().expect("two tensors for each convolution"));
