@@ -11,7 +11,7 @@ use crate::core::image::CHANNELS;
 const USUAL_BYTES: u64 = 2 << 30;
 
 /// The program's code and data, and the tables of transforms.
-const PROGRAM_BYTES: u64 = 20 << 20;
+const PROGRAM_BYTES: u64 = 24 << 20;
 
 /// Stack and working memory of a thread.
 const THREAD_BYTES: u64 = 2 << 20;

@@ -77,7 +77,7 @@ fn every_format_and_domain_is_shown_as_what_it_is() {
     let folder = scratch.path();
     let flat = |value: f32| Array3::from_elem((3, 4, 4), value);
     let mapped = ToneMappedImage::from_planes(flat(0.5)).unwrap();
-    io::write_image(&folder.join("mapped.png"), &mapped, &WriteOptions::default()).unwrap();
+    io::write_image(&folder.join("mapped.exr"), &mapped, &WriteOptions::default()).unwrap();
     io::write_pixels(&folder.join("photo.png"), &Pixels::of_planes(flat(0.5)), Default::default()).unwrap();
     io::write_pixels(&folder.join("photo.jpg"), &Pixels::of_planes(flat(0.5)), Default::default()).unwrap();
     io::write_pixels(
@@ -86,7 +86,7 @@ fn every_format_and_domain_is_shown_as_what_it_is() {
         Default::default(),
     )
     .unwrap();
-    let files = ["grey.npy", "mapped.png", "photo.jpg", "photo.png"];
+    let files = ["grey.npy", "mapped.exr", "photo.jpg", "photo.png"];
     succeed(folder, &[&["view"][..], &files, &["-o", "page.html"]].concat());
     let page = fs::read_to_string(folder.join("page.html")).unwrap();
     let data = data_of(&page);
@@ -146,7 +146,7 @@ fn a_psf_is_shown_with_how_it_spreads_its_light() {
     }
     assert!(!page.contains("class=\"viewer\""));
     // What the program made as a PSF is known as one.
-    succeed(folder, &["psf", "point.exr", "-o", "made.exr"]);
+    succeed(folder, &["psf", "--from", "point.exr", "-o", "made.exr"]);
     succeed(folder, &["view", "made.exr", "-o", "made.html"]);
     let page = fs::read_to_string(folder.join("made.html")).unwrap();
     assert!(page.contains("Encircled energy") && page.contains("How made.exr was made"));

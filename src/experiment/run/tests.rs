@@ -128,7 +128,7 @@ fn an_experiment_finds_everything_that_it_was_asked_for() {
     let pictures = io::list_folder(&results.join(PICTURES)).unwrap();
     let files = experiment.files();
     assert_eq!(io::list_folder(&results).unwrap(), [PICTURES]);
-    assert_eq!(pictures.len(), 4, "three methods and the ground truth of one image");
+    assert_eq!(pictures.len(), 8, "pictures and light of three methods and the ground truth of one image");
     assert!(pictures.iter().all(|name| files.contains(&format!("{PICTURES}/{name}"))), "{files:?}");
     let expected = ["metrics.json", "regions.csv", "mismatch-2-ssim.svg", "ldr.png"];
     assert!(expected.iter().all(|name| files.contains(&(*name).to_owned())), "{files:?}");
