@@ -8,7 +8,7 @@ use super::exact::exact_inverse;
 use super::frame::{Blur, Frame, row};
 use super::lamps::{Lamps, Saturated};
 use super::noise_level::NoiseLevel;
-use super::prior::{Edges, Prior};
+use super::prior::{Edges, Modest, Prior, curvature_at_lamps};
 use super::smooth::local_mean;
 use super::uncertainty::NoiseGain;
 use crate::core::error::Result;
@@ -141,13 +141,6 @@ impl<'a> Channel<'a> {
         self.lamps.is_some()
     }
 
-    /// The share of the capture's pixels that are saturated.
-    pub(super) fn saturated_share(&self) -> f64 {
-        let from = saturated_from(self.known.level);
-        let count = self.known.capture.iter().filter(|y| **y >= from).count();
-        count as f64 / self.known.capture.len() as f64
-    }
-
     /// Improves the scene.
     pub(super) fn improve(
         &mut self,
@@ -155,12 +148,19 @@ impl<'a> Channel<'a> {
         workspace: &mut Workspace,
         progress: &Progress,
     ) -> Result<()> {
+        if let Some(lamps) = &mut self.lamps {
+            lamps.presume(self.frame, &self.scene);
+        }
         let blur = self.frame.blur(self.known.psf)?;
         let Workspace { room, weights, inverse_brightness } = workspace;
         blur.apply(&self.scene, room.image());
         self.write_weights(room.image(), weights);
         let lamps = match &self.lamps {
-            Some(lamps) => Some(lamps.preconditioner(&self.frame.squared_blur(self.known.psf)?, weights)),
+            Some(lamps) => {
+                let squared = self.frame.squared_blur(self.known.psf)?;
+                let presumed = self.smoothness() * curvature_at_lamps(edges.mean());
+                Some(lamps.preconditioner(&squared, (self.frame, weights), presumed))
+            }
             None => None,
         };
         Zip::indexed(inverse_brightness.rows_mut()).par_for_each(|y, mut row| {
@@ -170,7 +170,14 @@ impl<'a> Channel<'a> {
             blur: &blur,
             capture: self.known.capture,
             weights,
-            prior: Prior { weight: self.smoothness(), edges, inverse_brightness },
+            prior: Prior {
+                weight: self.smoothness(),
+                edges,
+                inverse_brightness,
+                lamps: self
+                    .has_lamps()
+                    .then_some(Modest { brightness: &self.brightness, level: self.known.level }),
+            },
             preconditioner: Preconditioner { brightness: &self.brightness, lamps: lamps.as_ref() },
         };
         system.descend(&mut self.scene, steps, (room, progress))
@@ -259,7 +266,7 @@ impl<'a> Channel<'a> {
         Ok(deviation)
     }
 
-    /// Writes a row of 1/n: the inverse of the scene's local brightness, zero at saturated pixels.
+    /// Writes a row of 1/n: the inverse of the scene's local brightness.
     pub(super) fn write_inverse_brightness(&self, y: usize, out: &mut [f32]) {
         match &self.lamps {
             Some(lamps) => out.copy_from_slice(row(&lamps.inverse_brightness, y)),

@@ -71,7 +71,7 @@ impl System<'_> {
             .and(self.weights)
             .par_for_each(|image, y, w| *image = w * (y.max(0.0) - *image));
         self.blur.transpose(&room.image, &mut room.gradient);
-        self.prior.add_slope(x, -1.0, &mut room.gradient);
+        self.prior.take_slope(x, &mut room.gradient);
         let held = Zip::from(&mut room.gradient).and(&*x).par_map_collect(|g, x| {
             let held = *x <= 0.0 && *g <= 0.0;
             if held {
@@ -116,7 +116,7 @@ impl System<'_> {
     fn lower(&self, length: f32, held: &Array2<bool>, room: &mut Room) {
         Zip::from(&mut room.image).and(self.weights).par_for_each(|image, w| *image *= w);
         self.blur.transpose(&room.image, &mut room.turned);
-        self.prior.add_slope(&room.direction, 1.0, &mut room.turned);
+        self.prior.add_product(&room.direction, 1.0, &mut room.turned);
         Zip::from(&mut room.gradient).and(&room.turned).and(held).par_for_each(|g, q, held| {
             if !*held {
                 *g -= length * q;
@@ -181,7 +181,7 @@ mod tests {
             blur: &blur,
             capture: capture.view(),
             weights: &weights,
-            prior: Prior { weight: 0.0, edges: &edges, inverse_brightness: &ones },
+            prior: Prior { weight: 0.0, edges: &edges, inverse_brightness: &ones, lamps: None },
             preconditioner: Preconditioner { brightness: &ones, lamps: None },
         };
         let (mut x, mut room) = (capture.clone(), Room::new(&frame));

@@ -29,7 +29,7 @@ mod uncertainty;
 
 use ndarray::{Array3, Axis};
 
-use super::{DeconvolutionConfig, Method, constrained};
+use super::DeconvolutionConfig;
 use crate::core::error::Result;
 use crate::core::fft::TransformPrecision;
 use crate::core::image::{CHANNELS, LinearImage};
@@ -39,11 +39,6 @@ use channel::{Channel, Known, Workspace};
 use frame::Frame;
 use prior::{Edges, InverseBrightness};
 use refine::{Refined, refine};
-
-/// The share of a channel's pixels that may be saturated for their light to be looked for in their flare. Of 24 scenes clipped at 1,
-/// 17 have more: there that light is a guess which takes 15 dB from what [`constrained`] restores, on average, and adds 1 to 5 dB
-/// in three of them.
-const MOST_SATURATED: f64 = 0.06;
 
 /// What a capture tells of its scene.
 #[derive(Clone, Debug)]
@@ -124,30 +119,7 @@ impl<'a> Colors<'a> {
         config: &'a DeconvolutionConfig,
         progress: &Progress,
     ) -> Result<Self> {
-        let colors = Self::start(frame, (image, psf), config, progress)?;
-        if colors.channels.iter().all(|channel| channel.saturated_share() <= MOST_SATURATED) {
-            return colors.restore(progress);
-        }
-        colors.explain_plainly((image, psf), config, progress)
-    }
-
-    /// Takes the scenes that [`constrained`] finds, which believes saturated pixels to be little brighter than that: where they
-    /// are many, their flare does not tell the light of each.
-    fn explain_plainly(
-        mut self,
-        (image, psf): (&LinearImage, &Psf),
-        config: &DeconvolutionConfig,
-        progress: &Progress,
-    ) -> Result<Self> {
-        let usual = DeconvolutionConfig::of_method(Method::Constrained);
-        let config = DeconvolutionConfig { method: usual.method, iterations: usual.iterations, ..*config };
-        for (index, channel) in self.channels.iter_mut().enumerate() {
-            let scene =
-                constrained::restore(image.channel(index), psf.channel(index), &config, index, progress)?;
-            channel.scene = self.frame.surround(scene.view());
-        }
-        self.find_edges();
-        Ok(self)
+        Self::start(frame, (image, psf), config, progress)?.restore(progress)
     }
 
     fn start(

@@ -124,6 +124,33 @@ fn lamps_are_told_to_be_less_certain() {
     assert!(deviation[[0, 61, 31]] > 20.0 * deviation[[0, 10, 10]]);
 }
 
+/// A window that reaches out of the frame, somewhat brighter than white: its flare does not tell how the light lies in it.
+#[test]
+fn a_large_clipped_window_stays_whole() {
+    for side in [14, 36] {
+        let is_window = |y: usize, x: usize| (10..10 + side).contains(&y) && x + side >= SIZE;
+        let room = room(1.0);
+        let light = |c: usize, y: usize, x: usize| {
+            2.0 + 0.5 * c as f32 + 1.5 * (y as f32 / 9.0).sin() + 0.01 * x as f32
+        };
+        let scene = image(
+            |c, y, x| if is_window(y, x) { light(c, y, x) } else { room.planes()[[c, y, x]].min(0.5) },
+            [SIZE; 2],
+        );
+        let seen = capture(&scene, 0.01, 1.0);
+        let restored = |method| {
+            deconvolve(&seen, &psf(), &config(method, Border::Zero, 1.0), &Progress::default()).unwrap()
+        };
+        let (joint, constrained) = (restored(Method::Joint), restored(Method::Constrained));
+        let [joint_psnr, constrained_psnr] = [&joint, &constrained].map(|found| psnr(found, &scene, 1.0));
+        let planes = joint.planes();
+        let lit = planes.indexed_iter().filter(|((_, y, x), _)| is_window(*y, *x));
+        let holes = lit.filter(|(_, light)| **light < 0.5).count();
+        assert!(joint_psnr > constrained_psnr + 1.0, "{side}: {joint_psnr} against {constrained_psnr}");
+        assert!(20 * holes < 3 * side * side, "{side}: {holes} dark pixels of the window");
+    }
+}
+
 /// PSFs larger than the image, nothing but saturated pixels, no light, one light, steps: all give finite light.
 #[test]
 fn whatever_comes_in_light_comes_out() {
