@@ -314,17 +314,27 @@ impl Restoration {
                 let beside =
                     (pixel * size[0] * size[1]) as u64 + self.memory.others(size, self.kernel_bytes, 1);
                 let operator = NetworkOperator::new(model);
-                let mut plan = self.memory.plan_windows(size, self.tile, beside, &operator)?;
-                if !model.architecture().planes().is_empty() {
-                    let config = DeconvolutionConfig {
-                        border: self.border,
-                        ..DeconvolutionConfig::of_method(Method::Joint)
-                    };
-                    plan.bytes = plan.bytes.max(self.plan_deconvolution(size, &config)?.bytes);
+                let windows = |memory: &MemoryBudget| memory.plan_windows(size, self.tile, beside, &operator);
+                if model.architecture().planes().is_empty() {
+                    return windows(&self.memory);
                 }
+                let config = DeconvolutionConfig {
+                    border: self.border,
+                    ..DeconvolutionConfig::of_method(Method::Joint)
+                };
+                let deconvolution = self.deconvolution_bytes(size, &config)?;
+                if self.memory.limit_bytes < deconvolution {
+                    // What is named must do for both.
+                    windows(&MemoryBudget { limit_bytes: deconvolution, ..self.memory })?;
+                    self.memory.plan_whole(size, deconvolution)?;
+                }
+                let mut plan = windows(&self.memory)?;
+                plan.bytes = plan.bytes.max(deconvolution);
                 Ok(plan)
             }
-            How::Deconvolution(config) => self.plan_deconvolution(size, config),
+            How::Deconvolution(config) => {
+                self.memory.plan_whole(size, self.deconvolution_bytes(size, config)?)
+            }
         }
     }
 
@@ -383,13 +393,14 @@ impl Restoration {
         description
     }
 
-    fn plan_deconvolution(&self, size: [usize; 2], config: &DeconvolutionConfig) -> Result<MemoryPlan> {
+    /// Bytes that a deconvolution takes, and all else that is held meanwhile.
+    fn deconvolution_bytes(&self, size: [usize; 2], config: &DeconvolutionConfig) -> Result<u64> {
         let psf = psf_of(&self.kernel)?;
         let of_psf = [psf.height(), psf.width()];
         // As the file, as the PSF, and as what it is prepared to.
         let kernel_bytes = 5 * (CHANNELS * size_of::<f32>() * of_psf[0] * of_psf[1]) as u64;
         let others = self.memory.others(size, kernel_bytes, rayon::current_num_threads());
-        self.memory.plan_whole(size, deconvolution_bytes(size, of_psf, config) + others)
+        Ok(deconvolution_bytes(size, of_psf, config) + others)
     }
 
     /// What a network is told of the kernel, and the angle where it is searched in the image.

@@ -115,8 +115,7 @@ impl Tiling {
         }
         best.map(|(_, tiling)| tiling).ok_or_else(|| {
             let reason = format!(
-                "{} are too few for an image of {height} × {width}; allow at least {}",
-                format_bytes(max_bytes),
+                "too little for an image of {height} × {width}; allow at least {}",
                 format_bytes(least)
             );
             Error::config("max-memory", reason)

@@ -343,7 +343,7 @@ fn as_many_threads_as_there_are_make_the_same_image_in_the_same_windows() {
     write_scene(&scratch.path().join("large.exr"), 400, 520);
     let (model, code) = (model(), code());
     let mut tilings = Vec::new();
-    for limit in ["37MiB", "38MiB", "39MiB", "41MiB", "60MiB"] {
+    for limit in ["41MiB", "42MiB", "43MiB", "45MiB", "64MiB"] {
         let runs = ["1", "2", "16"].map(|threads| {
             let output = format!("{limit}-{threads}.npy");
             let how = ["--model", &model, "--code", &code, "--max-memory", limit, "--threads", threads];
@@ -365,10 +365,22 @@ fn as_many_threads_as_there_are_make_the_same_image_in_the_same_windows() {
 #[test]
 fn refuses_too_little_memory_naming_what_would_do() {
     let scratch = scratch();
-    let common = ["restore", "scene.exr", "-o", "o.exr", "--max-memory", "100kB"];
-    for how in [["--method", "constrained", "--psf", "psf.exr"], ["--model", &model(), "--code", &code()]] {
-        let said = fail(scratch.path(), &[&common[..], &how].concat(), 1);
-        assert!(said.contains("allow at least"), "{said}");
+    write_scene(&scratch.path().join("scene-400.exr"), 400, 400);
+    let call = |limit: &str, how: &[&str]| -> Vec<String> {
+        let common = ["restore", "scene-400.exr", "-o", "o.exr", "--overwrite", "--max-memory", limit];
+        common.iter().chain(how).map(ToString::to_string).collect()
+    };
+    let (model, code) = (model(), code());
+    for how in [
+        ["--method", "constrained", "--psf", "psf.exr"],
+        ["--model", &model, "--code", &code],
+        ["--model", "guided", "--psf", "psf.exr"],
+    ] {
+        let refused = call("100kB", &how);
+        let said = fail(scratch.path(), &refused.iter().map(String::as_str).collect::<Vec<_>>(), 1);
+        let (_, least) = said.trim().rsplit_once("allow at least ").expect(&said);
+        let enough = call(&least.replace(' ', ""), &how);
+        succeed(scratch.path(), &enough.iter().map(String::as_str).collect::<Vec<_>>());
     }
     assert!(fail(scratch.path(), &["restore", "x", "--max-memory", "lots"], 2).contains("2GiB"));
 }

@@ -146,7 +146,7 @@ fn a_psf_is_shown_with_how_it_spreads_its_light() {
     }
     assert!(!page.contains("class=\"viewer\""));
     // What the program made as a PSF is known as one.
-    succeed(folder, &["psf", "--from", "point.exr", "-o", "made.exr"]);
+    succeed(folder, &["psf", "--from", "point.exr", "--turn", "1", "-o", "made.exr"]);
     succeed(folder, &["view", "made.exr", "-o", "made.html"]);
     let page = fs::read_to_string(folder.join("made.html")).unwrap();
     assert!(page.contains("Encircled energy") && page.contains("How made.exr was made"));

@@ -8,7 +8,7 @@ use super::exact::exact_inverse;
 use super::frame::{Blur, Frame, row};
 use super::lamps::{Lamps, Saturated};
 use super::noise_level::NoiseLevel;
-use super::prior::{Edges, Modest, Prior, curvature_at_lamps};
+use super::prior::{Edges, Prior};
 use super::smooth::local_mean;
 use super::uncertainty::NoiseGain;
 use crate::core::error::Result;
@@ -158,7 +158,7 @@ impl<'a> Channel<'a> {
         let lamps = match &self.lamps {
             Some(lamps) => {
                 let squared = self.frame.squared_blur(self.known.psf)?;
-                let presumed = self.smoothness() * curvature_at_lamps(edges.mean());
+                let presumed = 4.0 * edges.mean() * self.smoothness();
                 Some(lamps.preconditioner(&squared, (self.frame, weights), presumed))
             }
             None => None,
@@ -174,9 +174,7 @@ impl<'a> Channel<'a> {
                 weight: self.smoothness(),
                 edges,
                 inverse_brightness,
-                lamps: self
-                    .has_lamps()
-                    .then_some(Modest { brightness: &self.brightness, level: self.known.level }),
+                lamps: self.lamps.as_ref().and_then(|lamps| lamps.modest(&self.brightness)),
             },
             preconditioner: Preconditioner { brightness: &self.brightness, lamps: lamps.as_ref() },
         };

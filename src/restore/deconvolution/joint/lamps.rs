@@ -4,6 +4,7 @@ use ndarray::{Array2, ArrayView2, Zip};
 
 use super::flare::{Clipped, grown, inverse_diagonal};
 use super::frame::{Blur, Frame};
+use super::prior::Modest;
 use super::smooth::{local_mean, paint};
 use crate::core::error::Result;
 use crate::core::progress::Progress;
@@ -46,6 +47,8 @@ pub(super) struct Lamps {
     /// The capture's part that comes from saturated pixels.
     flare: Array2<f32>,
     level: f32,
+    /// Whether their light was measured.
+    is_measured: bool,
 }
 
 /// A channel of a capture with saturated pixels, before anything is known of them.
@@ -75,7 +78,8 @@ impl Saturated<'_> {
         let of_frame = frame.cut(brightness);
         let squared = &frame.squared_blur(psf)?;
         let count = saturated.iter().filter(|saturated| **saturated).count();
-        let mut light = if count as f64 <= MOST_MEASURED * saturated.len() as f64 {
+        let is_measured = count as f64 <= MOST_MEASURED * saturated.len() as f64;
+        let mut light = if is_measured {
             let clipped =
                 Clipped { blur, squared, capture, saturated: &saturated, brightness: of_frame, level };
             clipped.measure(progress)?
@@ -112,7 +116,7 @@ impl Saturated<'_> {
                 }
             },
         );
-        Ok((Lamps { saturated, inverse_brightness, certainty, flare, level }, scene))
+        Ok((Lamps { saturated, inverse_brightness, certainty, flare, level, is_measured }, scene))
     }
 }
 
@@ -134,6 +138,11 @@ impl Lamps {
         Zip::from(weights).and(&self.certainty).and(image).par_for_each(|weight, certainty, image| {
             *weight = if *certainty < 0.0 && *image < self.level { -certainty } else { certainty.max(0.0) };
         });
+    }
+
+    /// What the level tells of saturated pixels whose light was not measured, `brightness` being D.
+    pub(super) fn modest<'a>(&self, brightness: &'a Array2<f32>) -> Option<Modest<'a>> {
+        (!self.is_measured).then_some(Modest { brightness, level: self.level })
     }
 
     /// Presumes saturated pixels to be alike relative to their brightness in `scene`.

@@ -81,9 +81,9 @@ fn add_squares(sums: &mut [f32], [here, below]: [&[f32]; 2], inverse: &[f32]) {
     }
 }
 
-/// The part of the weight of differences that lamps have for being brighter than the level at which they saturate: so little
-/// that their flare decides where it tells anything. A quarter of it leaves 1 dB less on scenes that are clipped at 1, 25 times
-/// as much takes 2 dB from lamps.
+/// The part of the weight of differences that saturated pixels have for being brighter than the level at which they saturate,
+/// where nothing else tells their light: with a quarter of it, scenes that are clipped at 1 are restored 1 dB worse. It would take
+/// a third of the light of a small lamp, which its flare tells.
 const MODESTY: f32 = 4e-3;
 
 /// The quadratic penalty `λ·(Σ e·v·v′·(x − x′)² + m·Σ v²·(x − level)²)` over pairs of neighbours and over saturated pixels, v the
@@ -92,7 +92,7 @@ pub(super) struct Prior<'a> {
     pub(super) weight: f32,
     pub(super) edges: &'a Edges,
     pub(super) inverse_brightness: &'a Array2<f32>,
-    /// What is presumed of saturated pixels beside.
+    /// What is presumed of saturated pixels beside, where their light was not measured.
     pub(super) lamps: Option<Modest<'a>>,
 }
 
@@ -103,11 +103,6 @@ pub(super) struct Modest<'a> {
     pub(super) brightness: &'a Array2<f32>,
     /// The light at which pixels are saturated.
     pub(super) level: f32,
-}
-
-/// The diagonal of the penalty's matrix at a saturated pixel over λ·v², where edges weigh so much on average.
-pub(super) fn curvature_at_lamps(mean_edge: f32) -> f32 {
-    4.0 * mean_edge + MODESTY
 }
 
 impl Prior<'_> {
