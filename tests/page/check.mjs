@@ -27,6 +27,8 @@ async function check(name, action) {
 async function withPage(file, options, action) {
   const page = await open(browser, file, options);
   try {
+    // Viewers start as they come near to what is seen.
+    await page.evaluate(() => document.querySelector(".viewer").scrollIntoView());
     await drawn(page);
     await action(page);
     assert.deepEqual(page.faults, []);
