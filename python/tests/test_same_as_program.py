@@ -213,6 +213,7 @@ def test_restore_with_the_psf_of_a_bank(cli, at, capture, psf):
     udc.write(at("capture.exr"), image, info=info)
     cli("restore", "capture.exr", "--bank", "bank.safetensors", "--angle", 1.25, "-o", "restored.npy")
     restored = udc.restore(image, bank=bank, angle=1.25, info=info)
+    assert same(udc.restore(image, bank=bank, angle="1.25", info=info), restored)
     assert same(restored, load(at("restored.npy")))
 
 

@@ -114,7 +114,7 @@ def restore(
     info, domain = _known(info, domain)
     settings = {
         "angle": None if angle is None or angle == "auto" else float(angle),
-        "search_angle": isinstance(angle, str),
+        "search_angle": isinstance(angle, str) and angle == "auto",
         "field": None if field is None else path_of(field),
         "psf_domain": psf_domain,
         "recenter": recenter,
