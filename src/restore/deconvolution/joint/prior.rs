@@ -30,20 +30,23 @@ impl Edges {
     /// Those of a scene in several colours, each with what writes rows of the inverse of its local brightness.
     ///
     /// # Equation
-    /// `e = (1 + (r/ε)²)^(−¾)`, r² the mean over the colours of `|∇x|²·v²`, forward differences: the weights of the penalty
-    /// `|r|^½` beyond ε.
+    /// `e = (1 + (r/ε)²)^(−¾)`, r² the mean over the colours of `Σ (x − x′)²·max(v, v′)²` over the pixels to the right and below:
+    /// the weights of the penalty `|r|^½` beyond ε. The outline of a lamp is relative to what is dark beside it.
     pub(super) fn of_scene(colors: &[(&Array2<f32>, InverseBrightness<'_>)]) -> Self {
         let (height, width) = colors.first().map_or((0, 0), |(x, _)| x.dim());
         #[expect(clippy::cast_precision_loss, reason = "three colours")]
         let share = 1.0 / (colors.len() as f32 * EDGE * EDGE);
         let mut edges = Array2::zeros((height, width));
         let rows = edges.axis_iter_mut(Axis(0)).into_par_iter().enumerate();
-        rows.for_each_init(Vec::new, |inverse, (y, mut edges)| {
+        rows.for_each_init(Default::default, |[here, below]: &mut [Vec<f32>; 2], (y, mut edges)| {
             let edges = edges.as_slice_mut().expect("planes are contiguous");
-            inverse.resize(width, 0.0);
+            let next = (y + 1).min(height - 1);
             for (x, inverse_brightness) in colors {
-                inverse_brightness(y, inverse);
-                add_squares(edges, [row(x, y), row(x, (y + 1).min(height - 1))], inverse);
+                for (y, inverse) in [(y, &mut *here), (next, &mut *below)] {
+                    inverse.resize(width, 0.0);
+                    inverse_brightness(y, inverse);
+                }
+                add_squares(edges, [row(x, y), row(x, next)], [here, below]);
             }
             edges.iter_mut().for_each(|e| {
                 // (1 + r²)^(−¾) by square roots.
@@ -72,12 +75,13 @@ fn mean(edges: &Array2<f32>) -> f32 {
     (sum / edges.len() as f64) as f32
 }
 
-fn add_squares(sums: &mut [f32], [here, below]: [&[f32]; 2], inverse: &[f32]) {
+fn add_squares(sums: &mut [f32], [here, below]: [&[f32]; 2], [v, w]: [&[f32]; 2]) {
     let last = here.len() - 1;
     for x in 0..=last {
-        let along_x = here[(x + 1).min(last)] - here[x];
-        let along_y = below[x] - here[x];
-        sums[x] += (along_x * along_x + along_y * along_y) * inverse[x] * inverse[x];
+        let next = (x + 1).min(last);
+        let along_x = (here[next] - here[x]) * v[x].max(v[next]);
+        let along_y = (below[x] - here[x]) * v[x].max(w[x]);
+        sums[x] += along_x * along_x + along_y * along_y;
     }
 }
 
@@ -223,6 +227,19 @@ mod tests {
             let half_quotient = (prior.energy(&(&x + &d)) - prior.energy(&(&x - &d))) / 4.0 - towards;
             assert!((f64::from(along) - half_quotient).abs() < 1e-4, "{along} {half_quotient}");
         }
+    }
+
+    /// Its first and its last pixel have the same edges, though its differences are small relative to its own light.
+    #[test]
+    fn the_outline_of_a_lamp_is_relative_to_the_dark_beside_it() {
+        let is_lamp = |x: usize| (3..5).contains(&x);
+        let scene = Array2::from_shape_fn((4, 8), |(_, x)| if is_lamp(x) { 50.0 } else { 0.1 });
+        let inverse = |_: usize, out: &mut [f32]| {
+            out.iter_mut().enumerate().for_each(|(x, v)| *v = if is_lamp(x) { 0.02 } else { 4.0 });
+        };
+        let edges = Edges::of_scene(&[(&scene, &inverse)]);
+        let plane = edges.plane().unwrap();
+        assert!(plane[[1, 2]] < 1e-5 && (plane[[1, 2]] - plane[[1, 4]]).abs() < 1e-7, "{plane}");
     }
 
     #[test]

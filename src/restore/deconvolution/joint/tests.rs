@@ -124,6 +124,25 @@ fn lamps_are_told_to_be_less_certain() {
     assert!(deviation[[0, 61, 31]] > 20.0 * deviation[[0, 10, 10]]);
 }
 
+/// Where there is little noise, the light of a lamp is not smeared over what is dark beside it, to whichever side.
+#[test]
+fn small_lamps_are_told_from_the_dark_beside_them() {
+    let scene = image(
+        |c, y, x| match (y, x) {
+            (40..43, 60..63) | (70..72, 24..28) => 60.0 - 10.0 * c as f32,
+            _ => 0.2 + 0.15 * (y as f32 / (4 + c) as f32).sin() * (x as f32 / 7.0).cos(),
+        },
+        [SIZE; 2],
+    );
+    let seen = capture(&scene, 0.002, 16.0);
+    let config = config(Method::Joint, Border::Zero, 16.0);
+    let restored = deconvolve(&seen, &psf(), &config, &Progress::default()).unwrap();
+    let quality = psnr(&restored, &scene, 16.0);
+    assert!(quality > 45.0, "{quality}");
+    let light = restored.planes()[[0, 41, 61]];
+    assert!((light - 60.0).abs() < 6.0, "{light} of 60");
+}
+
 /// A window that reaches out of the frame, somewhat brighter than white: its flare does not tell how the light lies in it.
 #[test]
 fn a_large_clipped_window_stays_whole() {
