@@ -1,11 +1,15 @@
 //! `udc bench`: how fast this machine runs the network, and how near that is to what it can do.
 
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::Result;
 use clap::Args;
 use serde_json::json;
 
+use udc::core::bytes::format_bytes;
+use udc::dataset::Dataset;
+use udc::dataset::benchmark::{ReadSpeed, Reading, time_reading};
 use udc::kernels::{Isa, benchmark, peak};
 use udc::network::benchmark::time_network;
 use udc::train::benchmark::{BatchShape, LARGEST_SIDE, time_step};
@@ -16,7 +20,9 @@ use super::{Session, peak_memory_bytes};
 /// Time the network's operations and the whole network on this machine
 #[derive(Args, Debug)]
 #[command(after_help = "\
-Example: udc bench --size 256 --size 800
+Examples:
+  udc bench --size 256 --size 800
+  udc bench --read dataset
 UDC_SIMD=avx512|avx2|portable forces an instruction set; GFLOP/s count the sums as written down, so that \
 Winograd's convolutions can exceed the peak")]
 pub(crate) struct BenchArgs {
@@ -27,6 +33,10 @@ pub(crate) struct BenchArgs {
     /// Batches that the full network is trained on, as 4x128 for four crops of 128 × 128
     #[arg(long, value_name = "BATCH", default_value = "4x128")]
     train: Vec<BatchShape>,
+    /// Time reading the images of this dataset instead, in random order as a training does. What the system has in memory
+    /// comes from there: take a dataset that is larger, or of a disk that was just mounted
+    #[arg(long, value_name = "DATASET", conflicts_with_all = ["size", "train", "only"])]
+    read: Option<PathBuf>,
     #[command(flatten)]
     device: DeviceArgs,
     /// Of the single operations, time only those whose names contain this
@@ -37,11 +47,20 @@ pub(crate) struct BenchArgs {
     patience: Duration,
 }
 
+/// Reading is timed for so long at least, unless there is less to read.
+const LEAST_READING: Duration = Duration::from_secs(5);
+
+/// Of the order in which images are read: another one than a training's.
+const READING_SEED: u64 = 0;
+
 /// The longest time for an operation, a day.
 const LONGEST_PATIENCE_S: f64 = 86_400.0;
 
 impl BenchArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        if let Some(folder) = &self.read {
+            return self.time_reading(folder, session);
+        }
         let backend = self.device.find(session)?;
         if backend.is_cpu() {
             self.time_operations(session)?;
@@ -67,6 +86,26 @@ impl BenchArgs {
             session.say(format_args!("training step {batch}: {ms:.1} ms{memory}"))?;
         }
         session.result("training-steps", timings);
+        Ok(())
+    }
+
+    /// Times how the images of a dataset are read: first as they are stored, which may find them in memory then.
+    fn time_reading(&self, folder: &Path, session: &Session) -> Result<()> {
+        let dataset = Dataset::open(folder)?;
+        let patience = self.patience.max(LEAST_READING);
+        for (reading, name) in [(Reading::Stored, "as stored"), (Reading::Decoded, "decoded")] {
+            let ReadSpeed { files, bytes, seconds } =
+                time_reading(&dataset, reading, patience, READING_SEED)?;
+            session.say(format_args!(
+                "{name}: {files} images of {} in {seconds:.2} s by {} threads, {:.0} images/s, {:.0} MiB/s",
+                format_bytes(bytes),
+                rayon::current_num_threads(),
+                files as f64 / seconds,
+                bytes as f64 / f64::from(1 << 20) / seconds
+            ))?;
+            let told = json!({ "images": files, "bytes": bytes, "seconds": seconds });
+            session.result(&format!("read-{}", name.replace(' ', "-")), told);
+        }
         Ok(())
     }
 

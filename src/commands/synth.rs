@@ -45,7 +45,8 @@ const MOST_SEED: u64 = i64::MAX.cast_unsigned();
     udc synth test_views/ --bank bank.safetensors --split test -o dataset\n  \
     udc synth views/ --field field.toml --bank bank.safetensors -o varying\n  \
     udc synth scenes/*.npy --margin 400 --bank bank.safetensors -o flared\n  \
-    udc synth views/ --bank bank.safetensors -o dataset --shard 2/8 --resume")]
+    udc synth views/ --bank bank.safetensors -o dataset --shard 2/8 --resume\n  \
+    udc synth views/ --bank bank.safetensors --format npy --half --tar 1GiB -o packed")]
 pub(crate) struct SynthArgs {
     /// Clean linear scenes: files, folders or patterns
     #[arg(required = true, value_name = "GT")]
@@ -170,6 +171,7 @@ impl SynthArgs {
             told: self.scene.domain,
             image_format: self.storage.format,
             half: self.storage.half,
+            archive_bytes: self.storage.tar,
             max_bytes: self.max_memory,
         };
         Ok(Synthesis::plan(scenes, degradations, config)?)

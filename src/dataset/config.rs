@@ -50,6 +50,9 @@ pub struct DatasetConfig {
     pub image_format: String,
     /// Whether the images are stored as half floats.
     pub half: bool,
+    /// Bytes of images from which on another tar archive is begun, where they are not a file each.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub archive_bytes: Option<u64>,
     /// The image formation model.
     pub formation: FormationConfig,
 }

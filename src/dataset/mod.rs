@@ -3,6 +3,7 @@
 //! A dataset is a list of triplets (ground truth, degraded image, kernel). Our own folders say all of it in
 //! `dataset.toml` and `triplets*.jsonl`; the published dataset is read in place from its folder names.
 
+pub mod benchmark;
 mod config;
 mod folder;
 mod kernels;
@@ -287,7 +288,7 @@ impl Dataset {
 
     fn check_files(&self) -> Result<()> {
         let named = self.triplets.iter().flat_map(|triplet| [&triplet.gt, &triplet.degraded]);
-        let mut missing: Vec<_> = named.filter(|path| !self.root.join(path).is_file()).collect();
+        let mut missing: Vec<_> = named.filter(|path| !io::is_file(&self.root.join(path))).collect();
         missing.sort_unstable();
         missing.dedup();
         match missing.first() {

@@ -94,6 +94,7 @@ fn own(root: &Path) -> DatasetConfig {
         seed: 0,
         division: "all train".to_owned(),
         image_format: "npy".to_owned(),
+        archive_bytes: None,
         half: false,
         formation: FormationConfig::default(),
     };

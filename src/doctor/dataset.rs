@@ -136,7 +136,10 @@ fn tell_of_unlisted(about: &str, dataset: &Dataset, folders: &BTreeSet<String>, 
         .iter()
         .flat_map(|triplet| [triplet.gt.as_str(), triplet.degraded.as_str()])
         .collect();
-    let mut unlisted = Vec::new();
+    // Images of an archive that is listed are in it together with what is told of them.
+    let names = list_folder(&dataset.root).unwrap_or_default();
+    let archives = names.into_iter().filter(|name| name.ends_with(".tar") && !folders.contains(name));
+    let mut unlisted: Vec<String> = archives.collect();
     for folder in folders.iter().filter(|folder| !folder.is_empty()) {
         let names = list_folder(&dataset.root.join(folder)).unwrap_or_default();
         let paths = names.iter().filter(|name| !is_hidden(name)).map(|name| format!("{folder}/{name}"));

@@ -1,9 +1,9 @@
 //! Recognises image formats: by their first bytes when reading, by the extension when writing.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+use super::archive;
 use super::foreign::{foreign, foreign_tiff};
 use super::layer::locate;
 use crate::core::error::{Error, Result};
@@ -102,7 +102,7 @@ pub(super) fn read_recognised(path: &Path) -> Result<(Format, Vec<u8>)> {
     if path.is_dir() {
         return Err(Error::format(path, "is a folder where an image file is needed"));
     }
-    let mut file = File::open(locate(path).0).map_err(read_error)?;
+    let mut file = archive::open(locate(path).0).map_err(read_error)?;
     let mut bytes = Vec::new();
     file.by_ref().take(START_BYTES).read_to_end(&mut bytes).map_err(read_error)?;
     if let Some(reason) = foreign(path, &bytes) {

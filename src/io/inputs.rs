@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::path::{Component, Path, PathBuf};
 
+use super::archive::is_file;
 use super::foreign::is_foreign_raw;
 use super::format::Format;
 use super::layer::{locate, split, with_layer};
@@ -31,7 +32,7 @@ fn expand(input: &Path) -> Result<Vec<PathBuf>> {
         return images_of_folder(input);
     }
     // A file whose name holds pattern characters is that file.
-    if input.exists() {
+    if input.exists() || is_file(input) {
         return Ok(vec![input.to_owned()]);
     }
     if locate(input).1.is_some() {

@@ -5,6 +5,7 @@
 //! allocated for them.
 
 mod any_image;
+mod archive;
 mod array;
 mod atomic;
 mod bank;
@@ -44,6 +45,7 @@ mod write;
 mod written;
 
 pub use any_image::{AnyImage, ImageReading, any_image_of, check_output_domain, inspect_any_image};
+pub use archive::{ArchiveWriter, file_bytes, is_file};
 pub use array::{read_array, write_array};
 pub use atomic::{WriteSeek, check_output, list_unfinished, remove_unfinished, write_atomically, write_once};
 pub use bank::{
@@ -64,7 +66,7 @@ pub use lost::what_is_lost;
 pub use machine::{available_memory_bytes, check_writable, free_disk_bytes};
 pub use owned_folder::OwnedFolder;
 pub use pixels::{DomainTag, IgnoredOpcode, Pixels, RawMetadata};
-pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_file};
+pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_bytes, sha256_of_file};
 pub use process::{core_seconds, core_seconds_of_children, peak_memory_bytes, scratch_folder};
 pub use psf::{PsfFaults, PsfMove, PsfOptions, PsfReading, inspect_psf, read_psf, show_shift, write_psf};
 pub use raster::GAIN_OFFSET;
@@ -75,7 +77,7 @@ pub use read::{
 pub use shared_input::SharedInput;
 pub use size::read_image_size;
 use write::Contents;
-pub use write::{PixelOptions, WriteOptions, write_image, write_pixels, write_with_gains};
+pub use write::{PixelOptions, WriteOptions, encode_image, write_image, write_pixels, write_with_gains};
 pub use written::tell_of_files;
 
 /// The largest number of pixels an image may have: 16384 × 16384, four times the largest panorama in use.

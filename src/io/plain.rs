@@ -6,6 +6,7 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
+use super::archive;
 use super::array::read_array;
 use super::layer::locate;
 use crate::core::error::{Error, Result};
@@ -32,7 +33,13 @@ pub fn read_text(path: &Path) -> Result<String> {
 /// # Errors
 /// [`Error::Io`] when the file cannot be read.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
-    fs::read(path).map_err(|error| Error::io("read", path, error))
+    let read = || -> std::io::Result<Vec<u8>> {
+        let mut file = archive::open(path)?;
+        let mut bytes = Vec::with_capacity(usize::try_from(file.len()).unwrap_or_default());
+        file.read_to_end(&mut bytes)?;
+        Ok(bytes)
+    };
+    read().map_err(|error| Error::io("read", path, error))
 }
 
 /// SHA-256 of a file, in hexadecimal; behind a colon the layer that is meant of it, if one is named.
@@ -44,7 +51,7 @@ pub fn sha256_of_file(path: &Path) -> Result<String> {
     let mut hash = Sha256::new();
     let mut block = vec![0; BLOCK_BYTES];
     let (place, layer) = locate(path);
-    let mut file = fs::File::open(place).map_err(|error| Error::io("read", path, error))?;
+    let mut file = archive::open(place).map_err(|error| Error::io("read", path, error))?;
     loop {
         match file.read(&mut block) {
             Ok(0) => {
@@ -58,10 +65,15 @@ pub fn sha256_of_file(path: &Path) -> Result<String> {
     }
 }
 
+/// SHA-256 of what a file holds, in hexadecimal.
+pub fn sha256_of_bytes(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
+}
+
 /// Reads the first bytes of a file, of which a layer may be named.
 pub(super) fn read_head(path: &Path, count: u64) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    fs::File::open(locate(path).0)
+    archive::open(locate(path).0)
         .and_then(|file| file.take(count).read_to_end(&mut bytes))
         .map_err(|error| Error::io("read", path, error))?;
     Ok(bytes)

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::archive;
 use super::format::Format;
 use super::layer::locate;
 use super::plain::read_head;
@@ -20,7 +21,7 @@ pub fn read_image_size<D: Domain>(path: &Path, told: Option<DomainTag>) -> Resul
     let head = read_head(path, HEAD_BYTES)?;
     let found = match Format::of_contents(&head) {
         Some(Format::Exr) => {
-            let file = locate(path).0.metadata().map_err(|source| Error::io("read", path, source))?;
+            let file = archive::open(locate(path).0).map_err(|source| Error::io("read", path, source))?;
             let fits = |domain: Option<DomainTag>| match told {
                 Some(told) => domain.is_none() && told.name() == D::NAME || domain == Some(told),
                 None => domain.is_none_or(|tag| tag.name() == D::NAME),

@@ -1,12 +1,13 @@
 //! Writes images in every format, each whole or not at all.
 
+use std::io::{self, Cursor};
 use std::path::Path;
 
 use half::f16;
 use ndarray::{ArrayView2, ArrayView3};
 
 use super::format::Format;
-use super::{DomainTag, Pixels, check_output, exr, npy, raster, write_atomically};
+use super::{DomainTag, Pixels, WriteSeek, check_output, exr, npy, raster, write_atomically};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::exif::Exif;
@@ -36,6 +37,27 @@ pub struct WriteOptions {
 /// [`Error::Io`] when the file cannot be written or exists; [`Error::Unsupported`] when the format cannot hold
 /// the values.
 pub fn write_image<D: Domain>(path: &Path, image: &Image<D>, options: &WriteOptions) -> Result<()> {
+    let (contents, options) = contents_of_image(image, options);
+    write_contents(path, &contents, options)
+}
+
+/// The file that [`write_image`] writes, which no folder has yet; the path is for its extension and for errors.
+///
+/// # Errors
+/// [`Error::Unsupported`] when the format cannot hold the values.
+pub fn encode_image<D: Domain>(path: &Path, image: &Image<D>, options: &WriteOptions) -> Result<Vec<u8>> {
+    let (contents, options) = contents_of_image(image, options);
+    let mut bytes = Vec::new();
+    encode(path, &contents, options, |encode| {
+        encode(&mut Cursor::new(&mut bytes)).map_err(|source| Error::io("write", path, source))
+    })?;
+    Ok(bytes)
+}
+
+fn contents_of_image<'a, D: Domain>(
+    image: &'a Image<D>,
+    options: &'a WriteOptions,
+) -> (Contents<'a>, PixelOptions) {
     let contents = Contents {
         planes: image.planes(),
         domain: DomainTag::from_name(D::NAME),
@@ -46,8 +68,7 @@ pub fn write_image<D: Domain>(path: &Path, image: &Image<D>, options: &WriteOpti
     };
     let clip = D::NAME == ToneMapped::NAME;
     let WriteOptions { half, overwrite, .. } = *options;
-    let options = PixelOptions { half, overwrite, clip, clip_negative: true, ..PixelOptions::default() };
-    write_contents(path, &contents, options)
+    (contents, PixelOptions { half, overwrite, clip, clip_negative: true, ..PixelOptions::default() })
 }
 
 /// How pixels of any meaning are written.
@@ -127,26 +148,40 @@ pub(super) struct Contents<'a> {
 }
 
 fn write_contents(path: &Path, contents: &Contents<'_>, options: PixelOptions) -> Result<()> {
-    let format = Format::of_extension(path)?;
+    Format::of_extension(path)?;
     check_output(path, options.overwrite)?;
+    encode(path, contents, options, |encode| write_atomically(path, options.overwrite, encode))
+}
+
+/// What writes an image to a file.
+type Encode<'a> = &'a mut dyn FnMut(&mut dyn WriteSeek) -> io::Result<()>;
+
+/// Encodes an image for whom `write` gives what it is written to.
+fn encode(
+    path: &Path,
+    contents: &Contents<'_>,
+    options: PixelOptions,
+    write: impl FnOnce(Encode<'_>) -> Result<()>,
+) -> Result<()> {
+    let format = Format::of_extension(path)?;
     let largest = f32::from(f16::MAX);
     let is_clipped_half = options.half && options.clip && matches!(format, Format::Exr | Format::Npy);
     if is_clipped_half && contents.planes.iter().any(|value| value.abs() > largest) {
         let planes = contents.planes.mapv(|value| value.clamp(-largest, largest));
         let clipped = Contents { planes: planes.view(), ..*contents };
-        return write_contents(path, &clipped, PixelOptions { clip: false, ..options });
+        return encode(path, &clipped, PixelOptions { clip: false, ..options }, write);
     }
     let encoded = match format {
         Format::Exr => {
             let encoder = exr::Encoder::new(contents, options.half);
-            let encoder = encoder.map_err(|reason| Error::format(path, reason))?;
-            return write_atomically(path, options.overwrite, |file| encoder.write(file));
+            let mut encoder = Some(encoder.map_err(|reason| Error::format(path, reason))?);
+            return write(&mut |file| encoder.take().expect("an image is written once").write(file));
         }
         Format::Npy => npy::encode_image(&contents.planes, options.half),
         _ => raster::encode(&contents.planes, format, options, exif_of(contents)),
     };
     let bytes = encoded.map_err(|reason| Error::format(path, reason))?;
-    write_atomically(path, options.overwrite, |file| file.write_all(&bytes))
+    write(&mut |file| file.write_all(&bytes))
 }
 
 /// What a picture for viewing says of its camera; light is no such picture.

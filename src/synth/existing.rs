@@ -12,6 +12,7 @@ use crate::core::shard::Shard;
 use crate::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Split, Triplet, TripletFiles};
 use crate::io::{self, LineLog};
 
+use super::archives::archives_of;
 use super::list::listed;
 use super::scenes::Scene;
 use super::synthesis::Synthesis;
@@ -228,9 +229,16 @@ impl Place {
         Ok(())
     }
 
-    /// Removes the lists of what a run that begins anew replaces.
+    /// Removes the lists of what a run that begins anew replaces, and their archives.
     pub(super) fn remove_lists(&self) -> Result<()> {
-        self.outdated.iter().try_for_each(|name| io::remove(&self.root.join(name)))
+        let names = io::list_folder(&self.root)?;
+        for list in &self.outdated {
+            io::remove(&self.root.join(list))?;
+            // One at work holds its list, and was refused.
+            archives_of(Path::new(list), &names, &[])
+                .try_for_each(|archive| io::remove(&self.root.join(archive)))?;
+        }
+        Ok(())
     }
 }
 

@@ -10,9 +10,11 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::core::error::Result;
+use crate::core::image::LinearImage;
 use crate::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Triplet};
-use crate::io::{self, LineLog};
+use crate::io::{self, LineLog, WriteOptions};
 
+use super::archives::{Archives, archives_of, member_of};
 use super::existing::{Existing, Place};
 use super::kept::check_scenes;
 use super::list::{finished_triplets, to_line};
@@ -27,6 +29,8 @@ pub(super) struct DatasetFolder {
     log: LineLog,
     /// Scenes and kernels.
     finished: BTreeSet<(String, String)>,
+    /// Where images are kept that are not a file each.
+    archives: Option<Archives>,
 }
 
 impl DatasetFolder {
@@ -56,20 +60,23 @@ impl DatasetFolder {
         if existing != Existing::Refuse {
             remove_unfinished(root)?;
         }
-        let mut folder = Self { root: root.to_owned(), list, log, finished: BTreeSet::new() };
+        let root = root.to_owned();
+        let mut folder = Self { root, list, log, finished: BTreeSet::new(), archives: None };
         match existing {
             Existing::Resume | Existing::TakeOver => folder.resume(synthesis)?,
             Existing::Refuse | Existing::Overwrite => folder.restart_list(&[])?,
         }
+        if let Some(full_bytes) = synthesis.config.archive_bytes {
+            folder.archives = Some(Archives::new(&folder.root, &folder.list, full_bytes)?);
+        }
         Ok(folder)
     }
 
-    pub(super) fn root(&self) -> &Path {
-        &self.root
-    }
-
-    /// Makes the folders of the images.
+    /// Makes the folders of the images, where they are a file each.
     pub(super) fn create_image_folders(&self, kernels: &[String]) -> Result<()> {
+        if self.archives.is_some() {
+            return Ok(());
+        }
         io::create_folder(&self.root.join("gt"))?;
         kernels.iter().try_for_each(|name| io::create_folder(&self.root.join("degraded").join(name)))
     }
@@ -88,6 +95,9 @@ impl DatasetFolder {
         }
         // A run that was killed may have left half a line behind: the list is written anew.
         self.restart_list(&triplets)?;
+        // And an archive that it did not come to list.
+        let names = io::list_folder(&self.root)?;
+        archives_of(&self.list, &names, &triplets).try_for_each(|name| io::remove(&self.root.join(name)))?;
         for triplet in triplets {
             self.finished.insert((triplet.id, triplet.kernel));
         }
@@ -108,13 +118,73 @@ impl DatasetFolder {
         self.finished.contains(&(id.to_owned(), kernel.to_owned()))
     }
 
-    /// Lists triplets as finished.
+    /// The path of a scene's ground truth, or of its image through a kernel: in the folder, or in its current archive.
+    pub(super) fn path_of(&self, id: &str, kernel: Option<&str>, extension: &str) -> String {
+        match (&self.archives, kernel) {
+            (Some(_), kernel) => member_of(id, &format!("{}.{extension}", kernel.unwrap_or("gt"))),
+            (None, Some(kernel)) => format!("degraded/{kernel}/{id}.{extension}"),
+            (None, None) => format!("gt/{id}.{extension}"),
+        }
+    }
+
+    /// Writes an image that is a file of its own; encodes another, which is to be [`kept`](Self::keep) then.
+    pub(super) fn write(&self, path: &str, image: &LinearImage, options: &WriteOptions) -> Result<Image> {
+        let file = self.root.join(path);
+        if self.archives.is_some() {
+            let bytes = io::encode_image(&file, image, options)?;
+            return Ok(Image { sha256: io::sha256_of_bytes(&bytes), bytes: Some(bytes) });
+        }
+        io::write_image(&file, image, options)?;
+        Ok(Image { sha256: io::sha256_of_file(&file)?, bytes: None })
+    }
+
+    /// Keeps an image in the current archive, if it is not in a file.
+    pub(super) fn keep(&mut self, path: &str, image: &Image) -> Result<()> {
+        match (&mut self.archives, &image.bytes) {
+            (Some(archives), Some(bytes)) => archives.append(path, bytes),
+            _ => Ok(()),
+        }
+    }
+
+    /// Lists triplets as finished whose images are kept: at once, or when their archive is.
     pub(super) fn record(&mut self, triplets: impl Iterator<Item = Triplet>) -> Result<()> {
+        match &mut self.archives {
+            Some(archives) => {
+                archives.hold(triplets);
+                Ok(())
+            }
+            None => self.list(triplets),
+        }
+    }
+
+    /// Ends a scene; `code` has the codes of kernels.
+    pub(super) fn end_scene(&mut self, id: &str, code: impl Fn(&Triplet) -> Vec<f32>) -> Result<()> {
+        let Some(archives) = &mut self.archives else { return Ok(()) };
+        let listed = archives.end_scene(id, code)?;
+        self.list(listed.into_iter())
+    }
+
+    /// Finishes what is still open: to be called whatever happened, so that nothing that was made is lost.
+    pub(super) fn finish(&mut self) -> Result<()> {
+        let Some(archives) = &mut self.archives else { return Ok(()) };
+        let listed = archives.finish()?;
+        self.list(listed.into_iter())
+    }
+
+    fn list(&mut self, triplets: impl Iterator<Item = Triplet>) -> Result<()> {
         for triplet in triplets {
             self.log.append(&to_line(&triplet))?;
         }
         self.log.sync()
     }
+}
+
+/// An image of a dataset on its way to where it is kept.
+pub(super) struct Image {
+    /// Of its file.
+    pub(super) sha256: String,
+    /// Its file, if it is not written yet.
+    bytes: Option<Vec<u8>>,
 }
 
 /// How long a temporary file is left alone after its last change: any file is written in much less, and a file of a run

@@ -3,6 +3,7 @@
 //! [`Formation`] is the model, for one scene and one PSF; [`Synthesis`] makes a dataset folder with it, every
 //! scene through every kernel of a bank.
 
+mod archives;
 mod degradations;
 mod existing;
 mod field;

@@ -37,7 +37,7 @@ impl Synthesis {
         folder.create_image_folders(&names)?;
         let bar = progress.bar((self.scenes.len() * names.len()) as u64, "images");
         let mut run = Run { synthesis: self, formation, folder, names, kernels: None };
-        for scene in &self.scenes {
+        let made = self.scenes.iter().try_for_each(|scene| {
             let todo = run.unfinished(scene);
             bar.inc((run.names.len() - todo.len()) as u64);
             if !todo.is_empty() {
@@ -48,8 +48,11 @@ impl Synthesis {
                 })?;
                 on_scene(&report);
             }
-        }
+            Ok(())
+        });
+        // Whatever happened: what is made is kept.
+        let kept = run.folder.finish();
         bar.finish_and_clear();
-        Ok(())
+        made.and(kept)
     }
 }

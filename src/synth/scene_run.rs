@@ -17,7 +17,7 @@ use crate::io::{self, WriteOptions};
 
 use super::Formation;
 use super::field::convolve_nodes;
-use super::folder::DatasetFolder;
+use super::folder::{DatasetFolder, Image};
 use super::kernels::Kernels;
 use super::scenes::Scene;
 use super::synthesis::Synthesis;
@@ -69,9 +69,10 @@ struct Origin<'a> {
     formation: &'a FormationConfig,
 }
 
-/// One degraded image that has been written.
+/// One degraded image that has been made.
 struct Made {
     triplet: Triplet,
+    image: Image,
     computing: Duration,
     writing: Duration,
 }
@@ -132,6 +133,7 @@ impl<'a> Run<'a> {
             let made: Vec<Made> = made.collect::<Result<_>>()?;
             computing += made.iter().map(|made| made.computing).sum::<Duration>();
             writing += made.iter().map(|made| made.writing).sum::<Duration>();
+            made.iter().try_for_each(|made| self.folder.keep(&made.triplet.degraded, &made.image))?;
             self.folder.record(made.into_iter().map(|made| made.triplet))?;
             on_images(indices.len())?;
         }
@@ -139,6 +141,12 @@ impl<'a> Run<'a> {
             kernels.convolver.reuse(spectrum);
         }
         self.kernels = Some(kernels);
+        let bank = &self.synthesis.bank;
+        let names = &self.names;
+        self.folder.end_scene(&scene.id, |triplet| {
+            let kernel = names.iter().position(|name| *name == triplet.kernel);
+            kernel.map(|index| bank.code(index).to_vec()).unwrap_or_default()
+        })?;
         let size = self.synthesis.config.formation.frame_size(size)?;
         let (id, made) = (scene.id.clone(), todo.len());
         Ok(SceneReport { id, size, made, contradiction, reading, computing, writing })
@@ -155,10 +163,11 @@ impl<'a> Run<'a> {
     }
 
     /// Writes the ground truth anew, with the hash of its scene's file.
-    fn write_ground_truth(&self, scene: &Scene, image: &LinearImage, sha256: &str) -> Result<()> {
-        let path = self.folder.root().join(self.ground_truth_path(scene));
+    fn write_ground_truth(&mut self, scene: &Scene, image: &LinearImage, sha256: &str) -> Result<()> {
+        let path = self.path_of(scene, None);
         let options = self.write_options(scene, None, Some(sha256));
-        io::write_image(&path, &self.formation.ground_truth(image)?, &options)
+        let image = self.folder.write(&path, &self.formation.ground_truth(image)?, &options)?;
+        self.folder.keep(&path, &image)
     }
 
     fn degrade(&self, scene: &Scene, kernels: &Kernels<'_>, light: &Light<'_>, index: usize) -> Result<Made> {
@@ -168,24 +177,23 @@ impl<'a> Run<'a> {
         let image = self.formation.record(irradiance, &format!("{}/{name}", scene.id))?;
         let computing = started.elapsed();
         let started = Instant::now();
-        let degraded = format!("degraded/{name}/{}.{}", scene.id, self.synthesis.config.image_format);
-        let path = self.folder.root().join(&degraded);
-        io::write_image(&path, &image, &self.write_options(scene, Some(name), None))?;
+        let degraded = self.path_of(scene, Some(name));
+        let image = self.folder.write(&degraded, &image, &self.write_options(scene, Some(name), None))?;
         let triplet = Triplet {
             id: scene.id.clone(),
             split: scene.split,
-            gt: self.ground_truth_path(scene),
+            gt: self.path_of(scene, None),
             degraded,
             kernel: name.clone(),
             angle_deg: self.synthesis.bank.angles_deg.as_ref().map(|angles| angles[index]),
             source: scene.source.clone(),
-            sha256: Some(io::sha256_of_file(&path)?),
+            sha256: Some(image.sha256.clone()),
         };
-        Ok(Made { triplet, computing, writing: started.elapsed() })
+        Ok(Made { triplet, image, computing, writing: started.elapsed() })
     }
 
-    fn ground_truth_path(&self, scene: &Scene) -> String {
-        format!("gt/{}.{}", scene.id, self.synthesis.config.image_format)
+    fn path_of(&self, scene: &Scene, kernel: Option<&str>) -> String {
+        self.folder.path_of(&scene.id, kernel, &self.synthesis.config.image_format)
     }
 
     /// What is not listed is unfinished, so that a file of its name may be replaced.

@@ -59,6 +59,8 @@ pub struct SynthesisConfig {
     pub image_format: &'static str,
     /// Whether images are written as half floats.
     pub half: bool,
+    /// Bytes of images from which on another tar archive is begun; none where each is a file of its own.
+    pub archive_bytes: Option<u64>,
     /// Memory that may be used.
     pub max_bytes: u64,
 }
@@ -101,6 +103,7 @@ impl Synthesis {
             division: config.division.to_string(),
             image_format: config.image_format.to_owned(),
             half: config.half,
+            archive_bytes: config.archive_bytes,
             formation: FormationConfig { margin, ..config.formation },
         };
         Ok(Self { config, bank, bank_file, field, scenes: shard.choose(scenes), told, shard, max_bytes })

@@ -150,6 +150,7 @@ fn write_dataset(root: &Path) {
         seed: 1,
         division: "test-fraction 0.5".to_owned(),
         image_format: "exr".to_owned(),
+        archive_bytes: None,
         half: false,
         formation: FormationConfig::default(),
     };

@@ -16,7 +16,7 @@ use udc::io::{self, WriteOptions};
 use super::common::{fail, succeed};
 
 /// A scratch folder with five scenes of two panoramas in `views/`, a PSF and a bank of three kernels.
-fn scratch() -> tempfile::TempDir {
+pub(super) fn scratch() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     fs::create_dir(folder.path().join("views")).unwrap();
     for (index, name) in ["park_01", "park_02", "park_03", "hall_01", "hall_02"].iter().enumerate() {
@@ -38,7 +38,7 @@ fn scratch() -> tempfile::TempDir {
     folder
 }
 
-fn synth(folder: &Path, output: &str, more: &[&str]) -> String {
+pub(super) fn synth(folder: &Path, output: &str, more: &[&str]) -> String {
     let mut args = vec!["synth", "views", "--bank", "bank.safetensors", "-o", output];
     args.extend(more);
     succeed(folder, &args)

@@ -63,6 +63,7 @@ pub(crate) fn prepare(folder: &Path) {
         seed: 0,
         division: "test-fraction 0.25".to_owned(),
         image_format: "npy".to_owned(),
+        archive_bytes: None,
         half: false,
         formation: FormationConfig { alpha: curve().alpha, ..FormationConfig::default() },
     };

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result};
 use clap::Args;
 
+use udc::core::bytes::parse_bytes;
 use udc::core::fft::Boundary;
 use udc::dataset::{FormationConfig, NoiseConfig};
 use udc::io;
@@ -66,6 +67,10 @@ pub(super) struct StorageArgs {
     /// Write half floats
     #[arg(long)]
     pub(super) half: bool,
+    /// Keep the images in tar archives of about this size, a sample of WebDataset each scene, not each in a file of its own: for
+    /// file systems that bear few large files better. A run that is killed loses the archive that it was writing
+    #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
+    pub(super) tar: Option<u64>,
 }
 
 /// The parameters that a preset begins with.
