@@ -194,8 +194,9 @@ pub(crate) fn restore<'py>(
         notices.extend(of_files.iter().map(told));
         let capture = capture.capture(domain_told, progress, &mut notices)?;
         let usual = if settings.true_highlights { DomainTag::Linear } else { capture.image.domain() };
-        let Restored { image, info, angle, curve, lamps, levels, pose } =
-            restoration.restore(capture, progress)?;
+        let restored = restoration.restore(capture, progress)?;
+        notices.extend(restored.doubt().map(warning));
+        let Restored { image, info, angle, curve, lamps, levels, pose, .. } = restored;
         notices.extend(angle.as_ref().and_then(FoundAngle::warning).map(|text| warning(text.to_owned())));
         let found = json!({
             "angle": angle.map(|angle| angle.to_string()),

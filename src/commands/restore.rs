@@ -141,7 +141,8 @@ pub(crate) struct RestoreArgs {
     /// Irradiance that the tone mapping maps to one half [default: that of the model's training, else 0.25]
     #[arg(long, value_name = "A")]
     alpha: Option<f32>,
-    /// Irradiance at which the capture, fused of all its exposures, saturates [default: that of the model's training, else 500]
+    /// Irradiance at which the capture, fused of all its exposures, saturates [default: what its file says; for the guided network
+    /// and joint, what its brightest pixels show; else that of the model's training, or 500]
     #[arg(long, value_name = "X")]
     x_max: Option<f32>,
     #[command(flatten)]
@@ -344,6 +345,9 @@ impl<'a> Run<'a> {
                  otherwise",
                 job.name()
             ));
+        }
+        if let Some(doubt) = restored.doubt() {
+            self.session.warn(format_args!("{}: {doubt}", job.name()));
         }
         if let Some(pose) = &restored.pose {
             self.session.note(format_args!("{}: the flare moves the PSF: {pose}", job.name()));

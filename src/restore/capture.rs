@@ -36,6 +36,9 @@ pub struct Restored {
     pub lamps: Vec<Lamp>,
     /// What saturates each channel, where that was found in the capture.
     pub levels: Option<[f32; CHANNELS]>,
+    /// What seems to saturate each channel by the capture's brightest pixels, where nobody said so and the method took a level that
+    /// nothing reaches.
+    pub doubted_levels: Option<[f32; CHANNELS]>,
     /// By how much the PSF was moved, where the flare of the capture tells it.
     pub pose: Option<PoseEstimate>,
 }
@@ -139,6 +142,16 @@ impl From<ToneMappedImage> for Capture {
 }
 
 impl Restored {
+    /// What to tell where the capture's brightest pixels seem to be clipped and the method took them for light as it is.
+    pub fn doubt(&self) -> Option<String> {
+        let [red, green, blue] = self.doubted_levels?;
+        Some(format!(
+            "the brightest pixels are all at {red}, {green} and {blue} in red, green and blue, as of a sensor that clips there, \
+             and are taken for light as it is; if they are clipped, tell the x-max: {}",
+            red.max(green).max(blue)
+        ))
+    }
+
     /// Writes the image, with what is known of the capture, in a domain of light.
     ///
     /// # Errors

@@ -136,9 +136,11 @@ impl RestorationConfig {
                 (restoration.with_files(sha256, self.kernel.bank_bytes()), notices)
             }
             MethodConfig::Deconvolution(config) => {
-                let curve = self.curve(None)?;
                 let (kernel, notices) = self.kernel.read_psf()?;
-                (Restoration::by_deconvolution(**config, kernel)?.with_curve(curve), notices)
+                let restoration = Restoration::by_deconvolution(**config, kernel)?;
+                let restoration = restoration.with_curve(self.curve(None)?);
+                let is_asked = self.x_max.is_none() && config.knows_saturated();
+                (if is_asked { restoration.with_levels_of_captures() } else { restoration }, notices)
             }
         };
         let mut restoration = restoration.with_highlights(self.highlights).with_memory(self.memory);

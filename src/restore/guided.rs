@@ -92,7 +92,7 @@ impl Restoration {
             None if curve != told => AnyImage::Linear(curve.inverse_tone_map(&restored)),
             None => AnyImage::ToneMapped(restored),
         };
-        Ok(Restored { image, info, angle, curve: told, lamps, levels: found, pose })
+        Ok(Restored { image, info, angle, curve: told, lamps, levels: found, doubted_levels: None, pose })
     }
 
     /// The PSF as the panel stands in a capture, and its pose where the capture tells another than that of the PSF.

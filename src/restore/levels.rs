@@ -15,6 +15,9 @@ const SAME: f32 = 0.998;
 /// Saturated pixels for each that is nearly as bright: a sensor's white ends like a cut, a lamp's image like a bell.
 const CUT: usize = 2;
 
+/// Of so many pixels one may be saturated: an image that is flat for the most part is of something flat.
+const MOST_OF: usize = 2;
+
 /// What light is in multiples of α where it saturates, at least and at most, in the captures that networks are trained on.
 const LEVELS: [f32; 2] = [4.0, 2000.0];
 
@@ -66,7 +69,8 @@ fn plateau(plane: ArrayView2<'_, f32>) -> Option<(f32, usize)> {
             near += 1;
         }
     }
-    (brightest > 0.0 && equal >= LEAST_PIXELS && equal >= CUT * near).then_some((brightest, equal))
+    let is_cut = equal >= LEAST_PIXELS && equal >= CUT * near && MOST_OF * equal <= plane.len();
+    (brightest > 0.0 && is_cut).then_some((brightest, equal))
 }
 
 #[cfg(test)]
@@ -118,5 +122,7 @@ mod tests {
     fn a_flat_or_dark_image_is_not_white() {
         let dark = LinearImage::from_planes(Array3::zeros((3, 8, 8))).unwrap();
         assert_eq!(find_levels(&dark, 500.0), ([500.0; 3], 0));
+        let wall = LinearImage::from_planes(Array3::from_elem((3, 8, 8), 0.5)).unwrap();
+        assert_eq!(find_levels(&wall, 500.0), ([500.0; 3], 0));
     }
 }

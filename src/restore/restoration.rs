@@ -13,6 +13,7 @@ use super::field::code_map;
 use super::guided::GuidedOptions;
 use super::highlights::{Highlights, blend_highlights};
 use super::kernel::KernelKnowledge;
+use super::levels::find_levels;
 use super::memory::{MemoryBudget, MemoryPlan, with_threads};
 use super::network::{Conditioning, NetworkOperator};
 use super::notice::Notice;
@@ -49,6 +50,8 @@ pub struct Restoration {
     guided: Option<GuidedOptions>,
     /// The noise of captures, where it is told.
     noise: Option<NoiseConfig>,
+    /// Whether a deconvolution looks for what saturates a capture that does not say it.
+    asks_for_levels: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -169,6 +172,7 @@ impl Restoration {
             model_sha256: None,
             guided: None,
             noise: None,
+            asks_for_levels: false,
         }
     }
 
@@ -182,6 +186,13 @@ impl Restoration {
         if let How::Deconvolution(config) = &mut self.how {
             (config.alpha, config.saturation) = (curve.alpha, [curve.x_max; CHANNELS]);
         }
+        self
+    }
+
+    /// Looks for what saturates captures that do not say it: [`Method::Joint`] takes it, of the other deconvolutions it is told.
+    #[must_use]
+    pub fn with_levels_of_captures(mut self) -> Self {
+        self.asks_for_levels = true;
         self
     }
 
@@ -351,8 +362,9 @@ impl Restoration {
             }
             _ => {}
         }
-        let (curve, saturation) = (self.curve, self.saturation(&capture));
+        let (curve, mut saturation) = (self.curve, self.saturation(&capture));
         let Capture { image, info } = capture;
+        let (mut levels, mut doubted_levels) = (None, None);
         let (image, angle) = match &self.how {
             How::Network(model) => {
                 let image = image.into_tone_mapped(curve);
@@ -364,13 +376,21 @@ impl Restoration {
             }
             How::Deconvolution(config) => {
                 let image: LinearImage = image.into_linear(curve);
+                if self.asks_for_levels && info.as_ref().is_none_or(|info| info.saturation.is_none()) {
+                    let (found, count) = find_levels(&image, curve.x_max);
+                    match config.method {
+                        _ if count == 0 => {}
+                        Method::Joint => (saturation, levels) = (found, Some(found)),
+                        _ => doubted_levels = Some(found),
+                    }
+                }
                 let config = DeconvolutionConfig { saturation, ..**config };
                 let restored = deconvolve(&image, psf_of(&self.kernel)?, &config, progress)?;
                 let level = saturation.map(saturated_from);
                 (AnyImage::Linear(blend_highlights(restored, &image, level, self.highlights)?), None)
             }
         };
-        Ok(Restored { image, info, angle, curve, lamps: Vec::new(), levels: None, pose: None })
+        Ok(Restored { image, info, angle, curve, lamps: Vec::new(), levels, doubted_levels, pose: None })
     }
 
     /// The method with every setting resolved, for provenance; its files are told by their contents.

@@ -86,6 +86,30 @@ fn the_psf_alone_restores_a_capture_and_finds_its_lamp_and_its_level() {
     assert!(scratch.path().join("photo.jpg").is_file());
 }
 
+/// A file that does not say where its sensor clipped.
+#[test]
+fn deconvolutions_notice_that_a_capture_is_clipped() {
+    let scratch = tempfile::tempdir().unwrap();
+    write_capture(scratch.path());
+    let restore = |method: &str, flags: &[&str]| {
+        let call =
+            ["restore", "capture.exr", "--psf", "psf.exr", "--method", method, "-o", "r.exr", "--overwrite"];
+        let output = udc(scratch.path(), &[&call[..], flags].concat());
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{said}");
+        (said, io::read_image::<Linear>(&scratch.path().join("r.exr")).unwrap())
+    };
+    let ((said, found), (_, told)) = (restore("joint", &[]), restore("joint", &["--x-max", "4"]));
+    assert!(said.contains("saturates at 4, 4 and 4"), "{said}");
+    assert_eq!(found, told);
+    for (method, flags) in [("constrained", &[][..]), ("wiener", &["--mask-saturated"])] {
+        let (said, _) = restore(method, flags);
+        assert!(said.contains("warning") && said.contains("tell the x-max: 4"), "{said}");
+    }
+    assert!(!restore("wiener", &[]).0.contains("x-max"));
+    assert!(!restore("constrained", &["--x-max", "4"]).0.contains("x-max"));
+}
+
 #[test]
 fn true_highlights_are_far_above_saturation_and_others_are_not() {
     let scratch = tempfile::tempdir().unwrap();

@@ -139,6 +139,11 @@ impl Default for DeconvolutionConfig {
 }
 
 impl DeconvolutionConfig {
+    /// Whether saturated pixels are taken for unknown.
+    pub fn knows_saturated(&self) -> bool {
+        self.mask_saturated || !matches!(self.method, Method::Wiener | Method::WienerOrieux)
+    }
+
     /// The defaults of a method.
     pub fn of_method(method: Method) -> Self {
         Self { method, ..Self::default() }
