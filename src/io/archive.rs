@@ -150,6 +150,8 @@ pub struct ArchiveWriter {
     tar: tar::Builder<BufWriter<NamedTempFile>>,
     path: PathBuf,
     bytes: u64,
+    /// Whether a part of a member may be missing.
+    is_broken: bool,
 }
 
 impl fmt::Debug for ArchiveWriter {
@@ -169,7 +171,7 @@ impl ArchiveWriter {
     pub fn create(path: &Path) -> Result<Self> {
         let file = temporary_beside(path).map_err(|source| Error::io("write", path, source))?;
         let tar = tar::Builder::new(BufWriter::with_capacity(BUFFER_BYTES, file));
-        Ok(Self { tar, path: path.to_owned(), bytes: 0 })
+        Ok(Self { tar, path: path.to_owned(), bytes: 0, is_broken: false })
     }
 
     /// Appends a member; of its file nothing is told but the name, so that the same members make the same archive.
@@ -180,8 +182,11 @@ impl ArchiveWriter {
         let mut header = tar::Header::new_ustar();
         header.set_size(contents.len() as u64);
         header.set_mode(0o644);
+        // What follows a member that is not whole is lost.
+        let was_broken = std::mem::replace(&mut self.is_broken, true);
         let appended = self.tar.append_data(&mut header, name, contents);
         appended.map_err(|source| Error::io("write", &self.path, source))?;
+        self.is_broken = was_broken;
         self.bytes += contents.len() as u64;
         Ok(())
     }
@@ -194,9 +199,12 @@ impl ArchiveWriter {
     /// Gives the archive its name. A file of that name is not replaced: the next of `names` is tried.
     ///
     /// # Errors
-    /// [`Error::Io`] when it cannot be written; nothing is left behind then.
+    /// [`Error::Io`] when it cannot be written, or a member could not; nothing is left behind then.
     pub fn finish(self, names: impl Iterator<Item = PathBuf>) -> Result<PathBuf> {
         let fail = |source| Error::io("write", &self.path, source);
+        if self.is_broken {
+            return Err(fail(io::Error::other("a member could not be written before")));
+        }
         let buffer = self.tar.into_inner().map_err(fail)?;
         let mut file = buffer.into_inner().map_err(|error| fail(error.into_error()))?;
         file.as_file_mut().flush().and_then(|()| file.as_file().sync_all()).map_err(fail)?;
@@ -254,6 +262,16 @@ mod tests {
         let [first, second] = [(); 2].map(|()| archive(folder.path(), &[("a", b"one"), ("b", b"two")]));
         assert_ne!(first, second);
         assert_eq!(std::fs::read(first).unwrap(), std::fs::read(&second).unwrap());
+    }
+
+    #[test]
+    fn an_archive_with_half_a_member_gets_no_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut writer = ArchiveWriter::create(&folder.path().join("a.tar")).unwrap();
+        writer.append("a", b"whole").unwrap();
+        writer.append("../b", b"leads out").unwrap_err();
+        writer.finish([folder.path().join("a.tar")].into_iter()).unwrap_err();
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 
     #[test]

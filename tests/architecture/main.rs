@@ -184,3 +184,22 @@ fn every_file_says_what_it_is() {
         .collect();
     assert!(silent.is_empty(), "files without a first paragraph: {silent:?}");
 }
+
+/// The Python package has a lock of its own, which is not built here: it must know what this crate depends on.
+#[test]
+fn the_python_package_locks_every_dependency() {
+    let read = |file: &str| -> toml::Table {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
+        fs::read_to_string(path).expect("the file is there").parse().expect("it is TOML")
+    };
+    let lock = read("python/Cargo.lock");
+    let packages = lock["package"].as_array().expect("a list");
+    let own = packages.iter().find(|package| package["name"].as_str() == Some(env!("CARGO_PKG_NAME")));
+    let locked = own.expect("the crate is in it")["dependencies"].as_array().expect("a list");
+    // A name, and its version behind where there are two.
+    let locked: Vec<&str> = locked.iter().filter_map(|name| name.as_str()?.split(' ').next()).collect();
+    let manifest = read("Cargo.toml");
+    let needed = manifest["dependencies"].as_table().expect("a table").keys();
+    let missing: Vec<&String> = needed.filter(|name| !locked.contains(&name.as_str())).collect();
+    assert!(missing.is_empty(), "run `cargo metadata` in python/: its lock lacks {missing:?}");
+}
