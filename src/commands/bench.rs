@@ -1,4 +1,4 @@
-//! `udc bench`: how fast this machine runs the network, and how near that is to what it can do.
+//! `udc bench`: how fast this machine runs the network, how near that is to what it can do, and how fast it reads a dataset.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -17,12 +17,13 @@ use udc::train::benchmark::{BatchShape, LARGEST_SIDE, time_step};
 use super::device::DeviceArgs;
 use super::{Session, peak_memory_bytes};
 
-/// Time the network's operations and the whole network on this machine
+/// Time the network's operations and the whole network on this machine, or reading a dataset
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   udc bench --size 256 --size 800
   udc bench --read dataset
+
 UDC_SIMD=avx512|avx2|portable forces an instruction set; GFLOP/s count the sums as written down, so that \
 Winograd's convolutions can exceed the peak")]
 pub(crate) struct BenchArgs {
@@ -35,7 +36,7 @@ pub(crate) struct BenchArgs {
     train: Vec<BatchShape>,
     /// Time reading the images of this dataset instead, in random order as a training does. What the system has in memory
     /// comes from there: take a dataset that is larger, or of a disk that was just mounted
-    #[arg(long, value_name = "DATASET", conflicts_with_all = ["size", "train", "only"])]
+    #[arg(long, value_name = "DATASET", conflicts_with_all = ["size", "train", "only", "device"])]
     read: Option<PathBuf>,
     #[command(flatten)]
     device: DeviceArgs,

@@ -1,9 +1,9 @@
 //! Writes a dataset folder so that it can be interrupted at any moment and resumed.
 //!
 //! `dataset.toml` and the bank come first, then for every scene its ground truth, its degraded images and, at
-//! last, its lines in the list of triplets: what is listed is there. A run holds its list to its end, so that no other run
-//! makes the same part. Temporary files of runs that were killed are
-//! removed when a run takes the folder up or begins anew, and nobody has changed them for an hour.
+//! last, its lines in the list of triplets; where archives keep the images, the lines of all in one when it has its name.
+//! What is listed is there. A run holds its list to its end, so that no other run makes the same part. Temporary files of
+//! runs that were killed are removed when a run takes the folder up or begins anew, and nobody has changed them for an hour.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

@@ -45,6 +45,7 @@ fn an_archive_holds_the_bytes_that_files_would() {
     succeed(folder, &["info", "packed"]);
     let member = "packed/images-000000.tar/hall_01.r+00.npy";
     succeed(folder, &["restore", member, "--psf", "psf.npy", "--method", "wiener", "-o", "restored.exr"]);
+    fail(folder, &["bench", "--read", "packed", "--device", "cpu"], 2);
     let said = succeed(folder, &["bench", "--read", "packed"]);
     assert!(said.contains("as stored: 20 images") && said.contains("decoded: 20 images"), "{said}");
 }
