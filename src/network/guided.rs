@@ -1,14 +1,14 @@
 //! The guided network: a U-Net that corrects an image which was deconvolved with its PSF.
 //!
 //! # Method
-//! It reads the capture, the deconvolved image, the noise that is left in it and which pixels were saturated, all
-//! tone-mapped, and adds what it makes of them to the deconvolved image. A deconvolution has undone what the PSF explains
+//! It reads the capture, the deconvolved image, the noise that is left in it, which pixels were saturated and how much light
+//! may have come from outside of the frame, all tone-mapped, and adds what it makes of them to the deconvolved image. A deconvolution has undone what the PSF explains
 //! by then, for any panel; what remains looks alike behind all of them: noise, rings around what was clipped, lost
 //! detail.
 //!
-//! The finest features have half the image's sides: a convolution of stride 2 reads all twelve channels, and a pixel
+//! The finest features have half the image's sides: a convolution of stride 2 reads all fifteen channels, and a pixel
 //! shuffle brings the correction back to the full sides. There a pixel of n = 48 features has room for all that is in the
-//! twelve channels of its 2 × 2 pixels, one multiplication reaches twice as far, and a vector of the CPU is full. At full
+//! images of its 2 × 2 pixels, one multiplication reaches twice as far, and a vector of the CPU is full. At full
 //! resolution the same multiplications buy 16 features.
 //!
 //! Three resolutions of n, 4n/3 and 2n features (48, 64 and 96); at each, residual blocks (`x + conv(LeakyReLU(conv(x)))`)
@@ -49,7 +49,7 @@ const SCALES: [Scale; 3] = [
 ];
 
 /// The planes that it reads after the image.
-const PLANES: &[Plane] = &[Plane::Deconvolved, Plane::Noise, Plane::Saturated];
+const PLANES: &[Plane] = &[Plane::Deconvolved, Plane::Noise, Plane::Saturated, Plane::Outside];
 
 /// What the noise is multiplied by: its deviation is some hundredths of white, and weights should not have to grow to tell
 /// one noise from another.
@@ -196,8 +196,9 @@ impl Forward for Layers {
     fn forward(&self, inputs: InputTensors) -> Tensor<4> {
         let deconvolved = inputs.plane(Plane::Deconvolved);
         let noise = inputs.plane(Plane::Noise) * NOISE_SCALE;
-        let saturated = inputs.plane(Plane::Saturated);
-        let mut x = to_layout(Tensor::cat(vec![inputs.image, deconvolved.clone(), noise, saturated], 1));
+        let [saturated, outside] = [Plane::Saturated, Plane::Outside].map(|plane| inputs.plane(plane));
+        let planes = vec![inputs.image, deconvolved.clone(), noise, saturated, outside];
+        let mut x = to_layout(Tensor::cat(planes, 1));
         let mut skips = Vec::with_capacity(self.encoder.len());
         for scale in &self.encoder {
             x = refine(convolution(x, &scale.down, 2, Activation::LeakyRelu), &scale.blocks);
@@ -293,7 +294,7 @@ mod tests {
     #[test]
     fn the_network_fits_its_budget() {
         let architecture = architecture(48);
-        assert_eq!((architecture.parameters(), architecture.macs(800, 800)), (1_311_836, 50_319_360_000));
+        assert_eq!((architecture.parameters(), architecture.macs(800, 800)), (1_313_132, 50_526_720_000));
         assert!(architecture.macs(800, 800) <= 80_000 * 800 * 800);
         assert!(2 * architecture.parameters() < (3 << 20) - (1 << 16));
     }
@@ -301,8 +302,8 @@ mod tests {
     #[test]
     fn what_it_reads_and_costs_is_described() {
         let text = architecture(48).describe();
-        let reads = "reads         image, deconvolved, noise, saturated";
-        for part in ["kind          guided", reads, "78.6 thousand each"] {
+        let reads = "reads         image, deconvolved, noise, saturated, outside";
+        for part in ["kind          guided", reads, "78.9 thousand each"] {
             assert!(text.contains(part), "{text}");
         }
         assert!(!text.contains("code-dim") && !text.contains("filter-size"), "{text}");

@@ -20,11 +20,13 @@ pub enum Plane {
     Noise,
     /// 1 where the capture is saturated, 0 elsewhere.
     Saturated,
+    /// The light that enters from beyond the border where that is as bright as the frame is on average, tone-mapped.
+    Outside,
 }
 
 impl Plane {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Deconvolved, Self::Noise, Self::Saturated];
+    pub const ALL: [Self; 4] = [Self::Deconvolved, Self::Noise, Self::Saturated, Self::Outside];
 
     /// The name in messages and files.
     pub fn name(self) -> &'static str {
@@ -32,6 +34,7 @@ impl Plane {
             Self::Deconvolved => "deconvolved",
             Self::Noise => "noise",
             Self::Saturated => "saturated",
+            Self::Outside => "outside",
         }
     }
 }
@@ -49,8 +52,8 @@ impl Planes {
         self.0.get(&plane)
     }
 
-    /// The plane of a name, without the others.
-    pub fn into_plane(mut self, plane: Plane) -> Option<ToneMappedImage> {
+    /// Takes the plane of a name out.
+    pub fn take(&mut self, plane: Plane) -> Option<ToneMappedImage> {
         self.0.remove(&plane)
     }
 

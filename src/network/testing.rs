@@ -14,7 +14,7 @@ use crate::core::error::Result;
 use crate::core::image::CHANNELS;
 
 /// What it reads, in the order of its first layer.
-pub(crate) const PLANES: &[Plane] = &[Plane::Deconvolved, Plane::Noise, Plane::Saturated];
+pub(crate) const PLANES: &[Plane] = &[Plane::Deconvolved, Plane::Noise, Plane::Saturated, Plane::Outside];
 
 /// A pixel for each convolution, rounded up to a multiple of 4.
 const HALO: usize = 4;
@@ -107,6 +107,6 @@ fn stream(build: &mut StreamBuilder<'_>, _architecture: &Architecture) {
 
 /// Planes that differ from each other, for images of any sides.
 pub(crate) fn planes_of(image: &crate::core::image::ToneMappedImage) -> super::Planes {
-    let scales = [0.7, -0.4, 1.3];
+    let scales = [0.7, -0.4, 1.3, 0.9];
     PLANES.iter().zip(scales).map(|(&plane, scale)| (plane, image.map_values(|v| scale * v * v))).collect()
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::codes::parse_angles;
+use crate::core::bytes::parse_bytes;
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
 use crate::io;
@@ -59,6 +60,8 @@ pub struct Scenes {
     pub margin: usize,
     /// Whether half floats are written.
     pub half: bool,
+    /// The size of the tar archives that keep a dataset's images, as `udc synth --tar` takes it; each has its own file without.
+    pub tar: Option<String>,
     /// Share of the sources that is for testing.
     pub test_fraction: f64,
 }
@@ -72,6 +75,7 @@ impl Default for Scenes {
             size: 512,
             margin: 0,
             half: false,
+            tar: None,
             test_fraction: 0.15,
         }
     }
@@ -153,7 +157,10 @@ impl Study {
     fn check(&self) -> Result<(), String> {
         let angles = parse_angles(&self.rotations.angles).map_err(|error| error.to_string())?.len();
         let Shards { scenes, synth, eval } = self.shards;
-        let Scenes { painted, panoramas, size, test_fraction, .. } = &self.scenes;
+        let Scenes { painted, panoramas, size, test_fraction, tar, .. } = &self.scenes;
+        if let Some(size) = tar {
+            parse_bytes(size).map_err(|error| format!("[scenes] tar: {error}"))?;
+        }
         let faults = [
             (*painted == 0 && panoramas.is_empty(), "[scenes] has neither painted scenes nor panoramas"),
             (*size < 16, "[scenes] size is less than 16 pixels"),
@@ -214,6 +221,7 @@ mod tests {
         for (from, to, expected) in [
             ("painted = 3", "", "neither painted scenes nor panoramas"),
             ("painted", "paintd", "unknown field `paintd`"),
+            ("painted", "tar = \"big\"\npainted", "[scenes] tar"),
             ("a = \"a.toml\"", "", "[panels] names none"),
             ("dim = 1", "dim = 2", "less than the number of angles"),
             ("0,3", "0,3:", "study.toml"),

@@ -14,10 +14,16 @@ use crate::core::tone::ToneCurve;
 /// a little off leave open.
 const MOST_DEVIATIONS: f64 = 3.0;
 
+/// How much brighter than the frame what lies beyond the border may be on average: a correction may take so much light from
+/// the scene, which then came from there.
+const BRIGHTEST_OUTSIDE: f32 = 4.0;
+
 /// What is known of a capture that corrections have to agree with.
 pub(super) struct Guard<'a> {
     pub(super) capture: &'a LinearImage,
     pub(super) psf: &'a Psf,
+    /// [`Plane::Outside`](crate::network::Plane::Outside) of the capture, if it was made.
+    pub(super) outside: Option<&'a ToneMappedImage>,
     pub(super) border: Border,
     pub(super) curve: ToneCurve,
     pub(super) saturation: [f32; CHANNELS],
@@ -30,8 +36,9 @@ impl Guard<'_> {
     ///
     /// # Equation
     /// `d + ρ·t·(r − d)` in the tone-mapped domain, `t = min(1, 3σ/q)` for each channel, q the root mean square over the
-    /// unsaturated pixels of `A(r − d)/(y + α)` in linear light: a correction within the noise is believed as a whole, one
-    /// that contradicts a capture without noise is not.
+    /// unsaturated pixels of `max(|A(r − d)| − 4o, 0)/(y + α)` in linear light, o the light that would come from outside if
+    /// that were as bright as the frame: a correction within the noise is believed as a whole, one that contradicts a capture
+    /// without noise is not, unless light from beyond the border explains it.
     ///
     /// # Errors
     /// Never for images of one size.
@@ -82,13 +89,17 @@ impl Guard<'_> {
         Ok(moved)
     }
 
-    /// The root mean square of a plane over `y + α`, where the capture y is not saturated.
+    /// The root mean square over `y + α` of what light from outside leaves of a plane, where the capture y is not saturated.
     fn relative_norm(&self, plane: &Array2<f32>, channel: usize) -> f64 {
         let from = saturated_from(self.saturation[channel]);
+        let outside = self.outside.map(|outside| outside.channel(channel));
         let (mut sum, mut count) = (0.0, 0_u32);
-        for (value, y) in plane.iter().zip(self.capture.channel(channel)) {
+        for ((at, value), y) in plane.indexed_iter().zip(self.capture.channel(channel)) {
             if *y < from {
-                sum += f64::from(value / (y.max(0.0) + self.curve.alpha)).powi(2);
+                let explained =
+                    outside.map_or(0.0, |outside| BRIGHTEST_OUTSIDE * self.curve.expand(outside[at]));
+                let left = (value.abs() - explained).max(0.0);
+                sum += f64::from(left / (y.max(0.0) + self.curve.alpha)).powi(2);
                 count += 1;
             }
         }
@@ -103,7 +114,15 @@ mod tests {
 
     fn guard<'a>(capture: &'a LinearImage, psf: &'a Psf, noise: f32) -> Guard<'a> {
         let curve = ToneCurve { alpha: 0.25, x_max: 4.0 };
-        Guard { capture, psf, border: Border::Zero, curve, saturation: [4.0; 3], noise: [noise; 3] }
+        Guard {
+            capture,
+            psf,
+            outside: None,
+            border: Border::Zero,
+            curve,
+            saturation: [4.0; 3],
+            noise: [noise; 3],
+        }
     }
 
     /// A network that adds a hundredth to everything.
@@ -123,6 +142,23 @@ mod tests {
         assert!((after - before - 0.01).abs() < 1e-6, "{before} {after}");
         let (before, after) = refined(1e-4, 1.0);
         assert!((after - before).abs() < 2e-4, "{before} {after}");
+    }
+
+    /// Without noise, a correction of a hundredth is believed where that may have come from outside, and there alone.
+    #[test]
+    fn a_correction_that_light_from_outside_explains_is_taken() {
+        let capture = LinearImage::from_planes(Array3::from_elem((3, 16, 16), 0.5)).unwrap();
+        let psf = Psf::from_energy(Array3::ones((3, 1, 1))).unwrap();
+        let deconvolved = guard(&capture, &psf, 0.0).curve.tone_map(&capture);
+        let taken = |light: f32| {
+            let outside = deconvolved.map_values(|_| light);
+            let guard =
+                Guard { outside: Some(&outside), border: Border::Smooth, ..guard(&capture, &psf, 1e-6) };
+            let refined = guard.refine(&deconvolved, deconvolved.map_values(|v| v - 0.01), 1.0).unwrap();
+            deconvolved.as_slice()[0] - refined.as_slice()[0]
+        };
+        assert!((taken(0.1) - 0.01).abs() < 1e-6, "{}", taken(0.1));
+        assert!(taken(0.0) < 1e-4, "{}", taken(0.0));
     }
 
     #[test]

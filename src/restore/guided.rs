@@ -74,13 +74,17 @@ impl Restoration {
         let options = self.guided_options();
         let light = options.filter(|options| options.true_highlights).map(|_| solution.scene.clone());
         let noise = solution.relative_noise;
-        let planes = planes_of(model.architecture().planes(), &image, Some(solution), &planes)?;
+        let mut planes = planes_of(model.architecture().planes(), (&image, psf), Some(solution), &planes)?;
         let tone_mapped = curve.tone_map(&image);
         let (conditioning, angle) = self.conditioning(model, &tone_mapped, saturation, progress)?;
         let operator = NetworkOperator::new(model).told(conditioning)?.with_planes(&planes);
         let mut restored = restore_windows(&tone_mapped, plan, operator, progress)?;
-        if let (Some(options), Some(deconvolved)) = (options, planes.into_plane(Plane::Deconvolved)) {
-            let guard = Guard { capture: &image, psf, border: self.border(), curve, saturation, noise };
+        let [deconvolved, outside] = [Plane::Deconvolved, Plane::Outside].map(|plane| planes.take(plane));
+        drop(planes);
+        if let (Some(options), Some(deconvolved)) = (options, deconvolved) {
+            let outside = outside.as_ref();
+            let guard =
+                Guard { capture: &image, psf, outside, border: self.border(), curve, saturation, noise };
             restored = guard.refine(&deconvolved, restored, options.refine)?;
         }
         let level = saturation.map(|white| curve.compress(saturated_from(white)));

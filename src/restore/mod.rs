@@ -15,6 +15,7 @@ mod levels;
 mod memory;
 mod network;
 mod notice;
+mod outside;
 mod planes;
 mod pose;
 mod precision;

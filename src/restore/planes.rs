@@ -3,6 +3,7 @@
 use ndarray::{Array3, Axis, Zip};
 
 use super::deconvolution::{Border, DeconvolutionConfig, Method, NoiseCurve, Solution, solve};
+use super::outside::light_from_outside;
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
@@ -66,13 +67,13 @@ pub fn make_planes(
     } else {
         None
     };
-    planes_of(wanted, capture, solution, config)
+    planes_of(wanted, (capture, psf), solution, config)
 }
 
 /// The planes of a capture whose scene has been solved for, where that is needed.
 pub(super) fn planes_of(
     wanted: &[Plane],
-    capture: &LinearImage,
+    (capture, psf): (&LinearImage, &Psf),
     solution: Option<Solution>,
     config: &PlaneConfig,
 ) -> Result<Planes> {
@@ -91,6 +92,9 @@ pub(super) fn planes_of(
     }
     if wanted.contains(&Plane::Saturated) {
         planes.push((Plane::Saturated, saturated(capture, config.saturation)?));
+    }
+    if wanted.contains(&Plane::Outside) {
+        planes.push((Plane::Outside, light_from_outside(capture, psf, config.border, config.curve)?));
     }
     Ok(planes.into_iter().collect())
 }

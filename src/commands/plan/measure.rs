@@ -238,6 +238,7 @@ impl<'a> Laboratory<'a> {
         args.extend(["--bank".to_owned(), self.path("bank.safetensors"), "-o".to_owned(), self.path(output)]);
         args.extend(words("--test-fraction 0.5"));
         args.extend(self.study.scenes.half.then(|| "--half".to_owned()));
+        args.extend(self.study.scenes.tar.iter().flat_map(|size| ["--tar".to_owned(), size.clone()]));
         Ok(args)
     }
 
