@@ -5,7 +5,7 @@ use std::ffi::OsStr;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Command};
 
-use udc::dataset::Split;
+use udc::dataset::{NoiseConfig, Split};
 use udc::experiment::RestorationMethod;
 use udc::io::DomainTag;
 use udc::restore::deconvolution::Method;
@@ -131,6 +131,11 @@ impl<T: Copy + Send + Sync> TypedValueParser for Choices<T> {
     fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
         Some(Box::new(self.possible()))
     }
+}
+
+/// Reads noise as flags name it; an error says all that is known of it.
+pub(super) fn parse_noise(text: &str) -> Result<NoiseConfig, String> {
+    NoiseConfig::parse(text).map_err(|error| format!("{:#}", anyhow::Error::from(error)))
 }
 
 #[cfg(test)]

@@ -194,6 +194,9 @@ impl EvalArgs {
         let roots = if self.dataset.is_empty() { &self.data } else { &self.dataset };
         let open = |root: &PathBuf| Ok((name_among(roots, root), Dataset::open(root)?));
         let datasets = roots.iter().map(open).collect::<Result<Vec<_>>>()?;
+        for (_, dataset) in &datasets {
+            session.warn_of_unfinished(dataset)?;
+        }
         let candidates = self.candidates(session)?;
         let config = self.config(measuring);
         let experiment = Experiment::new(&datasets, &candidates, &config, listener)?;

@@ -45,14 +45,15 @@ pub(crate) struct PoseArgs {
     /// Irradiance that the tone mapping maps to one half
     #[arg(long, value_name = "A", default_value_t = ToneCurve::default().alpha)]
     alpha: f32,
-    /// Irradiance at which the captures saturate, at most
-    #[arg(long, value_name = "X", default_value_t = ToneCurve::default().x_max)]
-    x_max: f32,
+    /// Irradiance at which the captures saturate, at most [default: what the file says, else the value that the brightest
+    /// pixels share]
+    #[arg(long, value_name = "X")]
+    x_max: Option<f32>,
 }
 
 impl PoseArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let curve = ToneCurve::new(self.alpha, self.x_max)?;
+        let curve = ToneCurve::new(self.alpha, self.x_max.unwrap_or(ToneCurve::default().x_max))?;
         let files = expand_inputs(&self.inputs)?;
         check_output(&self.output, session.overwrite)?;
         let psf = self.psf_file.read(&self.psf, session)?;
@@ -71,10 +72,10 @@ impl PoseArgs {
             bar.iter().for_each(|bar| bar.inc(1));
         }
         let Some(pose) = Pose::of_estimates(&psf, &estimates) else {
+            let at = self.x_max.map_or(String::new(), |x_max| format!(" at --x-max {x_max}"));
             bail!(
-                "no capture tells the pose: there are no lamps with strong flare in view at --x-max {}, or the panel is turned \
-                 by more than 1 degree; take one of a bright lamp",
-                self.x_max
+                "no capture tells the pose: there are no lamps with strong flare in view{at}, or the panel is turned by more than \
+                 1 degree; take one of a bright lamp"
             );
         };
         write_pose(&self.output, &pose, session.overwrite)?;
@@ -100,8 +101,8 @@ impl PoseArgs {
         let told = Told { domain: self.domain, ..Told::default() };
         let (capture, warnings) = Capture::open(file, &told, &session.progress)?;
         warnings.iter().for_each(|warning| session.warn(warning));
-        let config = PoseConfig::of_capture(capture.info.as_ref(), curve);
         let image = capture.image.into_linear(curve);
+        let config = PoseConfig::of_capture(capture.info.as_ref(), &image, (self.alpha, self.x_max));
         let find = || find_pose(&image, psf, &config, &session.progress);
         Ok(session.timed(format_args!("finding the pose in {}", file.display()), find)?)
     }

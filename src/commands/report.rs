@@ -41,6 +41,7 @@ pub(crate) struct ReportArgs {
 
 impl ReportArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        io::check_extension(&self.output, "html")?;
         io::check_output(&self.output, session.overwrite)?;
         let bar = session.progress.bar(self.inputs.len() as u64, "inputs");
         let (mut psfs, mut sections, mut origins) = (Vec::new(), Vec::new(), Vec::new());

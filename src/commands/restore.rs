@@ -28,7 +28,7 @@ use udc::restore::{
 };
 
 use super::bracket::BracketArgs;
-use super::choices::{Choices, DOMAINS, HIGHLIGHTS, OUTPUT_DOMAINS, PRECISIONS};
+use super::choices::{Choices, DOMAINS, HIGHLIGHTS, OUTPUT_DOMAINS, PRECISIONS, parse_noise};
 use super::device::DeviceArgs;
 use super::dry_run::DryRunArgs;
 use super::layer::LayerArgs;
@@ -87,7 +87,7 @@ pub(crate) struct RestoreArgs {
     pose: Option<PoseSource>,
     /// The captures' noise, as `udc synth` takes it: none, gaussian:SIGMA, sensor, sensor:FILE (guided, joint) [default: as it is
     /// estimated from each capture]
-    #[arg(long, value_name = "NOISE", value_parser = NoiseConfig::parse)]
+    #[arg(long, value_name = "NOISE", value_parser = parse_noise)]
     noise: Option<NoiseConfig>,
     #[command(flatten)]
     method: MethodArgs,
@@ -127,7 +127,7 @@ pub(crate) struct RestoreArgs {
     /// Arithmetic precision of the network
     #[arg(long, value_name = "PRECISION", value_parser = PRECISIONS, default_value = "f32", conflicts_with = "method")]
     precision: Precision,
-    /// Side of the tiles, a multiple of 4 (of 16 for de-unet) [default: chosen by --max-memory]
+    /// Side of the tiles, a multiple of 4 (of 8 for guided, of 16 for de-unet) [default: chosen by --max-memory]
     #[arg(long, value_name = "N", conflicts_with = "method")]
     tile: Option<usize>,
     #[command(flatten)]

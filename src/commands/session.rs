@@ -12,6 +12,7 @@ use serde_json::{Map, Value};
 use udc::batch::{Watcher, timed};
 use udc::core::event::Event;
 use udc::core::progress::{Progress, Reporter};
+use udc::dataset::Dataset;
 use udc::restore::Notice;
 
 use super::events::Events;
@@ -148,6 +149,14 @@ impl Session {
     }
 
     /// Warns on stderr, unless `--quiet`, and tells scripts.
+    /// Warns of a dataset whose synthesis did not come to its end.
+    pub(crate) fn warn_of_unfinished(&self, dataset: &Dataset) -> Result<()> {
+        if let Some(what) = dataset.unfinished()? {
+            self.warn(format_args!("{what}; finish it with the flags of its `udc synth` and --resume"));
+        }
+        Ok(())
+    }
+
     pub(crate) fn warn(&self, text: impl Display) {
         if let Some(events) = &self.events {
             let message = text.to_string();

@@ -89,6 +89,7 @@ impl SweepArgs {
             shard: self.shard,
         };
         let dataset = Dataset::open(&self.data)?;
+        session.warn_of_unfinished(&dataset)?;
         let warn = |text: &str| session.warn(text);
         let listener = Listener { progress: &session.progress, warn: &warn };
         let sweep = Sweep::new(&config, &dataset, &self.output, listener)?;

@@ -91,6 +91,7 @@ impl TrainArgs {
         let made = self.psf.as_deref().map(|psf| self.make_examples(psf, session)).transpose()?;
         let data = made.as_deref().or(self.data.as_deref()).expect("one of --data and --psf is required");
         let set = TrainingSet::open(data, self.bank.as_deref(), &config)?;
+        set.dataset().map_or(Ok(()), |dataset| session.warn_of_unfinished(dataset))?;
         session.detail(format!("{} parameters", config.architecture.parameters()));
         let training = Training {
             config: &config,

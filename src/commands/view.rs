@@ -61,6 +61,7 @@ struct Found {
 impl ViewArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         if let Some(output) = &self.output {
+            io::check_extension(output, "html")?;
             io::check_output(output, session.overwrite)?;
         }
         let found = self.read(session)?;

@@ -81,11 +81,26 @@ impl DatasetConfig {
     }
 }
 
+/// How the name of a mark ends that a list is being written.
+const BEGUN: &str = ".begun";
+
+/// What was added, the part from 1 and the number of parts, of a list's name without "triplets" and extension.
+fn part_of(stem: &str) -> (&str, usize, usize) {
+    let numbers = || {
+        let (rest, count) = stem.rsplit_once("-of-")?;
+        let (added, part) = rest.rsplit_once('-')?;
+        Some((added, part.parse().ok()?, count.parse().ok()?))
+    };
+    numbers().unwrap_or((stem, 1, 1))
+}
+
 /// The files that list a dataset's triplets: `triplets.jsonl`, or one for each shard.
 #[derive(Clone, Debug)]
 pub struct TripletFiles {
     root: PathBuf,
     names: Vec<String>,
+    /// Lists whose runs have not come to their ends.
+    begun: BTreeSet<String>,
 }
 
 impl TripletFiles {
@@ -94,11 +109,45 @@ impl TripletFiles {
     /// # Errors
     /// [`Error::Io`] when the folder cannot be listed.
     pub fn find(root: &Path) -> Result<Self> {
-        let names = io::list_folder(root)?
-            .into_iter()
-            .filter(|name| name.starts_with("triplets") && name.ends_with(".jsonl"))
-            .collect();
-        Ok(Self { root: root.to_owned(), names })
+        let found = io::list_folder(root)?;
+        let is_list = |name: &str| name.starts_with("triplets") && name.ends_with(".jsonl");
+        let begun_list = |name: &String| Some(name.strip_prefix('.')?.strip_suffix(BEGUN)?.to_owned());
+        let begun = found.iter().filter_map(begun_list).filter(|name| is_list(name)).collect();
+        let names = found.into_iter().filter(|name| is_list(name)).collect();
+        Ok(Self { root: root.to_owned(), names, begun })
+    }
+
+    /// The mark beside a list that it is being written: there from the beginning of a run to its end, so that it stays behind
+    /// one that was stopped or killed.
+    pub fn mark_of(list: &Path) -> PathBuf {
+        let name = list.file_name().unwrap_or_default().to_string_lossy();
+        list.with_file_name(format!(".{name}{BEGUN}"))
+    }
+
+    /// What is missing of the synthesis: lists that are not there, and those of runs that have not come to their ends. Nothing
+    /// where one division into shards is whole, whatever other runs left.
+    pub fn unfinished(&self) -> Vec<String> {
+        // By what was added and the number of parts: the lists that are there, those that are finished among them.
+        let mut divisions: BTreeMap<&str, BTreeMap<usize, BTreeMap<usize, &str>>> = BTreeMap::new();
+        for name in &self.names {
+            let stem = name.trim_start_matches("triplets").trim_end_matches(".jsonl");
+            let (added, part, count) = part_of(stem);
+            divisions.entry(added).or_default().entry(count).or_default().insert(part, name);
+        }
+        let lacks_of = |(added, divisions): (&&str, &BTreeMap<usize, BTreeMap<usize, &str>>)| {
+            let lacks = |(&count, lists): (&usize, &BTreeMap<usize, &str>)| -> Vec<String> {
+                let lack = |part| match lists.get(&part) {
+                    None => Some(format!("triplets{added}-{part:05}-of-{count:05}.jsonl is not there")),
+                    Some(name) => self
+                        .begun
+                        .contains(*name)
+                        .then(|| format!("the run that writes {name} has not ended")),
+                };
+                (1..=count).filter_map(lack).collect()
+            };
+            divisions.iter().map(lacks).min_by_key(Vec::len).unwrap_or_default()
+        };
+        divisions.iter().flat_map(lacks_of).collect()
     }
 
     /// The name of the list that shard `index` (from 0) of `count` writes; a split that is `added` to a dataset has

@@ -151,6 +151,20 @@ impl Dataset {
         Ok(dataset)
     }
 
+    /// What is missing of the synthesis, in words for a warning; nothing of the published dataset.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the folder cannot be listed.
+    pub fn unfinished(&self) -> Result<Option<String>> {
+        if self.config.is_none() {
+            return Ok(None);
+        }
+        let lacks = TripletFiles::find(&self.root)?.unfinished();
+        let Some(first) = lacks.first() else { return Ok(None) };
+        let more = if lacks.len() > 1 { format!(", and {} more", lacks.len() - 1) } else { String::new() };
+        Ok(Some(format!("{} is not finished: {first}{more}", self.root.display())))
+    }
+
     /// Refuses to form images anew where one PSF stands for a field of them.
     ///
     /// # Errors

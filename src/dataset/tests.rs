@@ -175,3 +175,23 @@ fn says_that_a_folder_is_no_dataset() {
     assert!(message(Dataset::open(folder.path())).contains("is no dataset"));
     assert!(message(Dataset::open(&folder.path().join("missing"))).contains("no such dataset folder"));
 }
+
+#[test]
+fn a_division_that_is_whole_makes_up_for_what_others_left() {
+    let scratch = tempfile::tempdir().unwrap();
+    let root = scratch.path();
+    let lacks = || TripletFiles::find(root).unwrap().unfinished();
+    let make = |name: &str| fs::write(root.join(name), "").unwrap();
+    let begun = |name: &str| fs::write(TripletFiles::mark_of(&root.join(name)), "").unwrap();
+    make("triplets-00001-of-00002.jsonl");
+    assert_eq!(lacks(), ["triplets-00002-of-00002.jsonl is not there"]);
+    make("triplets-00002-of-00002.jsonl");
+    assert!(lacks().is_empty());
+    begun("triplets-00002-of-00002.jsonl");
+    assert_eq!(lacks(), ["the run that writes triplets-00002-of-00002.jsonl has not ended"]);
+    make("triplets.jsonl");
+    assert!(lacks().is_empty(), "one process went on with it");
+    make("triplets-val-00003-of-00003.jsonl");
+    let expected = [1, 2].map(|part| format!("triplets-val-{part:05}-of-00003.jsonl is not there"));
+    assert_eq!(lacks(), expected);
+}

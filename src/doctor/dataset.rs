@@ -42,6 +42,10 @@ pub(super) fn look(
     let folders = folders_of(&dataset);
     let all: Vec<_> = folders.iter().map(|folder| root.join(folder)).collect();
     tell_of_unfinished(root, &all, findings);
+    if let Some(what) = dataset.unfinished()? {
+        let mend = "finish it with the flags of its `udc synth` and --resume";
+        findings.warn(&about, "dataset-unfinished", what, mend);
+    }
     tell_of_gaps(&about, &dataset, findings);
     tell_of_unlisted(&about, &dataset, &folders, findings);
     tell_of_splits(&about, &dataset, findings);

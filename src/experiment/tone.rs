@@ -1,7 +1,7 @@
 //! Finds the tone curve that two folders of images are to be compared under: as their files say.
 //!
-//! An EXR of `udc restore`, `udc tonemap` or `udc synth` says it in its provenance, and files of a dataset's folder that say
-//! nothing themselves by the dataset's `dataset.toml`.
+//! An EXR of `udc restore`, `udc tonemap` or `udc synth` says it in its provenance, that of a capture also where it clips, and
+//! files of a dataset's folder that say nothing themselves by the dataset's `dataset.toml`.
 
 use std::path::{Path, PathBuf};
 
@@ -85,7 +85,7 @@ impl ToneSource {
         let mut first: Option<(&Path, ToneCurve)> = None;
         for path in pairs.iter().flat_map(|pair| [&pair.restored, &pair.ground_truth]) {
             let Some(curve) = curve_of_file(path, io::read_provenance(path)?.as_ref())? else { continue };
-            let curve = given(curve)?;
+            let curve = given(below_saturation(curve, path)?)?;
             match first {
                 Some((other, known)) if known != curve => {
                     return Err(disagreement((other, known), (path, curve)));
@@ -140,6 +140,13 @@ fn curve_of_provenance(provenance: &Provenance) -> Option<ToneCurve> {
         command if WITH_TONE.contains(&command) => serde_json::from_value(config.get("tone")?.clone()).ok(),
         _ => None,
     }
+}
+
+/// The curve without light that the capture could not hold, whatever the restoration was told.
+fn below_saturation(curve: ToneCurve, path: &Path) -> Result<ToneCurve> {
+    let saturation = io::read_capture_info(path)?.and_then(|info| info.saturation);
+    let most = saturation.map(|levels| levels.into_iter().fold(0.0, f32::max));
+    Ok(ToneCurve { x_max: most.map_or(curve.x_max, |most| curve.x_max.min(most)), ..curve })
 }
 
 fn curve_of_dataset(path: &Path) -> Result<Option<ToneCurve>> {

@@ -20,6 +20,9 @@ pub struct DatasetDescription {
     pub formation: FormationConfig,
     /// Number of captures without ground truth.
     pub real_captures: usize,
+    /// What is missing of the synthesis.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unfinished: Option<String>,
     /// What each split holds, by its name.
     pub splits: BTreeMap<&'static str, SplitDescription>,
 }
@@ -55,6 +58,7 @@ impl DatasetDescription {
             has_psfs: dataset.bank.is_some(),
             code_dim: dataset.code_dim(),
             real_captures: dataset.real_captures.len(),
+            unfinished: dataset.unfinished()?,
             formation: dataset.formation,
         })
     }
@@ -94,6 +98,9 @@ impl fmt::Display for DatasetDescription {
         }
         writeln!(f, "  codes of  {} numbers", self.code_dim)?;
         writeln!(f, "  PSFs      {}", if self.has_psfs { "in the bank" } else { "not distributed" })?;
+        if let Some(what) = &self.unfinished {
+            writeln!(f, "  warning   {what}")?;
+        }
         if self.real_captures > 0 {
             writeln!(f, "  captures  {} without ground truth", self.real_captures)?;
         }

@@ -114,7 +114,7 @@ impl fmt::Display for RunDescription {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "training run, iteration {} of {}", self.iteration, self.iterations)?;
         for (name, value) in self.last.iter().filter(|(name, _)| *name != "iteration") {
-            writeln!(f, "  {name:<14}{value}")?;
+            writeln!(f, "  {name:<17} {value}")?;
         }
         match &self.model {
             Some(model) => model.fmt(f),

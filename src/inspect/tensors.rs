@@ -103,7 +103,8 @@ impl BankDescription {
         )?;
         let shares: Vec<String> =
             self.explained_share.iter().map(|share| format!("{:.2} %", share * 100.0)).collect();
-        let sum: f64 = self.explained_share.iter().sum();
+        // A bank of one PSF has none, and the sum of nothing is −0.
+        let sum = self.explained_share.iter().fold(0.0, |sum, share| sum + share);
         writeln!(text, "  variance  {} ({:.2} % together)", shares.join(", "), sum * 100.0)?;
         for (index, code) in self.codes.iter().enumerate() {
             let name = match &self.angles_deg {

@@ -136,8 +136,11 @@ pub fn check_output(path: &Path, overwrite: bool) -> Result<()> {
     if folder.is_dir() {
         return Ok(());
     }
-    let reason = format!("the folder {} does not exist; create it", folder.display());
-    Err(create_error(path, io::ErrorKind::NotFound, reason))
+    let (kind, what) = match folder.symlink_metadata() {
+        Ok(_) => (io::ErrorKind::NotADirectory, "is not a folder; name another"),
+        Err(_) => (io::ErrorKind::NotFound, "does not exist; create it"),
+    };
+    Err(create_error(path, kind, format!("the folder {} {what}", folder.display())))
 }
 
 fn exists(path: &Path) -> Error {

@@ -13,7 +13,14 @@ use crate::core::error::{Error, Result};
 /// # Errors
 /// [`Error::Io`] when it cannot be made, as when a file of its name is there.
 pub fn create_folder(folder: &Path) -> Result<()> {
-    fs::create_dir_all(folder).map_err(|source| Error::io("create", folder, source))
+    fs::create_dir_all(folder).map_err(|source| match source.kind() {
+        // Of the folder's name, or above it.
+        ErrorKind::AlreadyExists | ErrorKind::NotADirectory => {
+            let reason = "a file is in its place; name another folder, or move the file away";
+            Error::io("create", folder, std::io::Error::new(source.kind(), reason))
+        }
+        _ => Error::io("create", folder, source),
+    })
 }
 
 /// Waits until no other process holds a folder, and holds it until the returned file is dropped, or the process ends.

@@ -19,9 +19,14 @@ const LONGEST_CODE: usize = 4096;
 /// Reads a whole text file, without the byte order mark that some editors put before it.
 ///
 /// # Errors
-/// [`Error::Io`] when the file cannot be read or is not UTF-8.
+/// [`Error::Io`] when the file cannot be read; [`Error::Format`] when it is not UTF-8.
 pub fn read_text(path: &Path) -> Result<String> {
-    let mut text = fs::read_to_string(path).map_err(|error| Error::io("read", path, error))?;
+    let mut text = fs::read_to_string(path).map_err(|error| match error.kind() {
+        ErrorKind::InvalidData => {
+            Error::format(path, "is not a text file (UTF-8); name the one that is meant")
+        }
+        _ => Error::io("read", path, error),
+    })?;
     if text.starts_with('\u{feff}') {
         text.remove(0);
     }

@@ -118,7 +118,7 @@ fn check_told_domain(path: &Path, declared: Option<DomainTag>, told: DomainTag) 
     };
     let reason = format!(
         "holds {found} values where {told} ones are needed, as the file itself says: leave out the flag that says {told} \
-         (--domain){else_by}"
+         (as --domain or --psf-domain){else_by}"
     );
     Err(Error::format(path, reason))
 }

@@ -35,7 +35,8 @@ impl Guard<'_> {
     /// Takes as much of the correction from `deconvolved` to `restored` as the capture allows, and of that the part `refine`.
     ///
     /// # Equation
-    /// `d + ρ·t·(r − d)` in the tone-mapped domain, `t = min(1, 3σ/q)` for each channel, q the root mean square over the
+    /// `d + ρ·t·(r − d)` in the tone-mapped domain, `t = min(1, 3σ/q)` for each channel, σ the standard deviation of the noise,
+    /// or where nothing comes from outside the root mean square of `(y − A d)/(y + α)` if that is less, q that over the
     /// unsaturated pixels of `max(|A(r − d)| − 4o, 0)/(y + α)` in linear light, o the light that would come from outside if
     /// that were as bright as the frame: a correction within the noise is believed as a whole, one that contradicts a capture
     /// without noise is not, unless light from beyond the border explains it.
@@ -48,10 +49,16 @@ impl Guard<'_> {
         restored: ToneMappedImage,
         refine: f32,
     ) -> Result<ToneMappedImage> {
-        let moved = self.moved(deconvolved, &restored)?;
+        let moved = self.norms(|channel, y, out| {
+            let [restored, deconvolved] = [&restored, deconvolved].map(|image| image.channel(channel));
+            for ((out, r), d) in out.iter_mut().zip(restored.row(y)).zip(deconvolved.row(y)) {
+                *out = self.curve.expand(*r) - self.curve.expand(*d);
+            }
+        })?;
+        let noise = self.unexplained(deconvolved)?;
         let mut planes = restored.into_planes();
-        for (channel, (moved, noise)) in moved.into_iter().zip(self.noise).enumerate() {
-            let allowed = MOST_DEVIATIONS * f64::from(noise);
+        for (channel, (moved, noise)) in moved.into_iter().zip(noise).enumerate() {
+            let allowed = MOST_DEVIATIONS * noise;
             #[expect(clippy::cast_possible_truncation, reason = "a share")]
             let share = refine * (allowed / moved.max(f64::MIN_POSITIVE)).min(1.0) as f32;
             let deconvolved = deconvolved.channel(channel);
@@ -63,30 +70,55 @@ impl Guard<'_> {
         ToneMappedImage::from_planes(planes)
     }
 
-    /// q of each channel.
-    fn moved(&self, deconvolved: &ToneMappedImage, restored: &ToneMappedImage) -> Result<[f64; CHANNELS]> {
+    /// The noise, or what is less: what the deconvolved image leaves of the capture, where all of its light is in the image.
+    fn unexplained(&self, deconvolved: &ToneMappedImage) -> Result<[f64; CHANNELS]> {
+        let mut unexplained = self.noise.map(f64::from);
+        if self.border != Border::Smooth {
+            let light = |channel: usize, y: usize, out: &mut [f32]| {
+                for (out, d) in out.iter_mut().zip(deconvolved.channel(channel).row(y)) {
+                    *out = self.curve.expand(*d);
+                }
+            };
+            self.blur(light, |channel, blurred| {
+                let left = self.relative_norm(&(blurred - &self.capture.channel(channel)), channel);
+                unexplained[channel] = unexplained[channel].min(left);
+            })?;
+        }
+        Ok(unexplained)
+    }
+
+    /// The norm of each channel of what is made row by row, once it is blurred.
+    fn norms(&self, light: impl Fn(usize, usize, &mut [f32]) + Sync) -> Result<[f64; CHANNELS]> {
+        let mut norms = [0.0; CHANNELS];
+        self.blur(light, |channel, blurred| norms[channel] = self.relative_norm(blurred, channel))?;
+        Ok(norms)
+    }
+
+    /// Blurs each channel of what is made row by row.
+    fn blur(
+        &self,
+        light: impl Fn(usize, usize, &mut [f32]) + Sync,
+        mut each: impl FnMut(usize, &Array2<f32>),
+    ) -> Result<()> {
         let boundary = match self.border {
             Border::Periodic => Boundary::Periodic,
             // Beyond the border nothing is corrected.
             Border::Zero | Border::Smooth => Boundary::Zero,
         };
-        let size = [restored.height(), restored.width()];
+        let size = [self.capture.height(), self.capture.width()];
         let of_psf = [self.psf.height(), self.psf.width()];
         let operator = PlaneOperator::new(size, of_psf, boundary, TransformPrecision::Single);
         let mut blurred = Array2::zeros(size);
-        let mut moved = [0.0; CHANNELS];
-        for (channel, moved) in moved.iter_mut().enumerate() {
+        for channel in 0..CHANNELS {
             let otf = operator.transfer_function(self.psf.channel(channel), |k| k)?;
-            let (restored, deconvolved) = (restored.channel(channel), deconvolved.channel(channel));
-            let difference = |y: usize, out: &mut [f32]| {
-                for ((out, r), d) in out.iter_mut().zip(restored.row(y)).zip(deconvolved.row(y)) {
-                    *out = self.curve.expand(*r) - self.curve.expand(*d);
-                }
-            };
-            operator.convolve(&otf, (size[0], difference), &mut blurred);
-            *moved = self.relative_norm(&blurred, channel);
+            operator.convolve(
+                &otf,
+                (size[0], |y: usize, out: &mut [f32]| light(channel, y, out)),
+                &mut blurred,
+            );
+            each(channel, &blurred);
         }
-        Ok(moved)
+        Ok(())
     }
 
     /// The root mean square over `y + α` of what light from outside leaves of a plane, where the capture y is not saturated.
@@ -125,12 +157,14 @@ mod tests {
         }
     }
 
-    /// A network that adds a hundredth to everything.
-    fn refined(noise: f32, refine: f32) -> (f32, f32) {
-        let capture = LinearImage::from_planes(Array3::from_elem((3, 16, 16), 0.5)).unwrap();
+    /// A network that adds a hundredth to everything, after a capture whose noise is estimated.
+    fn refined([noise, estimated]: [f32; 2], refine: f32) -> (f32, f32) {
+        // Noise of that deviation relative to y + α, around an even scene.
+        let value = |(_, y, x)| 0.5 + 0.75 * if (x + y) % 2 == 0 { noise } else { -noise };
+        let capture = LinearImage::from_planes(Array3::from_shape_fn((3, 16, 16), value)).unwrap();
         let psf = Psf::from_energy(Array3::ones((3, 1, 1))).unwrap();
-        let guard = guard(&capture, &psf, noise);
-        let deconvolved = guard.curve.tone_map(&capture);
+        let guard = guard(&capture, &psf, estimated);
+        let deconvolved = guard.curve.tone_map(&capture.map_values(|_| 0.5));
         let restored = deconvolved.map_values(|v| v + 0.01);
         let refined = guard.refine(&deconvolved, restored, refine).unwrap();
         (deconvolved.as_slice()[0], refined.as_slice()[0])
@@ -138,9 +172,15 @@ mod tests {
 
     #[test]
     fn a_correction_within_the_noise_is_taken_and_one_that_contradicts_the_capture_is_not() {
-        let (before, after) = refined(0.05, 1.0);
+        let (before, after) = refined([0.05; 2], 1.0);
         assert!((after - before - 0.01).abs() < 1e-6, "{before} {after}");
-        let (before, after) = refined(1e-4, 1.0);
+        let (before, after) = refined([1e-4; 2], 1.0);
+        assert!((after - before).abs() < 2e-4, "{before} {after}");
+    }
+
+    #[test]
+    fn noise_that_is_estimated_too_large_allows_no_more_than_the_capture_has() {
+        let (before, after) = refined([1e-4, 0.05], 1.0);
         assert!((after - before).abs() < 2e-4, "{before} {after}");
     }
 
@@ -163,9 +203,9 @@ mod tests {
 
     #[test]
     fn half_of_a_correction_is_half_of_it_and_none_is_the_deconvolution() {
-        let (before, after) = refined(0.05, 0.5);
+        let (before, after) = refined([0.05; 2], 0.5);
         assert!((after - before - 0.005).abs() < 1e-6, "{before} {after}");
-        let (before, after) = refined(0.05, 0.0);
+        let (before, after) = refined([0.05; 2], 0.0);
         assert_eq!(before, after);
     }
 }

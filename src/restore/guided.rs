@@ -14,7 +14,7 @@ use super::levels::{find_levels, suited_curve};
 use super::memory::MemoryPlan;
 use super::network::NetworkOperator;
 use super::planes::{PlaneConfig, planes_of};
-use super::restoration::{Restoration, psf_of, restore_windows};
+use super::restoration::{Restoration, psf_of, restore_windows, with_levels};
 use super::{Pose, PoseConfig, PoseEstimate, find_pose};
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage};
@@ -96,6 +96,8 @@ impl Restoration {
             None if curve != told => AnyImage::Linear(curve.inverse_tone_map(&restored)),
             None => AnyImage::ToneMapped(restored),
         };
+        let clips = found.filter(|_| !options.is_some_and(|options| options.true_highlights));
+        let info = with_levels(info, clips);
         Ok(Restored { image, info, angle, curve: told, lamps, levels: found, doubted_levels: None, pose })
     }
 
@@ -131,6 +133,7 @@ impl Restoration {
         let usual = self.curve().x_max;
         let finds_levels = self.guided_options().is_some_and(|options| options.finds_levels);
         match known {
+            Some(levels) if finds_levels => (image, levels, None),
             Some(levels) => (image, levels.map(|level| level.min(usual)), None),
             None if finds_levels => {
                 let (levels, count) = find_levels(&image, usual);

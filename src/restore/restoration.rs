@@ -13,13 +13,14 @@ use super::field::code_map;
 use super::guided::GuidedOptions;
 use super::highlights::{Highlights, blend_highlights};
 use super::kernel::KernelKnowledge;
-use super::levels::find_levels;
+use super::levels::{find_levels, suited_curve};
 use super::memory::{MemoryBudget, MemoryPlan, with_threads};
 use super::network::{Conditioning, NetworkOperator};
 use super::notice::Notice;
 use super::pose::Pose;
 use super::precision::Precision;
 use super::tiles::restore_tiled;
+use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
@@ -362,7 +363,9 @@ impl Restoration {
             }
             _ => {}
         }
-        let (curve, mut saturation) = (self.curve, self.saturation(&capture));
+        let mut saturation = self.saturation(&capture);
+        let brightest = saturation.into_iter().fold(self.curve.x_max, f32::max);
+        let curve = ToneCurve { x_max: brightest, ..self.curve };
         let Capture { image, info } = capture;
         let (mut levels, mut doubted_levels) = (None, None);
         let (image, angle) = match &self.how {
@@ -379,17 +382,25 @@ impl Restoration {
                 if self.asks_for_levels && info.as_ref().is_none_or(|info| info.saturation.is_none()) {
                     let (found, count) = find_levels(&image, curve.x_max);
                     match config.method {
-                        _ if count == 0 => {}
+                        // Above all that there is.
+                        _ if count == 0 => saturation = found,
                         Method::Joint => (saturation, levels) = (found, Some(found)),
                         _ => doubted_levels = Some(found),
                     }
                 }
-                let config = DeconvolutionConfig { saturation, ..**config };
+                let alpha = if self.asks_for_levels && config.method == Method::Joint {
+                    let told = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..curve };
+                    suited_curve(told, &image).alpha
+                } else {
+                    config.alpha
+                };
+                let config = DeconvolutionConfig { saturation, alpha, ..**config };
                 let restored = deconvolve(&image, psf_of(&self.kernel)?, &config, progress)?;
                 let level = saturation.map(saturated_from);
                 (AnyImage::Linear(blend_highlights(restored, &image, level, self.highlights)?), None)
             }
         };
+        let info = with_levels(info, levels);
         Ok(Restored { image, info, angle, curve, lamps: Vec::new(), levels, doubted_levels, pose: None })
     }
 
@@ -465,7 +476,22 @@ impl Restoration {
             How::Deconvolution(config) => config.saturation,
         };
         let levels = capture.info.as_ref().and_then(|info| info.saturation).unwrap_or(usual);
-        levels.map(|white| white.min(self.curve.x_max))
+        // Of what a file says, a user who tells less is believed.
+        if self.asks_for_levels { levels } else { levels.map(|white| white.min(self.curve.x_max)) }
+    }
+}
+
+/// What is known of a capture, and at which light it was found to saturate.
+pub(super) fn with_levels(info: Option<CaptureInfo>, levels: Option<[f32; CHANNELS]>) -> Option<CaptureInfo> {
+    // A channel that does not saturate has a level far above; white balance is not by more than this.
+    const MOST_APART: f32 = 10.0;
+    let is_of_all = |levels: &[f32; CHANNELS]| {
+        let [least, most] = [f32::min, f32::max].map(|of| levels.iter().copied().fold(levels[0], of));
+        most <= MOST_APART * least
+    };
+    match levels.filter(is_of_all) {
+        Some(levels) => Some(CaptureInfo { saturation: Some(levels), ..info.unwrap_or_default() }),
+        None => info,
     }
 }
 

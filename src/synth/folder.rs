@@ -2,7 +2,7 @@
 //!
 //! `dataset.toml` and the bank come first, then for every scene its ground truth, its degraded images and, at
 //! last, its lines in the list of triplets; where archives keep the images, the lines of all in one when it has its name.
-//! What is listed is there. A run holds its list to its end, so that no other run makes the same part. Temporary files of
+//! What is listed is there, and a mark beside the list tells that it is not all until it is. A run holds its list to its end, so that no other run makes the same part. Temporary files of
 //! runs that were killed are removed when a run takes the folder up or begins anew, and nobody has changed them for an hour.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use crate::core::error::Result;
 use crate::core::image::LinearImage;
-use crate::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Triplet};
+use crate::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Triplet, TripletFiles};
 use crate::io::{self, LineLog, WriteOptions};
 
 use super::archives::{Archives, archives_of, member_of};
@@ -66,6 +66,7 @@ impl DatasetFolder {
             Existing::Resume | Existing::TakeOver => folder.resume(synthesis)?,
             Existing::Refuse | Existing::Overwrite => folder.restart_list(&[])?,
         }
+        io::write_atomically(&TripletFiles::mark_of(&folder.list), true, |_| Ok(()))?;
         if let Some(full_bytes) = synthesis.config.archive_bytes {
             folder.archives = Some(Archives::new(&folder.root, &folder.list, full_bytes)?);
         }
@@ -169,6 +170,11 @@ impl DatasetFolder {
         let Some(archives) = &mut self.archives else { return Ok(()) };
         let listed = archives.finish()?;
         self.list(listed.into_iter())
+    }
+
+    /// Says that all is there which the run was to make.
+    pub(super) fn complete(&self) -> Result<()> {
+        io::remove(&TripletFiles::mark_of(&self.list))
     }
 
     fn list(&mut self, triplets: impl Iterator<Item = Triplet>) -> Result<()> {

@@ -53,6 +53,7 @@ impl Synthesis {
         // Whatever happened: what is made is kept.
         let kept = run.folder.finish();
         bar.finish_and_clear();
-        made.and(kept)
+        made.and(kept)?;
+        run.folder.complete()
     }
 }

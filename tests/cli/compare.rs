@@ -241,3 +241,22 @@ fn deconvolutions_need_the_psfs_of_the_dataset() {
         assert!(said.contains("no PSFs") && said.contains("udc synth"), "{said}");
     }
 }
+
+/// Nobody told the restoration that the captures clip at 16: their files do, and those of what is made of them.
+#[test]
+fn restored_files_are_measured_up_to_the_light_that_their_captures_held() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    succeed(folder, &["scenes", "-o", "scenes", "--count", "2", "--size", "32"]);
+    succeed(folder, &["psf", "--random", "3", "--size", "9", "-o", "psf.exr"]);
+    let synth =
+        ["synth", "scenes", "--psf", "psf.exr", "--split", "test", "--noise", "sensor", "--x-max", "16"];
+    succeed(folder, &[&synth[..], &["-o", "dataset"]].concat());
+    let captures = fs::read_dir(folder.join("dataset/degraded")).unwrap().next().unwrap().unwrap().path();
+    let captures = captures.to_str().unwrap();
+    succeed(folder, &["restore", captures, "--psf", "psf.exr", "--method", "wiener", "-o", "restored"]);
+    succeed(folder, &["eval", "--restored", "restored", "--gt", "dataset/gt", "-o", "measured"]);
+    let measured = fs::read_to_string(folder.join("measured/metrics.json")).unwrap();
+    let measured: serde_json::Value = serde_json::from_str(&measured).unwrap();
+    assert!(measured.to_string().contains("\"x-max\":16.0"), "{measured}");
+}

@@ -281,7 +281,7 @@ fn asks_for_the_domain_where_the_file_is_silent() {
         ],
         1,
     );
-    assert!(said.contains("leave out the flag that says linear (--domain)"), "{said}");
+    assert!(said.contains("leave out the flag that says linear (as --domain or --psf-domain)"), "{said}");
 }
 
 /// In MiB: what is said that a restoration will take, and what the process took in the end.

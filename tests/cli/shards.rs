@@ -10,7 +10,9 @@ use udc::core::image::LinearImage;
 use udc::core::psf::Psf;
 use udc::io::{self, WriteOptions};
 
-use super::common::{fail, succeed};
+#[cfg(unix)]
+use super::common::signal_after;
+use super::common::{fail, succeed, udc};
 use super::train::prepare;
 
 /// Six small scenes, a PSF and a bank of two kernels.
@@ -324,4 +326,49 @@ fn shards_of_a_sweep_make_the_rows_of_its_table() {
     }
     let said = fail(folder, &[&sweep[..], &["-o", "more", "--shard", "1/3"]].concat(), 1);
     assert!(said.contains("more shards than there are configurations; use at most 2"), "{said}");
+}
+
+/// What is there of a dataset is measured, and that it is not all of it is told.
+#[test]
+fn a_dataset_that_lacks_a_part_is_told_of() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    let part = |shard: &str| {
+        let synth = ["synth", "scenes", "--bank", "bank.safetensors", "--split", "test", "-o", "dataset"];
+        succeed(folder, &[&synth[..], &["--shard", shard]].concat());
+    };
+    let told = || {
+        let output = udc(folder, &["eval", "dataset", "--method", "wiener", "-o", "results", "--overwrite"]);
+        assert!(output.status.success());
+        let info = succeed(folder, &["info", "dataset"]);
+        let doctor = String::from_utf8(udc(folder, &["doctor", "dataset"]).stdout).unwrap();
+        [String::from_utf8(output.stderr).unwrap(), info, doctor]
+    };
+    part("1/3");
+    part("3/3");
+    for said in told() {
+        assert!(said.contains("triplets-00002-of-00003.jsonl is not there"), "{said}");
+    }
+    part("2/3");
+    assert!(told().iter().all(|said| !said.contains("not finished")), "{:?}", told());
+}
+
+/// A run that was killed leaves what says that it did not come to its end; going on with it takes that away.
+#[cfg(unix)]
+#[test]
+fn a_dataset_of_a_killed_run_is_told_of() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    succeed(folder, &["scenes", "-o", "many", "--count", "60", "--size", "96"]);
+    let synth = ["synth", "many", "--bank", "bank.safetensors", "--split", "test", "-o", "dataset"];
+    let names = fs::read_dir(folder.join("many")).unwrap().map(|entry| entry.unwrap().file_name());
+    let mut names: Vec<String> = names.map(|name| name.into_string().unwrap()).collect();
+    names.sort();
+    signal_after(folder, &synth, &format!("dataset/gt/{}", names[5]), "-KILL");
+    let said = succeed(folder, &["info", "dataset"]);
+    assert!(said.contains("the run that writes triplets.jsonl has not ended"), "{said}");
+    succeed(folder, &[&synth[..], &["--resume"]].concat());
+    assert!(!succeed(folder, &["info", "dataset"]).contains("has not ended"));
+    let hidden = fs::read_dir(folder.join("dataset")).unwrap().map(|entry| entry.unwrap().file_name());
+    assert!(hidden.into_iter().all(|name| !name.to_string_lossy().starts_with('.')));
 }

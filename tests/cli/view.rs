@@ -246,3 +246,15 @@ fn a_page_of_results_stays_small_and_says_what_was_left_out() {
         "never over a page"
     );
 }
+
+#[test]
+fn a_page_is_not_written_under_the_name_of_an_image() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    succeed(folder, &["psf", "--random", "3", "--size", "9", "-o", "psf.exr"]);
+    for command in ["view", "report"] {
+        let said = fail(folder, &[command, "psf.exr", "-o", "psf.exr", "--overwrite"], 1);
+        assert!(said.contains("name it *.html"), "{said}");
+    }
+    succeed(folder, &["info", "psf.exr"]);
+}

@@ -12,7 +12,7 @@ use udc::io;
 use udc::synth::Degradations;
 
 use crate::commands::Session;
-use crate::commands::choices::{Choices, FLOAT_FORMATS};
+use crate::commands::choices::{Choices, FLOAT_FORMATS, parse_noise};
 use crate::commands::psf_file::PsfAmongImagesArgs;
 
 #[derive(Args, Debug)]
@@ -55,7 +55,7 @@ pub(super) struct FormationArgs {
     clip_ground_truth: bool,
     /// Noise: none, gaussian:SIGMA (in units of irradiance), sensor, or sensor:FILE.toml. A sensor says where it
     /// saturates, which is then x-max
-    #[arg(long, value_name = "NOISE", default_value = "none", value_parser = NoiseConfig::parse)]
+    #[arg(long, value_name = "NOISE", default_value = "none", value_parser = parse_noise)]
     noise: NoiseConfig,
 }
 

@@ -32,6 +32,7 @@ use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
+use crate::restore::levels::find_levels;
 use evidence::{deviations, light_to_noise};
 use fit::LampFit;
 use moved::Movable;
@@ -98,11 +99,21 @@ pub struct PoseConfig {
 }
 
 impl PoseConfig {
-    /// Of a capture of which `info` is known: saturated at most where the curve clips.
-    pub fn of_capture(info: Option<&CaptureInfo>, curve: ToneCurve) -> Self {
-        let usual = [curve.x_max; CHANNELS];
-        let levels = info.and_then(|info| info.saturation).unwrap_or(usual);
-        Self { alpha: curve.alpha, saturation: levels.map(|white| white.min(curve.x_max)) }
+    /// Of a capture of which `info` is known: saturated at most at `x_max`; without it, where the capture says it, else at the
+    /// value that its brightest pixels share.
+    pub fn of_capture(
+        info: Option<&CaptureInfo>,
+        image: &LinearImage,
+        (alpha, x_max): (f32, Option<f32>),
+    ) -> Self {
+        let known = info.and_then(|info| info.saturation);
+        let saturation = match (known, x_max) {
+            (Some(levels), Some(x_max)) => levels.map(|white| white.min(x_max)),
+            (Some(levels), None) => levels,
+            (None, Some(x_max)) => [x_max; CHANNELS],
+            (None, None) => find_levels(image, ToneCurve::default().x_max).0,
+        };
+        Self { alpha, saturation }
     }
 }
 
