@@ -257,6 +257,6 @@ fn restored_files_are_measured_up_to_the_light_that_their_captures_held() {
     succeed(folder, &["restore", captures, "--psf", "psf.exr", "--method", "wiener", "-o", "restored"]);
     succeed(folder, &["eval", "--restored", "restored", "--gt", "dataset/gt", "-o", "measured"]);
     let measured = fs::read_to_string(folder.join("measured/metrics.json")).unwrap();
-    let measured: serde_json::Value = serde_json::from_str(&measured).unwrap();
+    let measured: Value = serde_json::from_str(&measured).unwrap();
     assert!(measured.to_string().contains("\"x-max\":16.0"), "{measured}");
 }
