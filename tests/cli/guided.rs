@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use ndarray::Array3;
+use udc::core::capture::CaptureInfo;
 use udc::core::fft::{Boundary, Convolver};
 use udc::core::image::{Linear, LinearImage};
 use udc::core::psf::Psf;
@@ -37,12 +38,17 @@ fn scene() -> LinearImage {
     LinearImage::from_planes(Array3::from_shape_fn((3, 80, 88), value)).unwrap()
 }
 
-/// Writes the capture of the scene through the PSF, and the PSF.
-fn write_capture(folder: &Path) {
+/// The scene through the PSF.
+fn seen() -> Array3<f32> {
     let (scene, psf) = (scene(), psf());
     let convolver = Convolver::new([80, 88], [41, 41], Boundary::Replicate).unwrap();
-    let seen = convolver.convolve(&convolver.spectrum(&scene).unwrap(), &convolver.otf(&psf).unwrap());
-    let capture = LinearImage::from_planes(seen.mapv(|light| light.min(SATURATION))).unwrap();
+    convolver.convolve(&convolver.spectrum(&scene).unwrap(), &convolver.otf(&psf).unwrap())
+}
+
+/// Writes the capture of the scene through the PSF, and the PSF.
+fn write_capture(folder: &Path) {
+    let psf = psf();
+    let capture = LinearImage::from_planes(seen().mapv(|light| light.min(SATURATION))).unwrap();
     io::write_image(&folder.join("capture.exr"), &capture, &WriteOptions::default()).unwrap();
     io::write_psf(&folder.join("psf.exr"), &psf, &WriteOptions::default()).unwrap();
 }
@@ -74,6 +80,7 @@ fn the_psf_alone_restores_a_capture_and_finds_its_lamp_and_its_level() {
     let (before, after) =
         (error(&scratch.path().join("capture.exr")), error(&scratch.path().join("restored.exr")));
     assert!(after < 0.5 * before, "{after} of {before}");
+    assert!(succeed(scratch.path(), &["info", "restored.exr"]).contains("clips at  4.0"));
     let provenance = io::read_provenance(&scratch.path().join("restored.exr")).unwrap().unwrap();
     let lamp = &provenance.found.unwrap()["lamps"][0];
     // 25 pixels of 100 times saturation.
@@ -179,4 +186,57 @@ fn info_describes_the_network_for_any_panel() {
     let scratch = tempfile::tempdir().unwrap();
     let said = succeed(scratch.path(), &["info", "guided"]);
     assert!(said.contains("guided") && said.contains("deconvolved, noise, saturated"), "{said}");
+}
+
+/// The same light in units a thousandth as large is restored as well.
+#[test]
+fn light_in_small_units_is_restored_like_other_light() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    write_capture(folder);
+    let scaled = |from: &str, to: &str, factor: f32| {
+        let image = io::read_image::<Linear>(&folder.join(from)).unwrap();
+        io::write_image(
+            &folder.join(to),
+            &image.map_values::<Linear>(|v| factor * v),
+            &WriteOptions::default(),
+        )
+        .unwrap();
+    };
+    scaled("capture.exr", "dim.npy", 1e-3);
+    let before = error(&folder.join("capture.exr"));
+    for method in [&[][..], &["--method", "joint"]] {
+        let args =
+            [&["restore", "dim.npy", "--psf", "psf.exr", "-o", "dim-restored.npy", "--overwrite"], method];
+        let said = udc(folder, &args.concat());
+        assert!(said.status.success());
+        let restored = format!("restored-{}.npy", method.len());
+        scaled("dim-restored.npy", &restored, 1e3);
+        let after = error(&folder.join(restored));
+        // α follows the median, and weighs noise a little otherwise.
+        assert!(after < 0.7 * before, "{method:?}: {after} of {before}");
+    }
+}
+
+/// A bracket that measured a lamp of 1800 says that it clips above that; light without a level is not cut off either.
+#[test]
+fn light_above_the_usual_level_is_kept() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    write_capture(folder);
+    let capture = LinearImage::from_planes(seen() * 50.0).unwrap();
+    let brightest = capture.max();
+    assert!(brightest > 1000.0);
+    let info = CaptureInfo { saturation: Some([1e5; 3]), ..CaptureInfo::default() };
+    let told = WriteOptions { capture: Some(info), ..WriteOptions::default() };
+    io::write_image(&folder.join("told.exr"), &capture, &told).unwrap();
+    io::write_image(&folder.join("untold.npy"), &capture, &WriteOptions::default()).unwrap();
+    for name in ["told.exr", "untold.npy"] {
+        for method in [&[][..], &["--method", "joint"], &["--method", "constrained"]] {
+            let args = [&["restore", name, "--psf", "psf.exr", "-o", "restored.npy", "--overwrite"], method];
+            succeed(folder, &args.concat());
+            let restored = io::read_image::<Linear>(&folder.join("restored.npy")).unwrap();
+            assert!(restored.max() > 0.9 * brightest, "{name} {method:?}: {} of {brightest}", restored.max());
+        }
+    }
 }
