@@ -13,6 +13,8 @@ pub struct Destination<'a> {
     pub path: &'a Path,
     /// The extension of files in a folder.
     pub extension: &'a str,
+    /// Whether the user asked for that extension.
+    pub is_asked: bool,
     /// Whether files that are there do not matter.
     pub accepts_existing: bool,
     /// Whose files must not be there: those of the other shards may be.
@@ -50,7 +52,8 @@ impl Destination<'_> {
     /// A folder that is there, or a name that ends in a separator, is a folder for a single result too.
     ///
     /// # Errors
-    /// When several results have one file, or a file is there that may not be replaced.
+    /// When several results have one file, a file is there that may not be replaced, or one is named of another format than is
+    /// asked for.
     pub fn place(&self, results: &[Unplaced], in_folder: bool) -> Result<Vec<PathBuf>> {
         let names_folder = self.path.is_dir() || ends_in_separator(self.path);
         let in_folder = in_folder || results.len() > 1;
@@ -62,7 +65,14 @@ impl Destination<'_> {
             )));
         }
         if !in_folder && !names_folder {
-            Format::of_extension(self.path)?;
+            let named = Format::of_extension(self.path)?;
+            if self.is_asked && Format::of_extension(Path::new(&format!("a.{}", self.extension)))? != named {
+                return Err(Error::Unsupported(format!(
+                    "{} names a file that is no {}, which --format asks for in a folder: leave --format out, or name a folder",
+                    self.path.display(),
+                    self.extension
+                )));
+            }
             check_output(self.path, self.accepts_existing)?;
             return Ok(vec![self.path.to_owned()]);
         }
@@ -97,8 +107,14 @@ mod tests {
         let files = ["x/a.exr", "x/b.exr", "y/a.npy"].map(PathBuf::from);
         let place = |name: &str, files: &[PathBuf], accepts_existing| {
             let path = scratch.path().join(name);
-            Destination { path: &path, extension: "png", accepts_existing, shard: Shard::WHOLE }
-                .place_files(files, &[])
+            Destination {
+                path: &path,
+                extension: "png",
+                is_asked: false,
+                accepts_existing,
+                shard: Shard::WHOLE,
+            }
+            .place_files(files, &[])
         };
         assert_eq!(place("a.tif", &files[..1], false).unwrap(), [scratch.path().join("a.tif")]);
         let placed = place("out", &files[..2], false).unwrap();
@@ -113,7 +129,26 @@ mod tests {
         assert!(place("out", &files[..2], false).is_err());
         assert_eq!(place("out", &files[..2], true).unwrap(), placed);
         let (path, shard) = (scratch.path().join("out"), Shard { index: 0, count: 2 });
-        let to = Destination { path: &path, extension: "png", accepts_existing: false, shard };
+        let to =
+            Destination { path: &path, extension: "png", is_asked: false, accepts_existing: false, shard };
         assert_eq!(to.place_files(&files[..2], &[]).unwrap(), placed, "the file of another shard is there");
+    }
+
+    #[test]
+    fn a_format_that_is_asked_for_is_that_of_the_file_that_is_named() {
+        let scratch = tempfile::tempdir().unwrap();
+        let place = |name: &str, extension: &str| {
+            let path = &scratch.path().join(name);
+            let to =
+                Destination { path, extension, is_asked: true, accepts_existing: false, shard: Shard::WHOLE };
+            to.place_files(&[PathBuf::from("x/a.exr")], &[])
+        };
+        assert_eq!(place("b.tiff", "tif").unwrap(), [scratch.path().join("b.tiff")]);
+        assert_eq!(place("out/", "jpg").unwrap(), [scratch.path().join("out/a.jpg")]);
+        let said = place("b.png", "jpg").unwrap_err().to_string();
+        assert!(
+            said.contains("b.png names a file that is no jpg") && said.contains("leave --format out"),
+            "{said}"
+        );
     }
 }

@@ -141,7 +141,13 @@ mod tests {
             half: false,
             overwrite: false,
         };
-        let to = |path| Destination { path, extension: "exr", accepts_existing: false, shard: Shard::WHOLE };
+        let to = |path| Destination {
+            path,
+            extension: "exr",
+            is_asked: false,
+            accepts_existing: false,
+            shard: Shard::WHOLE,
+        };
         how.run(std::slice::from_ref(&light), &to(&mapped), &notes).unwrap();
         let inverse = ToneMapping { inverse: true, ..how };
         inverse.run(std::slice::from_ref(&mapped), &to(&back), &notes).unwrap();

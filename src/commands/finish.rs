@@ -79,9 +79,9 @@ pub(crate) struct FinishArgs {
     layer: LayerArgs,
     #[command(flatten)]
     style: StyleArgs,
-    /// Format of the files in an output folder
-    #[arg(long, value_name = "FORMAT", value_parser = PICTURE_FORMATS, default_value = "png")]
-    format: &'static str,
+    /// Format of the files in an output folder [default: png]
+    #[arg(long, value_name = "FORMAT", value_parser = PICTURE_FORMATS)]
+    format: Option<&'static str>,
     /// Keep the images that are there and go on with the others
     ///
     /// An EXR says how it was made, and is refused if that was otherwise or of files with other contents (SHA-256), wherever
@@ -121,7 +121,8 @@ impl FinishArgs {
         };
         let destination = Destination {
             path: &self.output,
-            extension: self.format,
+            extension: self.format.unwrap_or("png"),
+            is_asked: self.format.is_some(),
             accepts_existing: session.overwrite || self.resume,
             shard: self.shard,
         };

@@ -112,9 +112,9 @@ pub(crate) struct RestoreArgs {
     /// What to do where the capture is saturated
     #[arg(long, value_name = "WHAT", value_parser = HIGHLIGHTS, default_value = "restored")]
     highlights: Highlights,
-    /// Format of the files in an output folder
-    #[arg(long, value_name = "FORMAT", value_parser = FORMATS, default_value = "exr")]
-    format: &'static str,
+    /// Format of the files in an output folder [default: exr]
+    #[arg(long, value_name = "FORMAT", value_parser = FORMATS)]
+    format: Option<&'static str>,
     /// Keep the images that are there and go on with the others
     ///
     /// An EXR says how it was made, and is refused if that was otherwise or of a capture or dark frames with other contents

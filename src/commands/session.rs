@@ -148,7 +148,6 @@ impl Session {
         }
     }
 
-    /// Warns on stderr, unless `--quiet`, and tells scripts.
     /// Warns of a dataset whose synthesis did not come to its end.
     pub(crate) fn warn_of_unfinished(&self, dataset: &Dataset) -> Result<()> {
         if let Some(what) = dataset.unfinished()? {
@@ -157,6 +156,7 @@ impl Session {
         Ok(())
     }
 
+    /// Warns on stderr, unless `--quiet`, and tells scripts.
     pub(crate) fn warn(&self, text: impl Display) {
         if let Some(events) = &self.events {
             let message = text.to_string();

@@ -47,9 +47,9 @@ pub(crate) struct TonemapArgs {
     /// Irradiance at which the sensor saturates
     #[arg(long, value_name = "X", default_value_t = ToneCurve::default().x_max)]
     x_max: f32,
-    /// Format of the files in an output folder
-    #[arg(long, value_parser = FORMATS, default_value = "exr")]
-    format: &'static str,
+    /// Format of the files in an output folder [default: exr]
+    #[arg(long, value_name = "FORMAT", value_parser = FORMATS)]
+    format: Option<&'static str>,
     /// Write half floats, in formats that have them
     #[arg(long)]
     half: bool,
@@ -66,7 +66,8 @@ impl TonemapArgs {
         };
         let destination = Destination {
             path: &self.output,
-            extension: self.format,
+            extension: self.format.unwrap_or("exr"),
+            is_asked: self.format.is_some(),
             accepts_existing: session.overwrite,
             shard: Shard::WHOLE,
         };

@@ -210,7 +210,8 @@ mod tests {
     fn jobs(root: &Path, inputs: &FinishInputs, notes: &Notes) -> Result<Vec<Job>> {
         let path = root.join("out/");
         let (extension, accepts_existing, shard) = ("png", false, Shard::WHOLE);
-        inputs.jobs(&Destination { path: &path, extension, accepts_existing, shard }, notes)
+        let is_asked = false;
+        inputs.jobs(&Destination { path: &path, extension, is_asked, accepts_existing, shard }, notes)
     }
 
     #[test]

@@ -87,8 +87,8 @@ impl Conversion {
 }
 
 impl ConvertedImage {
-    /// What is known of the capture and does not follow from the output itself: linear integers clip at 1 wherever they
-    /// are read.
+    /// What is known of the capture and does not follow from the output itself: linear integers that reach 1 clip there
+    /// wherever they are read.
     pub fn capture_beyond(&self, output: &Path) -> Option<CaptureInfo> {
         let mut info = self.pixels.capture.clone()?;
         let is_implied = !holds_floats(output) && self.pixels.domain == Some(DomainTag::Linear);

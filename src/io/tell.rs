@@ -6,6 +6,7 @@ use super::{DomainTag, Pixels};
 use crate::core::color::srgb_decode;
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
+use crate::core::saturation::saturated_from;
 
 impl Pixels {
     /// Whether only the user knows what the values are: integers that are no camera's raw ones, of a file that does not
@@ -52,7 +53,8 @@ impl Pixels {
     }
 
     /// Takes the user's word for the domain; values of sRGB are decoded to linear light in `[0, 1]`. What is then linear and
-    /// was sRGB or integers clips at 1, which [`capture`](Self::capture) says unless the file says more.
+    /// was sRGB clips at 1, which [`capture`](Self::capture) says unless the file says more; so do linear integers of which
+    /// one is that bright: white of 10 or 12 bits in words of 16 is less.
     ///
     /// Returns what the file's colour tags say against it, to be warned of; they change nothing. A file made for viewing
     /// may be told anew.
@@ -74,7 +76,9 @@ impl Pixels {
         if told == DomainTag::Srgb {
             self.decode_srgb(path)?;
         }
-        if told == DomainTag::Srgb || (told == DomainTag::Linear && self.is_integer && self.raw.is_none()) {
+        let reaches_white = || self.planes.iter().any(|value| *value >= saturated_from(1.0));
+        let is_linear_integer = told == DomainTag::Linear && self.is_integer && self.raw.is_none();
+        if told == DomainTag::Srgb || (is_linear_integer && reaches_white()) {
             self.capture.get_or_insert_default().saturation.get_or_insert([1.0; CHANNELS]);
         }
         Ok(self.contradictions(told).map(|found| {
@@ -130,7 +134,17 @@ mod tests {
     use ndarray::Array3;
 
     fn told(is_integer: bool, domain: DomainTag, capture: Option<CaptureInfo>) -> Option<[f32; 3]> {
-        let planes = Array3::from_elem((3, 2, 2), 0.5);
+        told_of(1.0, is_integer, domain, capture)
+    }
+
+    fn told_of(
+        brightest: f32,
+        is_integer: bool,
+        domain: DomainTag,
+        capture: Option<CaptureInfo>,
+    ) -> Option<[f32; 3]> {
+        let mut planes = Array3::from_elem((3, 2, 2), 0.01);
+        planes[[1, 0, 1]] = brightest;
         let mut pixels = Pixels { is_integer, capture, ..Pixels::of_planes(planes) };
         pixels.tell(Path::new("a.png"), Some(domain)).unwrap();
         pixels.capture.and_then(|capture| capture.saturation)
@@ -145,5 +159,13 @@ mod tests {
         assert_eq!(told(true, DomainTag::ToneMapped, None), None, "1 is no light there");
         let said = CaptureInfo { saturation: Some([1.9, 1.0, 1.6]), ..CaptureInfo::default() };
         assert_eq!(told(false, DomainTag::Srgb, Some(said)), Some([1.9, 1.0, 1.6]));
+    }
+
+    /// 12 bits in a word of 16: who takes 65535 for white finds no lamp.
+    #[test]
+    fn integers_that_do_not_reach_the_top_clip_nobody_knows_where() {
+        let white = 4095.0 / 65535.0;
+        assert_eq!(told_of(white, true, DomainTag::Linear, None), None);
+        assert_eq!(told_of(white, true, DomainTag::Srgb, None), Some([1.0; 3]));
     }
 }

@@ -61,7 +61,8 @@ impl RestoreArgs {
         warnings.iter().for_each(|warning| session.warn(warning));
         let destination = Destination {
             path: &self.output,
-            extension: self.format,
+            extension: self.format.unwrap_or("exr"),
+            is_asked: self.format.is_some(),
             accepts_existing: session.overwrite || self.resume,
             shard: self.shard,
         };
