@@ -10,8 +10,9 @@
 //! - [`kernels`]: the loops that networks spend their time in; [`network`]: the networks made of them;
 //! - [`capture`], [`psf`], [`codes`], [`crop`], [`scenes`], [`synth`], [`finish`]: the stages before and after a network;
 //! - [`perceptual`]: what trained eyes see;
-//! - [`restore`]; [`examples`] to learn restoring any panel from; [`train`]; [`inspect`]: what a file or folder of the project holds; [`doctor`]: what is wrong with it, and what mends that; [`experiment`], [`report`];
-//! - [`plan`]: a study on many machines.
+//! - [`restore`]; [`examples`] to learn restoring any panel from; [`train`]; [`experiment`], [`report`];
+//! - [`plan`]: a study on many machines;
+//! - [`inspect`]: what a file or folder of the project holds; [`doctor`]: what is wrong with it, and what mends that.
 //!
 //! The binary's commands turn flags into configurations of these.
 //!

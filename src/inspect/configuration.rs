@@ -12,6 +12,7 @@ use crate::core::error::{Error, Result};
 use crate::dataset::SensorConfig;
 use crate::io::{read_field, read_text};
 use crate::network::Architecture;
+use crate::plan::Study;
 use crate::psf::DisplayConfig;
 use crate::restore::{Pose, read_pose};
 use crate::train::TrainConfig;
@@ -66,6 +67,17 @@ pub struct TrainingDescription {
     architecture: Architecture,
 }
 
+/// What a study combines.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StudyDescription {
+    /// The study.
+    #[serde(flatten)]
+    pub study: Study,
+    /// The file, to be planned.
+    #[serde(skip)]
+    file: PathBuf,
+}
+
 /// Looks at a configuration file.
 pub(super) fn inspect_configuration(file: &Path) -> Result<Inspection> {
     let text = read_text(file)?;
@@ -85,6 +97,10 @@ pub(super) fn inspect_configuration(file: &Path) -> Result<Inspection> {
     }
     if has(&["full-well-e", "read-noise-e", "white-irradiance", "electrons-per-unit"]) {
         return SensorDescription::new(file, text).map(Inspection::Sensor);
+    }
+    if has(&["panels", "rotations"]) {
+        let study = Study::read(file)?;
+        return Ok(Inspection::Study(StudyDescription { study, file: file.to_owned() }));
     }
     let config = TrainConfig::from_toml(&text, &[]).map_err(|error| {
         error.while_doing(format!("reading {} as a training's configuration", file.display()))
@@ -133,6 +149,26 @@ impl fmt::Display for SensorDescription {
             self.x_max,
             self.text.trim_end()
         )
+    }
+}
+
+impl fmt::Display for StudyDescription {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { study, file } = self;
+        let names =
+            |names: Vec<&String>| names.into_iter().map(String::as_str).collect::<Vec<_>>().join(", ");
+        writeln!(
+            f,
+            "study, for `udc plan {}` and workflow/Snakefile: {} datasets, {} trainings",
+            file.display(),
+            study.datasets(),
+            study.datasets() * study.networks.len()
+        )?;
+        writeln!(f, "  panels     {}", names(study.panels.keys().collect()))?;
+        writeln!(f, "  rotations  {}", study.rotations.angles)?;
+        writeln!(f, "  noise      {}", names(study.noise.keys().collect()))?;
+        writeln!(f, "  networks   {}", names(study.networks.keys().collect()))?;
+        write!(f, "  output     {}", study.output)
     }
 }
 

@@ -3,6 +3,7 @@
 mod array;
 mod configuration;
 mod dataset;
+mod evaluation;
 mod examples;
 mod image;
 mod layers;
@@ -26,9 +27,11 @@ use crate::network::shipped;
 
 pub use array::ArrayDescription;
 pub use configuration::{
-    DisplayDescription, FieldDescription, PoseDescription, SensorDescription, TrainingDescription,
+    DisplayDescription, FieldDescription, PoseDescription, SensorDescription, StudyDescription,
+    TrainingDescription,
 };
 pub use dataset::{DatasetDescription, SplitDescription};
+pub use evaluation::{EvaluationDescription, MethodDescription};
 pub use examples::ExamplesDescription;
 pub use image::{ImageDescription, Statistics};
 pub use layers::LayersDescription;
@@ -75,6 +78,10 @@ pub enum Inspection {
     Sensor(SensorDescription),
     /// The configuration of a training.
     TrainingConfiguration(TrainingDescription),
+    /// The results of an evaluation.
+    Evaluation(EvaluationDescription),
+    /// A study.
+    Study(StudyDescription),
 }
 
 impl fmt::Display for Inspection {
@@ -96,6 +103,8 @@ impl fmt::Display for Inspection {
             Self::Pose(found) => found.fmt(f),
             Self::Sensor(found) => found.fmt(f),
             Self::TrainingConfiguration(found) => found.fmt(f),
+            Self::Evaluation(found) => found.fmt(f),
+            Self::Study(found) => found.fmt(f),
         }
     }
 }
@@ -115,6 +124,9 @@ pub fn inspect(path: &Path, as_psf: Option<PsfOptions>) -> Result<Inspection> {
     }
     if let Some(folder) = examples_described_by(path) {
         return ExamplesDescription::read(folder).map(Inspection::Examples);
+    }
+    if let Some(results) = evaluation::results_of(path) {
+        return EvaluationDescription::read(&results).map(Inspection::Evaluation);
     }
     if path.is_dir() && !dataset::is_dataset(path) {
         return RunDescription::read(path).map(Inspection::Run);
@@ -151,13 +163,15 @@ fn inspect_npy(path: &Path) -> Result<Inspection> {
     }
 }
 
-/// What an input stands for: itself, or the images of a folder. A dataset, a folder of examples, a run, a checkpoint and a
-/// model that the program carries are one.
+/// What an input stands for: itself, or the images of a folder. A dataset, a folder of examples, a run, a checkpoint, the
+/// results of an evaluation and a model that the program carries are one.
 ///
 /// # Errors
 /// As [`expand_inputs`].
 pub fn subjects(input: &Path) -> Result<Vec<PathBuf>> {
-    let is_one = shipped(input).is_some() || dataset::is_dataset(input) || run::is_run(input);
+    let is_folder =
+        dataset::is_dataset(input) || run::is_run(input) || evaluation::results_of(input).is_some();
+    let is_one = shipped(input).is_some() || is_folder;
     if is_one || run::is_checkpoint(input) || ExamplesFolder::is_one(input) {
         return Ok(vec![input.to_owned()]);
     }

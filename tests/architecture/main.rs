@@ -27,11 +27,11 @@ const FLOW: &[&str] = &[
     "restore",
     "examples",
     "train",
-    "inspect",
-    "doctor",
     "experiment",
     "report",
     "plan",
+    "inspect",
+    "doctor",
 ];
 
 struct Source {

@@ -51,6 +51,15 @@ fn measures_two_folders_as_the_published_evaluation_does() {
     assert!(said.contains("| restored | 2 | 35.46 | 0.8688 |"), "{said}");
     let csv = std::fs::read_to_string(scratch.path().join("results/metrics.csv")).unwrap();
     assert_eq!(csv.lines().count(), 3);
+    for described in ["results", "results/metrics.json"] {
+        let info = succeed(scratch.path(), &["info", described]);
+        assert!(
+            info.contains("results of an evaluation") && info.contains("| restored | 2 | 35.46 | 0.8688 |"),
+            "{info}"
+        );
+    }
+    let info: Value = serde_json::from_str(&succeed(scratch.path(), &["info", "results", "--json"])).unwrap();
+    assert_eq!((&info["kind"], &info["methods"][0]["images"]), (&json!("evaluation"), &json!(2)), "{info}");
     assert!(fail(scratch.path(), &arguments, 1).contains("--overwrite"));
     let said = fail(scratch.path(), &["eval", "--restored", "restored", "--gt", "gt", "-o", "undeclared"], 1);
     assert!(said.contains("--domain"), "{said}");

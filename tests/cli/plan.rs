@@ -8,6 +8,15 @@ use serde_json::Value;
 use super::common::{fail, succeed};
 use super::train::prepare;
 
+#[test]
+fn a_study_is_told_from_other_configurations() {
+    let study = Path::new(env!("CARGO_MANIFEST_DIR")).join("workflow/study.toml");
+    let info = succeed(Path::new("."), &["info", study.to_str().unwrap()]);
+    assert!(info.contains("udc plan") && info.contains("2 datasets, 4 trainings"), "{info}");
+    let said = succeed(Path::new("."), &["doctor", study.to_str().unwrap()]);
+    assert!(said.contains("a study") || said.contains("study, for"), "{said}");
+}
+
 /// What a command says beforehand, as JSON.
 fn told(folder: &Path, args: &[&str]) -> Value {
     let before = names(folder);
