@@ -2,9 +2,9 @@
 //!
 //! # Method
 //! It reads the capture, the deconvolved image, the noise that is left in it, which pixels were saturated and how much light
-//! may have come from outside of the frame, all tone-mapped, and adds what it makes of them to the deconvolved image. A deconvolution has undone what the PSF explains
-//! by then, for any panel; what remains looks alike behind all of them: noise, rings around what was clipped, lost
-//! detail.
+//! may have come from outside of the frame, all tone-mapped, and adds what it makes of them to the deconvolved image. A
+//! deconvolution has undone what the PSF explains by then, for any panel; what remains looks alike behind all of them: noise,
+//! rings around what was clipped, lost detail.
 //!
 //! The finest features have half the image's sides: a convolution of stride 2 reads all fifteen channels, and a pixel
 //! shuffle brings the correction back to the full sides. There a pixel of n = 48 features has room for all that is in the

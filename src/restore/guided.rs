@@ -7,14 +7,14 @@ use serde::Serialize;
 
 use super::capture::{Capture, Restored};
 use super::deconvolution::solve;
-use super::guard::Guard;
+use super::guard::{Guard, Left};
 use super::highlights::blend_highlights;
 use super::lamps::find_lamps;
-use super::levels::{find_levels, suited_curve};
+use super::levels::{find_levels, suited_curve, with_levels};
 use super::memory::MemoryPlan;
 use super::network::NetworkOperator;
 use super::planes::{PlaneConfig, planes_of};
-use super::restoration::{Restoration, psf_of, restore_windows, with_levels};
+use super::restoration::{Restoration, psf_of, restore_windows};
 use super::{Pose, PoseConfig, PoseEstimate, find_pose};
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage};
@@ -73,7 +73,7 @@ impl Restoration {
         let lamps = find_lamps(&image, &solution.scene, saturation);
         let options = self.guided_options();
         let light = options.filter(|options| options.true_highlights).map(|_| solution.scene.clone());
-        let noise = solution.relative_noise;
+        let left = Left::of(solution.residual.view());
         let mut planes = planes_of(model.architecture().planes(), (&image, psf), Some(solution), &planes)?;
         let tone_mapped = curve.tone_map(&image);
         let (conditioning, angle) = self.conditioning(model, &tone_mapped, saturation, progress)?;
@@ -83,8 +83,8 @@ impl Restoration {
         drop(planes);
         if let (Some(options), Some(deconvolved)) = (options, deconvolved) {
             let outside = outside.as_ref();
-            let guard =
-                Guard { capture: &image, psf, outside, border: self.border(), curve, saturation, noise };
+            let (left, border) = (&left, self.border());
+            let guard = Guard { capture: &image, psf, outside, left, border, curve, saturation };
             restored = guard.refine(&deconvolved, restored, options.refine)?;
         }
         let level = saturation.map(|white| curve.compress(saturated_from(white)));

@@ -2,6 +2,7 @@
 
 use ndarray::ArrayView2;
 
+use crate::core::capture::CaptureInfo;
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
@@ -99,6 +100,20 @@ impl Top {
             && evidence >= LEAST_PIXELS
             && self.equal >= CUT * self.near
             && MOST_OF * self.equal <= self.pixels
+    }
+}
+
+/// What is known of a capture, and at which light it was found to saturate.
+pub(super) fn with_levels(info: Option<CaptureInfo>, levels: Option<[f32; CHANNELS]>) -> Option<CaptureInfo> {
+    // A channel that does not saturate has a level far above; white balance is not by more than this.
+    const MOST_APART: f32 = 10.0;
+    let is_of_all = |levels: &[f32; CHANNELS]| {
+        let [least, most] = [f32::min, f32::max].map(|of| levels.iter().copied().fold(levels[0], of));
+        most <= MOST_APART * least
+    };
+    match levels.filter(is_of_all) {
+        Some(levels) => Some(CaptureInfo { saturation: Some(levels), ..info.unwrap_or_default() }),
+        None => info,
     }
 }
 

@@ -77,18 +77,14 @@ pub(super) fn planes_of(
     solution: Option<Solution>,
     config: &PlaneConfig,
 ) -> Result<Planes> {
-    let (scene, deviation) = solution.map(|Solution { scene, deviation, .. }| (scene, deviation)).unzip();
-    let of_solution = "the scene is solved for where it is wanted";
-    let noise = if wanted.contains(&Plane::Noise) {
-        let scene = scene.as_ref().expect(of_solution);
-        Some(noise(scene, deviation.expect(of_solution), config.curve)?)
-    } else {
-        None
-    };
-    let mut planes: Vec<(Plane, ToneMappedImage)> =
-        noise.map(|noise| (Plane::Noise, noise)).into_iter().collect();
-    if wanted.contains(&Plane::Deconvolved) {
-        planes.push((Plane::Deconvolved, config.curve.tone_map_in_place(scene.expect(of_solution))));
+    let mut planes: Vec<(Plane, ToneMappedImage)> = Vec::new();
+    if let Some(Solution { scene, deviation, .. }) = solution {
+        if wanted.contains(&Plane::Noise) {
+            planes.push((Plane::Noise, noise(&scene, deviation, config.curve)?));
+        }
+        if wanted.contains(&Plane::Deconvolved) {
+            planes.push((Plane::Deconvolved, config.curve.tone_map_in_place(scene)));
+        }
     }
     if wanted.contains(&Plane::Saturated) {
         planes.push((Plane::Saturated, saturated(capture, config.saturation)?));

@@ -13,14 +13,13 @@ use super::field::code_map;
 use super::guided::GuidedOptions;
 use super::highlights::{Highlights, blend_highlights};
 use super::kernel::KernelKnowledge;
-use super::levels::{find_levels, suited_curve};
+use super::levels::{find_levels, suited_curve, with_levels};
 use super::memory::{MemoryBudget, MemoryPlan, with_threads};
 use super::network::{Conditioning, NetworkOperator};
 use super::notice::Notice;
 use super::pose::Pose;
 use super::precision::Precision;
 use super::tiles::restore_tiled;
-use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
@@ -478,20 +477,6 @@ impl Restoration {
         let levels = capture.info.as_ref().and_then(|info| info.saturation).unwrap_or(usual);
         // Of what a file says, a user who tells less is believed.
         if self.asks_for_levels { levels } else { levels.map(|white| white.min(self.curve.x_max)) }
-    }
-}
-
-/// What is known of a capture, and at which light it was found to saturate.
-pub(super) fn with_levels(info: Option<CaptureInfo>, levels: Option<[f32; CHANNELS]>) -> Option<CaptureInfo> {
-    // A channel that does not saturate has a level far above; white balance is not by more than this.
-    const MOST_APART: f32 = 10.0;
-    let is_of_all = |levels: &[f32; CHANNELS]| {
-        let [least, most] = [f32::min, f32::max].map(|of| levels.iter().copied().fold(levels[0], of));
-        most <= MOST_APART * least
-    };
-    match levels.filter(is_of_all) {
-        Some(levels) => Some(CaptureInfo { saturation: Some(levels), ..info.unwrap_or_default() }),
-        None => info,
     }
 }
 

@@ -33,7 +33,7 @@ const DISCREPANCY: f64 = 0.8;
 const SATURATED_ROUGHNESS: f64 = 1e-2;
 
 /// The part of α that is added to the capture to make it positive.
-const DARKNESS: f32 = 0.04;
+pub(super) const DARKNESS: f32 = 0.04;
 
 /// Relative misfit, root mean square, at which a noise-free capture is explained: 80 dB.
 const EXPLAINED: f64 = 1e-4;

@@ -7,7 +7,7 @@ use super::operator::Blur;
 
 /// The part of a seen pixel's curvature that a pixel in the surrounding has at least, whose light hardly reaches the
 /// frame: it keeps its first guess rather than take what is left of others' misfit.
-const UNSEEN: f32 = 1e-3;
+pub(super) const UNSEEN: f32 = 1e-3;
 
 /// The weighted least squares of one plane.
 ///

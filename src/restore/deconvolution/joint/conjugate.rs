@@ -22,14 +22,18 @@ pub(super) struct System<'a> {
     pub(super) preconditioner: Preconditioner<'a>,
 }
 
-/// What resembles the inverse of the normal matrix: `P = D·F⁻¹·1/(|H|² + λ·ē·L + ε)·F·D` for pixels whose neighbours are
-/// alike, and numbers for those of lamps.
+/// What resembles the inverse of the normal matrix.
 #[derive(Clone, Copy)]
-pub(super) struct Preconditioner<'a> {
-    /// D: the local standard deviation, zero at lamps.
-    pub(super) brightness: &'a Array2<f32>,
-    /// The inverse of the diagonal at lamps, zero elsewhere, of the frame's size.
-    pub(super) lamps: Option<&'a Array2<f32>>,
+pub(super) enum Preconditioner<'a> {
+    /// `D·F⁻¹·1/(|H|² + λ·ē·L + ε)·F·D` for pixels whose neighbours are alike, and numbers for those of lamps.
+    Convolution {
+        /// D: the local standard deviation, zero at lamps.
+        brightness: &'a Array2<f32>,
+        /// The inverse of the diagonal at lamps, zero elsewhere, of the frame's size.
+        lamps: Option<&'a Array2<f32>>,
+    },
+    /// The inverse of a diagonal: pixels that are hardly seen hardly change.
+    Diagonal(&'a Array2<f32>),
 }
 
 /// Planes that are written over in each step.
@@ -126,22 +130,33 @@ impl System<'_> {
 
     /// Writes P times the gradient to `turned`; returns their inner product.
     fn precondition(&self, room: &mut Room, held: &Array2<bool>) -> f64 {
+        match self.preconditioner {
+            Preconditioner::Convolution { brightness, lamps } => {
+                self.filter(brightness, held, room);
+                if let Some(lamps) = lamps {
+                    let frame = self.blur.frame;
+                    // The gradient is zero at pixels that are held.
+                    Zip::from(frame.cut_mut(&mut room.turned))
+                        .and(lamps)
+                        .and(frame.cut(&room.gradient))
+                        .par_for_each(|z, p, g| *z += p * g);
+                }
+            }
+            Preconditioner::Diagonal(inverse) => {
+                let pixels = Zip::from(&mut room.turned).and(&room.gradient).and(inverse);
+                pixels.par_for_each(|z, g, p| *z = p * g);
+            }
+        }
+        inner(&room.gradient, &room.turned)
+    }
+
+    fn filter(&self, brightness: &Array2<f32>, held: &Array2<bool>, room: &mut Room) {
         let smoothness = self.prior.weight * self.prior.edges.mean();
         let response = |power: f32, laplacian: f32| 1.0 / (power + smoothness * laplacian + LEAST_POWER);
-        let Preconditioner { brightness, lamps } = self.preconditioner;
         self.blur.filter(&room.gradient, brightness, response, &mut room.turned);
         Zip::from(&mut room.turned).and(brightness).and(held).par_for_each(|z, d, held| {
             *z = if *held { 0.0 } else { *z * d };
         });
-        if let Some(lamps) = lamps {
-            let frame = self.blur.frame;
-            // The gradient is zero at pixels that are held.
-            Zip::from(frame.cut_mut(&mut room.turned))
-                .and(lamps)
-                .and(frame.cut(&room.gradient))
-                .par_for_each(|z, p, g| *z += p * g);
-        }
-        inner(&room.gradient, &room.turned)
     }
 }
 
@@ -182,7 +197,7 @@ mod tests {
             capture: capture.view(),
             weights: &weights,
             prior: Prior { weight: 0.0, edges: &edges, inverse_brightness: &ones, lamps: None },
-            preconditioner: Preconditioner { brightness: &ones, lamps: None },
+            preconditioner: Preconditioner::Convolution { brightness: &ones, lamps: None },
         };
         let (mut x, mut room) = (capture.clone(), Room::new(&frame));
         for _ in 0..3 {

@@ -6,7 +6,8 @@
 //! # Method
 //! 1. The noise of the capture is estimated from its finest detail.
 //! 2. Where nothing is saturated, a regularised inverse of the PSF, relative to the local brightness, is the first scene.
-//!    Where something is, the flare of the clipped light is fitted and taken away, and what it hid is painted over.
+//!    Where something is, the flare of the clipped light is fitted and taken away, and what it hid is painted over. Where there
+//!    is no noise either, and nothing is unknown around the frame, [`constrained`](super::constrained) solves to many digits.
 //! 3. In each of a few rounds the edges of the scene are looked for in all colours together, and conjugate gradients lower the
 //!    least squares with a penalty on differences of neighbours that spares those edges (iteratively reweighted least squares).
 //! 4. Where there is noise, the spectra of its own neighbourhoods refine the scene ([`refine`]).
@@ -15,7 +16,6 @@
 
 mod channel;
 mod conjugate;
-mod exact;
 mod flare;
 mod frame;
 mod high_pass;
@@ -27,7 +27,7 @@ mod refine;
 mod smooth;
 mod uncertainty;
 
-use ndarray::{Array3, Axis};
+use ndarray::{Array2, Array3, Axis};
 
 use super::DeconvolutionConfig;
 use crate::core::error::Result;
@@ -47,6 +47,9 @@ pub struct Solution {
     pub scene: LinearImage,
     /// The standard deviation of the scene's error as far as noise and the clipped flare make it, `[3, height, width]`.
     pub deviation: Array3<f32>,
+    /// What the scene, with the light that was found around it, leaves of the capture, over its local brightness and α, which is
+    /// as the noise is; zero at saturated pixels; `[3, height, width]`.
+    pub residual: Array3<f32>,
     /// The standard deviation of the noise of `log(capture + α)` in each channel, where it is of middling brightness.
     pub relative_noise: [f32; CHANNELS],
 }
@@ -60,10 +63,11 @@ pub(super) fn restore(
 ) -> Result<LinearImage> {
     let frame = frame_of(image, psf, config);
     let mut colors = Colors::solve(&frame, (image, psf), config, progress)?;
-    match colors.refined(progress)? {
-        Some(Refined { scene, .. }) => LinearImage::from_planes(scene),
+    let scene = match colors.refined(progress)? {
+        Some(Refined { scene, .. }) => scene,
         None => colors.scene(),
-    }
+    };
+    LinearImage::from_planes(scene)
 }
 
 /// As [`restore`], with what is known of the errors.
@@ -77,13 +81,11 @@ pub(super) fn solve(
     let mut colors = Colors::solve(&frame, (image, psf), config, progress)?;
     let relative_noise = std::array::from_fn(|channel| colors.channels[channel].relative_noise());
     let (scene, deviation) = match colors.refined(progress)? {
-        Some(Refined { scene, deviation }) => (LinearImage::from_planes(scene)?, deviation),
-        None => {
-            let deviation = colors.deviation()?;
-            (colors.scene()?, deviation)
-        }
+        Some(Refined { scene, deviation }) => (scene, deviation),
+        None => (colors.scene(), colors.deviation()?),
     };
-    Ok(Solution { scene, deviation, relative_noise })
+    let residual = colors.residual(&scene)?;
+    Ok(Solution { scene: LinearImage::from_planes(scene)?, deviation, residual, relative_noise })
 }
 
 fn frame_of(image: &LinearImage, psf: &Psf, config: &DeconvolutionConfig) -> Frame {
@@ -101,7 +103,10 @@ pub(super) fn bytes(frame: u64, plane: u64, samples: u64) -> u64 {
     let of_plane = CHANNELS as u64 * 3 + 7;
     // The transfer function, for a while that of squares, a spectrum, and what stands between rows and columns.
     let of_samples = 4;
-    4 * (of_frame * frame + of_plane * plane + of_samples * samples)
+    let usual = of_frame * frame + of_plane * plane + of_samples * samples;
+    // Captures without noise: scenes and D of the channels before, and what `constrained` takes for one.
+    let computed = (2 * CHANNELS as u64 + 2) * frame + 12 * plane + 8 * samples;
+    4 * usual.max(computed)
 }
 
 /// All channels in work.
@@ -128,13 +133,8 @@ impl<'a> Colors<'a> {
         config: &'a DeconvolutionConfig,
         progress: &Progress,
     ) -> Result<Self> {
-        let of_channel = |channel| Known {
-            capture: image.channel(channel),
-            psf: psf.channel(channel),
-            level: config.saturation[channel],
-            alpha: config.alpha,
-            noise: config.noise.as_ref().map(|noise| (noise, channel)),
-        };
+        let of_channel =
+            |channel| Known { capture: image.channel(channel), psf: psf.channel(channel), channel, config };
         let channels = (0..CHANNELS).map(|channel| Channel::new(frame, of_channel(channel), progress));
         Ok(Self { frame, channels: channels.collect::<Result<_>>()?, edges: Edges::unknown() })
     }
@@ -193,13 +193,24 @@ impl<'a> Colors<'a> {
         Ok(deviation)
     }
 
-    fn scene(self) -> Result<LinearImage> {
+    fn scene(&self) -> Array3<f32> {
         let [height, width] = self.frame.size();
         let mut scene = Array3::zeros((CHANNELS, height, width));
-        for (channel, mut out) in self.channels.into_iter().zip(scene.axis_iter_mut(Axis(0))) {
+        for (channel, mut out) in self.channels.iter().zip(scene.axis_iter_mut(Axis(0))) {
             out.assign(&self.frame.cut(&channel.scene));
         }
-        LinearImage::from_planes(scene)
+        scene
+    }
+
+    /// What a scene leaves of the capture; the light around it stays as it was found.
+    fn residual(mut self, scene: &Array3<f32>) -> Result<Array3<f32>> {
+        let mut residual = Array3::zeros(scene.dim());
+        let mut image = Array2::zeros(self.frame.size());
+        for (index, channel) in self.channels.iter_mut().enumerate() {
+            self.frame.cut_mut(&mut channel.scene).assign(&scene.index_axis(Axis(0), index));
+            channel.write_residual(&mut image, residual.index_axis_mut(Axis(0), index))?;
+        }
+        Ok(residual)
     }
 }
 

@@ -71,13 +71,60 @@ fn psnr(a: &LinearImage, b: &LinearImage, most: f32) -> f64 {
 }
 
 #[test]
-fn inverts_noise_free_captures_exactly() {
+fn inverts_noise_free_captures_as_constrained_does() {
     let scene = room(100.0);
     let seen = capture(&scene, 0.0, 500.0);
-    let config = config(Method::Joint, Border::Zero, 500.0);
-    let restored = deconvolve(&seen, &psf(), &config, &Progress::default()).unwrap();
-    let quality = psnr(&restored, &scene, 500.0);
+    let restored = |method| {
+        deconvolve(&seen, &psf(), &config(method, Border::Zero, 500.0), &Progress::default()).unwrap()
+    };
+    let quality = psnr(&restored(Method::Joint), &scene, 500.0);
     assert!(quality > 60.0, "{quality}");
+    assert_eq!(restored(Method::Joint), restored(Method::Constrained));
+}
+
+/// A lamp just outside of the frame, whose flare enters.
+#[test]
+fn light_from_outside_of_noise_free_captures_costs_no_more_than_by_constrained() {
+    const CUT: usize = 16;
+    let side = SIZE - CUT;
+    let mut whole = room(1.0).into_planes();
+    whole.slice_mut(ndarray::s![.., 30..33, 10..13]).fill(300.0);
+    let whole = LinearImage::from_planes(whole).unwrap();
+    let seen = capture(&whole, 0.0, 500.0).crop(0, CUT, SIZE, side);
+    let scene = whole.crop(0, CUT, SIZE, side);
+    let of = |method| {
+        let config = config(method, Border::Smooth, 500.0);
+        psnr(&deconvolve(&seen, &psf(), &config, &Progress::default()).unwrap(), &scene, 500.0)
+    };
+    let (joint, constrained) = (of(Method::Joint), of(Method::Constrained));
+    assert!(joint > constrained - 0.1, "{joint}, constrained {constrained}");
+}
+
+/// In darkness all that is not explained is in the residual.
+#[test]
+fn tells_what_it_leaves_of_the_capture() {
+    let scene = room(100.0);
+    let seen = capture(&scene, 0.03, 50.0);
+    let config = config(Method::Joint, Border::Zero, 50.0);
+    let Solution { scene, residual, .. } = solve(&seen, &psf(), &config, &Progress::default()).unwrap();
+    let again = capture(&scene, 0.0, f32::MAX);
+    let mut saturated = 0;
+    for ((place, residual), (seen, again)) in
+        residual.indexed_iter().zip(seen.planes().iter().zip(&again.planes()))
+    {
+        if *seen >= 50.0 {
+            saturated += 1;
+            assert_eq!(*residual, 0.0);
+        } else {
+            // The local brightness is above a third of the value, and at least α.
+            let left = seen - again;
+            assert!(residual.abs() * 0.25 <= left.abs() + 1e-5, "{place:?}: {residual}, {left}");
+            assert!(*residual == 0.0 || (*residual > 0.0) == (left > 0.0) || left.abs() < 1e-5, "{place:?}");
+        }
+    }
+    assert!(saturated > 0);
+    let mean = residual.iter().map(|residual| residual.powi(2)).sum::<f32>() / residual.len() as f32;
+    assert!((0.02..0.04).contains(&mean.sqrt()), "{} of noise of 0.03", mean.sqrt());
 }
 
 /// With and without light around the frame that is not known.
@@ -102,7 +149,7 @@ fn tells_its_error() {
         image(|c, y, x| 0.5 + 0.3 * ((y + c) as f32 / 15.0).sin() * (x as f32 / 20.0).cos(), [SIZE; 2]);
     let seen = capture(&scene, 0.03, 500.0);
     let config = config(Method::Joint, Border::Zero, 500.0);
-    let Solution { scene: restored, deviation, relative_noise } =
+    let Solution { scene: restored, deviation, relative_noise, .. } =
         solve(&seen, &psf(), &config, &Progress::default()).unwrap();
     assert!(relative_noise.iter().all(|noise| (0.02..0.04).contains(noise)), "{relative_noise:?} of 0.03");
     let mut ratios: Vec<f32> = (&restored.planes() - &scene.planes())
@@ -212,7 +259,7 @@ fn local_spectra_refine_a_noisy_scene() {
     let progress = Progress::default();
     let start =
         || Colors::start(&frame, (&seen, &psf), &config, &progress).unwrap().restore(&progress).unwrap();
-    let before = psnr(&start().scene().unwrap(), &scene, 500.0);
+    let before = psnr(&LinearImage::from_planes(start().scene()).unwrap(), &scene, 500.0);
     let refined = start().refined(&progress).unwrap().expect("there is noise");
     let after = psnr(&LinearImage::from_planes(refined.scene).unwrap(), &scene, 500.0);
     assert!(after > before + 1.0, "{after} after {before}");
