@@ -12,7 +12,7 @@ use std::time::SystemTime;
 
 use tempfile::NamedTempFile;
 
-use super::atomic::{folder_of, temporary_beside};
+use super::atomic::{folder_of, persist_new, temporary_beside};
 use super::written;
 use crate::core::error::{Error, Result};
 
@@ -210,7 +210,7 @@ impl ArchiveWriter {
         file.as_file_mut().flush().and_then(|()| file.as_file().sync_all()).map_err(fail)?;
         for name in names {
             debug_assert_eq!(folder_of(&name), folder_of(&self.path), "renamed within one folder");
-            match file.persist_noclobber(&name) {
+            match persist_new(file, &name) {
                 Ok(_) => {
                     written::tell(&name);
                     return Ok(name);

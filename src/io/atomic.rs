@@ -5,7 +5,7 @@ use std::io::{self, BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-use tempfile::{Builder, NamedTempFile};
+use tempfile::{Builder, NamedTempFile, PersistError};
 
 use super::{list_folder, read_bytes, remove, written};
 use crate::core::error::{Error, Result};
@@ -42,7 +42,7 @@ pub fn write_atomically(
     write(&mut buffer).and_then(|()| buffer.flush()).map_err(fail)?;
     drop(buffer);
     file.as_file().sync_all().map_err(fail)?;
-    let renamed = if overwrite { file.persist(path) } else { file.persist_noclobber(path) };
+    let renamed = if overwrite { file.persist(path) } else { persist_new(file, path) };
     match renamed {
         Ok(_) => {
             written::tell(path);
@@ -50,6 +50,24 @@ pub fn write_atomically(
         }
         Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => Err(exists(path)),
         Err(error) => Err(fail(error.error)),
+    }
+}
+
+/// Gives a file its name where there is none of that name.
+///
+/// Mounted object stores and some other file systems of user space know neither a renaming that keeps what is there nor hard
+/// links; there a file that another process makes at the same moment is replaced.
+///
+/// # Errors
+/// As [`NamedTempFile::persist_noclobber`].
+pub(super) fn persist_new(file: NamedTempFile, path: &Path) -> std::result::Result<File, PersistError> {
+    match file.persist_noclobber(path) {
+        Err(error)
+            if error.error.kind() != io::ErrorKind::AlreadyExists && path.symlink_metadata().is_err() =>
+        {
+            error.file.persist(path)
+        }
+        named => named,
     }
 }
 

@@ -96,8 +96,12 @@ impl AppendFile {
     /// # Errors
     /// [`Error::Io`] when the file cannot be written.
     pub fn at(path: &Path) -> Result<Self> {
-        let file = OpenOptions::new().create(true).append(true).open(path);
-        let file = file.map_err(|source| Error::io("write", path, source))?;
+        let fail = |source| Error::io("write", path, source);
+        let file = OpenOptions::new().create(true).append(true).open(path).map_err(fail)?;
+        if file.metadata().map_err(fail)?.len() == 0 {
+            // Mounted object stores have a new file, and can replace it, only when it was written out.
+            file.sync_all().map_err(fail)?;
+        }
         Ok(Self { path: path.to_owned(), file })
     }
 

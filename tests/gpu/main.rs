@@ -37,11 +37,7 @@ fn image(seed: usize, [height, width]: [usize; 2]) -> ToneMappedImage {
 }
 
 fn planes(size: [usize; 2]) -> Planes {
-    [Plane::Deconvolved, Plane::Noise, Plane::Saturated]
-        .into_iter()
-        .enumerate()
-        .map(|(seed, plane)| (plane, image(seed + 3, size)))
-        .collect()
+    Plane::ALL.into_iter().enumerate().map(|(seed, plane)| (plane, image(seed + 3, size))).collect()
 }
 
 /// Every family, DISCNet with every condition, and small filters and large ones.
