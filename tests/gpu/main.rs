@@ -1,6 +1,10 @@
 //! What a GPU computes, beside what the CPU computes; on any device that is found first, be it a program that takes a GPU's
 //! place. Where there is none, each test says so and passes.
 
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
 use ndarray::Array3;
 
 use udc::core::image::{CHANNELS, ToneMappedImage};
@@ -154,5 +158,64 @@ fn trainings_follow_those_of_the_cpu() {
             let error = (on_gpu / on_cpu - 1.0).abs();
             assert!(error < 1e-3, "{:?}, step {step}: {on_gpu}, on the CPU {on_cpu}", config.architecture);
         }
+        eprintln!("{:?}: {steps} steps as on the CPU", config.architecture.kind);
     }
+}
+
+/// A network that learns in fifty steps of few kernels.
+const SMALL: &str = r#"
+iterations = 50
+log-every = 1
+[architecture]
+kind = "unet"
+condition = "none"
+features = 4
+[data]
+crop = 16
+batch = 2
+[checkpoint]
+every = 25
+"#;
+
+fn udc(folder: &Path, line: &str) -> String {
+    let ended = Command::new(env!("CARGO_BIN_EXE_udc"))
+        .current_dir(folder)
+        .args(line.split_whitespace())
+        .output()
+        .expect("it starts");
+    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert!(ended.status.success(), "udc {line}: {said}");
+    said
+}
+
+/// The loss of each step, from the log.
+fn logged(run: &Path) -> Vec<f64> {
+    let log = fs::read_to_string(run.join("metrics.jsonl")).expect("a run has a log");
+    let lines = log.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).expect("it is JSON"));
+    lines.filter_map(|line| line["loss"].as_f64()).collect()
+}
+
+/// Fifty steps at a stretch, and 25 before an end and 25 after it; nothing promises the same bits.
+#[test]
+fn a_training_goes_on_where_it_ended() {
+    if device().is_none() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    fs::write(folder.join("small.toml"), SMALL).expect("it is written");
+    udc(folder, "psf --random 3 --size 9 -o psf.exr");
+    udc(folder, "scenes -o scenes --count 4 --size 24 --seed 2");
+    udc(folder, "synth scenes --psf psf.exr --split train -o dataset");
+    let train = "train small.toml --data dataset --device gpu:0 -o";
+    udc(folder, &format!("{train} whole"));
+    udc(folder, &format!("{train} parts --set iterations=25"));
+    udc(folder, &format!("{train} parts --resume --set iterations=50"));
+    let (whole, parts) = (logged(&folder.join("whole")), logged(&folder.join("parts")));
+    assert_eq!((whole.len(), parts.len()), (50, 50));
+    for (step, (a, b)) in whole.iter().zip(&parts).enumerate() {
+        assert!((a / b - 1.0).abs() < 1e-3, "step {step}: {a} and {b}");
+    }
+    assert!(whole[49] < whole[0], "{whole:?}");
+    eprintln!("the same bits: {}", whole == parts);
 }
