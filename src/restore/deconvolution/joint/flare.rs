@@ -58,6 +58,12 @@ impl Clipped<'_> {
         let inverse = inverse_diagonal(self.squared, &(weights * weights), self.saturated, LEAST_CURVATURE);
         fit.solve(&inverse, progress)
     }
+
+    /// What a light of saturated pixels, the level included, leaves of that sum of squares.
+    pub(super) fn misfit(&self, light: &Array2<f32>) -> f64 {
+        let residual = Fit::new(self).residual(light);
+        inner(&residual, &residual)
+    }
 }
 
 impl<'c, 'a> Fit<'c, 'a> {
@@ -67,14 +73,20 @@ impl<'c, 'a> Fit<'c, 'a> {
         Self { clipped, high_pass: HighPass::new(known, clipped.brightness, HIGH_PASS_PX) }
     }
 
+    /// `w·h(y − A x)` of a light x.
+    fn residual(&self, light: &Array2<f32>) -> Array2<f32> {
+        let mut residual = Array2::zeros(light.dim());
+        self.clipped.blur.apply(light, &mut residual);
+        Zip::from(&mut residual).and(self.clipped.capture).par_for_each(|r, y| *r = y.max(0.0) - *r);
+        self.high_pass.pass(&mut residual);
+        residual
+    }
+
     fn solve(&self, inverse: &Array2<f32>, progress: &Progress) -> Result<Array2<f32>> {
-        let Clipped { blur, capture, saturated, level, .. } = self.clipped;
+        let Clipped { blur, saturated, level, .. } = self.clipped;
         let empty = || Array2::zeros(saturated.dim());
         let base = saturated.mapv(|saturated| if saturated { *level } else { 0.0 });
-        let mut residual = empty();
-        blur.apply(&base, &mut residual);
-        Zip::from(&mut residual).and(capture).par_for_each(|r, y| *r = y.max(0.0) - *r);
-        self.high_pass.pass(&mut residual);
+        let mut residual = self.residual(&base);
         let mut gradient = empty();
         self.high_pass.back(blur, &residual, &mut gradient);
         // From no light at all, only pixels that gain by some are free.
@@ -185,6 +197,8 @@ mod tests {
             level: LEVEL,
         };
         let light = clipped.measure(&Progress::default()).unwrap();
+        let of_level = saturated.mapv(|saturated| if saturated { LEVEL } else { 0.0 });
+        assert!(clipped.misfit(&(&of_level + &light)) < 1e-2 * clipped.misfit(&of_level));
         let dark = light.iter().zip(&saturated).filter(|(_, saturated)| !**saturated);
         assert!(dark.map(|(light, _)| *light).all(|light| light == 0.0));
         let level: f32 = saturated.iter().map(|saturated| f32::from(u8::from(*saturated)) * LEVEL).sum();

@@ -2,6 +2,7 @@
 
 use ndarray::{Array2, ArrayView2, Zip};
 
+use super::coarse;
 use super::flare::{Clipped, grown, inverse_diagonal};
 use super::frame::{Blur, Frame};
 use super::prior::Modest;
@@ -9,8 +10,8 @@ use super::smooth::{local_mean, paint};
 use crate::core::error::Result;
 use crate::core::progress::Progress;
 
-/// Pixels around saturated ones whose values are not believed: interpolation mixes clipped values in. In a computed capture,
-/// where there are none, leaving them out costs 3 dB.
+/// Pixels around saturated ones whose values are not believed: interpolation mixes clipped values in. Where none were interpolated,
+/// in computed captures and at reduced resolutions, leaving them out costs 3 and 0.3 dB.
 const GUARD_PX: usize = 1;
 
 /// The share of a channel's pixels that may be saturated for their light to be measured by the spikes of their flare, which large
@@ -47,8 +48,10 @@ pub(super) struct Lamps {
     /// The capture's part that comes from saturated pixels.
     flare: Array2<f32>,
     level: f32,
-    /// Whether their light was measured.
+    /// Whether their light can be measured.
     is_measured: bool,
+    /// Whether it was found at half the resolution.
+    has_coarse_light: bool,
 }
 
 /// A channel of a capture with saturated pixels, before anything is known of them.
@@ -57,16 +60,19 @@ pub(super) struct Saturated<'a> {
     pub(super) capture: ArrayView2<'a, f32>,
     pub(super) psf: ArrayView2<'a, f32>,
     pub(super) pixels: Array2<bool>,
+    /// The scene at half the resolution, if it is known.
+    pub(super) coarse: Option<ArrayView2<'a, f32>>,
     /// The light at which pixels are saturated.
     pub(super) level: f32,
     /// What is added to the scene's brightness that differences of neighbours are relative to.
     pub(super) darkness: f32,
-    /// Whether the capture is a computed one, without noise.
-    pub(super) is_computed: bool,
+    /// Whether pixels next to saturated ones may have been interpolated from them.
+    pub(super) is_interpolated: bool,
 }
 
 impl Saturated<'_> {
-    /// Measures the light of saturated pixels; returns the first scene with them. `brightness` is D, and becomes zero at
+    /// Finds the light of saturated pixels: what half the resolution tells or what is measured, whichever explains the spikes of the
+    /// flare better; returns the first scene with them. `brightness` is D, and becomes zero at
     /// saturated pixels.
     pub(super) fn measure(
         self,
@@ -74,24 +80,33 @@ impl Saturated<'_> {
         brightness: &mut Array2<f32>,
         progress: &Progress,
     ) -> Result<(Lamps, Array2<f32>)> {
-        let Self { frame, capture, psf, pixels: saturated, level, darkness, is_computed } = self;
+        let Self { frame, capture, psf, pixels: saturated, coarse, level, darkness, is_interpolated } = self;
         let of_frame = frame.cut(brightness);
         let squared = &frame.squared_blur(psf)?;
         let count = saturated.iter().filter(|saturated| **saturated).count();
         let is_measured = count as f64 <= MOST_MEASURED * saturated.len() as f64;
-        let mut light = if is_measured {
-            let clipped =
-                Clipped { blur, squared, capture, saturated: &saturated, brightness: of_frame, level };
-            clipped.measure(progress)?
-        } else {
-            Array2::zeros(frame.size())
+        let clipped = Clipped { blur, squared, capture, saturated: &saturated, brightness: of_frame, level };
+        let measured = || -> Result<_> {
+            let above = is_measured.then(|| clipped.measure(progress)).transpose()?;
+            let mut light = above.unwrap_or_else(|| Array2::zeros(frame.size()));
+            Zip::from(&mut light).and(&saturated).par_for_each(|light, saturated| {
+                if *saturated {
+                    *light += level;
+                }
+            });
+            Ok(light)
         };
-        Zip::from(&mut light).and(&saturated).par_for_each(|light, saturated| {
-            if *saturated {
-                *light += level;
+        let coarse = coarse.map(|scene| coarse::light(scene, &saturated, capture));
+        let (light, has_coarse_light) = match coarse {
+            Some(light) if is_measured => {
+                let measured = measured()?;
+                let is_better = clipped.misfit(&light) < clipped.misfit(&measured);
+                (if is_better { light } else { measured }, is_better)
             }
-        });
-        let guarded = grown(&saturated, if is_computed { 0 } else { GUARD_PX });
+            Some(light) => (light, true),
+            None => (measured()?, false),
+        };
+        let guarded = grown(&saturated, if is_interpolated { GUARD_PX } else { 0 });
         let certainty =
             Zip::from(&saturated).and(&guarded).and(of_frame).par_map_collect(|saturated, guarded, n| {
                 let inverse = 1.0 / (n * n);
@@ -116,7 +131,10 @@ impl Saturated<'_> {
                 }
             },
         );
-        Ok((Lamps { saturated, inverse_brightness, certainty, flare, level, is_measured }, scene))
+        Ok((
+            Lamps { saturated, inverse_brightness, certainty, flare, level, is_measured, has_coarse_light },
+            scene,
+        ))
     }
 }
 
@@ -133,11 +151,23 @@ fn rest(
 }
 
 impl Lamps {
+    /// Whether the light was found at half the resolution.
+    pub(super) fn has_coarse_light(&self) -> bool {
+        self.has_coarse_light
+    }
+
     /// W: where a saturated pixel is brighter than what the scene explains, `image`, no more is known of it.
-    pub(super) fn weights(&self, image: &Array2<f32>, weights: &mut Array2<f32>) {
-        Zip::from(weights).and(&self.certainty).and(image).par_for_each(|weight, certainty, image| {
-            *weight = if *certainty < 0.0 && *image < self.level { -certainty } else { certainty.max(0.0) };
-        });
+    pub(super) fn weights(
+        &self,
+        image: &Array2<f32>,
+        capture: ArrayView2<'_, f32>,
+        weights: &mut Array2<f32>,
+    ) {
+        Zip::from(weights).and(&self.certainty).and(image).and(capture).par_for_each(
+            |weight, certainty, image, y| {
+                *weight = if *certainty < 0.0 && image < y { -certainty } else { certainty.max(0.0) };
+            },
+        );
     }
 
     /// What the level tells of saturated pixels whose light was not measured, `brightness` being D.

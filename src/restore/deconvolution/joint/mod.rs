@@ -6,8 +6,9 @@
 //! # Method
 //! 1. The noise of the capture is estimated from its finest detail.
 //! 2. Where nothing is saturated, a regularised inverse of the PSF, relative to the local brightness, is the first scene.
-//!    Where something is, the flare of the clipped light is fitted and taken away, and what it hid is painted over. Where there
-//!    is no noise either, and nothing is unknown around the frame, [`constrained`](super::constrained) solves to many digits.
+//!    Where something is, the clipped light is found at half the resolution, by all of these steps ([`coarse`]), and by a fit
+//!    of its flare; whichever explains that flare better is taken away, and what it hid is painted over. Where there is no
+//!    noise either, and nothing is unknown around the frame, [`constrained`](super::constrained) solves to many digits.
 //! 3. In each of a few rounds the edges of the scene are looked for in all colours together, and conjugate gradients lower the
 //!    least squares with a penalty on differences of neighbours that spares those edges (iteratively reweighted least squares).
 //! 4. Where there is noise, the spectra of its own neighbourhoods refine the scene ([`refine`]).
@@ -15,6 +16,7 @@
 //! Transforms are of 32 bits: on captures with suns 10⁴ times above saturation, those of 64 bits restore the same to 0.01 dB.
 
 mod channel;
+mod coarse;
 mod conjugate;
 mod flare;
 mod frame;
@@ -27,7 +29,7 @@ mod refine;
 mod smooth;
 mod uncertainty;
 
-use ndarray::{Array2, Array3, Axis};
+use ndarray::{Array2, Array3, Axis, Zip};
 
 use super::DeconvolutionConfig;
 use crate::core::error::Result;
@@ -35,8 +37,11 @@ use crate::core::fft::TransformPrecision;
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
+use crate::core::saturation::saturated_from;
 use channel::{Channel, Known, Workspace};
+use coarse::Half;
 use frame::Frame;
+use noise_level::NoiseLevel;
 use prior::{Edges, InverseBrightness};
 use refine::{Refined, refine};
 
@@ -109,6 +114,76 @@ pub(super) fn bytes(frame: u64, plane: u64, samples: u64) -> u64 {
     4 * usual.max(computed)
 }
 
+/// A capture, at full or at a reduced resolution.
+struct Given<'a> {
+    image: &'a LinearImage,
+    psf: &'a Psf,
+    config: &'a DeconvolutionConfig,
+    /// Saturated pixels, of each channel.
+    saturated: Vec<Array2<bool>>,
+    /// The noise at full resolution, where this one is reduced: below it, the means of blocks are not explained either.
+    noise: Option<&'a [NoiseLevel]>,
+}
+
+impl<'a> Given<'a> {
+    fn known(&self, channel: usize) -> Known<'a> {
+        let Self { image, psf, config, .. } = *self;
+        let is_reduced = self.noise.is_some();
+        Known { capture: image.channel(channel), psf: psf.channel(channel), channel, config, is_reduced }
+    }
+
+    fn start(self, frame: &'a Frame, progress: &Progress) -> Result<Colors<'a>> {
+        let noise = self.noise_levels(frame)?;
+        let coarse = match &noise {
+            Some(noise) => self.coarse_scene(frame, noise, progress)?,
+            None => None,
+        };
+        let known: Vec<_> = (0..CHANNELS).map(|channel| self.known(channel)).collect();
+        let mut noise = noise.into_iter().flatten();
+        let channels = known.into_iter().zip(self.saturated).map(|(known, saturated)| {
+            let coarse = coarse.as_ref().map(|scene| scene.index_axis(Axis(0), known.channel));
+            Channel::new(frame, known, (saturated, coarse, noise.next()), progress)
+        });
+        Ok(Colors { frame, channels: channels.collect::<Result<_>>()?, edges: Edges::unknown() })
+    }
+
+    /// The noise of all channels, if there are lamps.
+    fn noise_levels(&self, frame: &Frame) -> Result<Option<Vec<NoiseLevel>>> {
+        if !self.saturated.iter().flatten().any(|saturated| *saturated) {
+            return Ok(None);
+        }
+        if let Some(noise) = self.noise {
+            return Ok(Some(noise.to_vec()));
+        }
+        let of_channel = |channel| {
+            let known = self.known(channel);
+            Ok(known.noise_level(&frame.blur(known.psf)?))
+        };
+        (0..CHANNELS).map(of_channel).collect::<Result<_>>().map(Some)
+    }
+
+    /// The scene in the frame at half the resolution, `[3, ⌈height/2⌉, ⌈width/2⌉]`, of a photograph with lamps that is large
+    /// enough.
+    fn coarse_scene(
+        &self,
+        frame: &Frame,
+        noise: &[NoiseLevel],
+        progress: &Progress,
+    ) -> Result<Option<Array3<f32>>> {
+        let is_photograph = |channel: usize| channel::is_photograph(&noise[channel], frame);
+        let has_lamps = |channel: usize| self.saturated[channel].iter().any(|saturated| *saturated);
+        if !(0..CHANNELS).any(|channel| is_photograph(channel) && has_lamps(channel)) {
+            return Ok(None);
+        }
+        let Some(half) = Half::of(self.image, self.psf, &self.saturated)? else { return Ok(None) };
+        let Half { image, psf, saturated } = half;
+        let frame = frame_of(&image, &psf, self.config);
+        let given = Given { image: &image, psf: &psf, config: self.config, saturated, noise: Some(noise) };
+        let progress = progress.without_bars();
+        Ok(Some(given.start(&frame, &progress)?.restore(&progress)?.scene()))
+    }
+}
+
 /// All channels in work.
 struct Colors<'a> {
     frame: &'a Frame,
@@ -133,10 +208,12 @@ impl<'a> Colors<'a> {
         config: &'a DeconvolutionConfig,
         progress: &Progress,
     ) -> Result<Self> {
-        let of_channel =
-            |channel| Known { capture: image.channel(channel), psf: psf.channel(channel), channel, config };
-        let channels = (0..CHANNELS).map(|channel| Channel::new(frame, of_channel(channel), progress));
-        Ok(Self { frame, channels: channels.collect::<Result<_>>()?, edges: Edges::unknown() })
+        let saturated = |channel: usize| {
+            let from = saturated_from(config.saturation[channel]);
+            Zip::from(image.channel(channel)).par_map_collect(|y| *y >= from)
+        };
+        let saturated = (0..CHANNELS).map(saturated).collect();
+        Given { image, psf, config, saturated, noise: None }.start(frame, progress)
     }
 
     fn restore(mut self, progress: &Progress) -> Result<Self> {
