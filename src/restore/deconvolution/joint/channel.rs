@@ -378,7 +378,7 @@ fn of_rounds(steps: usize) -> [usize; 2] {
     [rounds, steps / rounds]
 }
 
-/// The same at a reduced resolution.
+/// Rounds and steps for a photograph with lamps at a reduced resolution.
 fn reduced_effort(samples: usize) -> [usize; 2] {
     let [least, most] = REDUCED_STEPS;
     [REDUCED_ROUNDS, (REDUCED_WORK / (REDUCED_ROUNDS * samples.max(1))).clamp(least, most)]

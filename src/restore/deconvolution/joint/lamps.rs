@@ -71,9 +71,8 @@ pub(super) struct Saturated<'a> {
 }
 
 impl Saturated<'_> {
-    /// Finds the light of saturated pixels: what half the resolution tells or what is measured, whichever explains the spikes of the
-    /// flare better; returns the first scene with them. `brightness` is D, and becomes zero at
-    /// saturated pixels.
+    /// Finds the light of saturated pixels: what half the resolution tells or what is measured, whichever explains the spikes
+    /// of the flare better; returns the first scene with them. `brightness` is D, and becomes zero at saturated pixels.
     pub(super) fn measure(
         self,
         blur: &Blur<'_>,
