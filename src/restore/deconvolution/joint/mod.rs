@@ -45,6 +45,9 @@ use noise_level::NoiseLevel;
 use prior::{Edges, InverseBrightness};
 use refine::{Refined, refine};
 
+/// The share of a channel that is clipped, from which clipped light is first found at lower resolutions.
+const LEAST_CLIPPED: f64 = 5e-3;
+
 /// What a capture tells of its scene.
 #[derive(Clone, Debug)]
 pub struct Solution {
@@ -162,8 +165,8 @@ impl<'a> Given<'a> {
         (0..CHANNELS).map(of_channel).collect::<Result<_>>().map(Some)
     }
 
-    /// The scene in the frame at half the resolution, `[3, ⌈height/2⌉, ⌈width/2⌉]`, of a photograph with lamps that is large
-    /// enough.
+    /// The scene in the frame at half the resolution, `[3, ⌈height/2⌉, ⌈width/2⌉]`, of a photograph that is large enough and
+    /// of which much is clipped: the light of few pixels is found sooner at full resolution, and as well.
     fn coarse_scene(
         &self,
         frame: &Frame,
@@ -171,8 +174,12 @@ impl<'a> Given<'a> {
         progress: &Progress,
     ) -> Result<Option<Array3<f32>>> {
         let is_photograph = |channel: usize| channel::is_photograph(&noise[channel], frame);
-        let has_lamps = |channel: usize| self.saturated[channel].iter().any(|saturated| *saturated);
-        if !(0..CHANNELS).any(|channel| is_photograph(channel) && has_lamps(channel)) {
+        let much_is_clipped = |channel: usize| {
+            let saturated = &self.saturated[channel];
+            let clipped = saturated.iter().filter(|saturated| **saturated).count();
+            clipped as f64 >= LEAST_CLIPPED * saturated.len() as f64
+        };
+        if !(0..CHANNELS).any(|channel| is_photograph(channel) && much_is_clipped(channel)) {
             return Ok(None);
         }
         let Some(half) = Half::of(self.image, self.psf, &self.saturated)? else { return Ok(None) };
