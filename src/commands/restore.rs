@@ -276,9 +276,9 @@ const PSF: &str = "psf";
 /// An image that is ready.
 enum Ready {
     /// Light, and the domain that it is written in.
-    Light(Restored, DomainTag),
+    Light(Box<Restored>, DomainTag),
     /// A picture for viewing.
-    Photograph(Photograph),
+    Photograph(Box<Photograph>),
 }
 
 /// A run over several captures.
@@ -348,6 +348,12 @@ impl<'a> Run<'a> {
         }
         if let Some(doubt) = restored.doubt() {
             self.session.warn(format_args!("{}: {doubt}", job.name()));
+        }
+        if let Some([height, width]) = restored.smaller_windows {
+            self.session.note(format_args!(
+                "{}: the device has memory for windows of {height} × {width} pixels, and no larger ones",
+                job.name()
+            ));
         }
         if let Some(pose) = &restored.pose {
             self.session.note(format_args!("{}: the flare moves the PSF: {pose}", job.name()));
@@ -474,15 +480,16 @@ impl Stages for Run<'_> {
         let domain = self.args.domain_of_output(&capture);
         let restored = self.session.timed(self.doing(job), || self.restore(job, capture))?;
         if !job.is_photograph() {
-            return Ok(Ready::Light(restored, domain));
+            return Ok(Ready::Light(Box::new(restored), domain));
         }
         let finishing = format!("finishing {}", job.name());
-        Ok(Ready::Photograph(self.session.timed(finishing, || restored.into_photograph())?))
+        let photograph = self.session.timed(finishing, || restored.into_photograph())?;
+        Ok(Ready::Photograph(Box::new(photograph)))
     }
 
     fn write(&self, job: &Job, ready: Ready) -> error::Result<()> {
         let write = || match ready {
-            Ready::Light(restored, domain) => self.write_light(job, restored, domain),
+            Ready::Light(restored, domain) => self.write_light(job, *restored, domain),
             Ready::Photograph(photograph) => photograph.write(&job.output, &self.options()),
         };
         self.session.timed(format_args!("writing {}", job.output.display()), write)

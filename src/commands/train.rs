@@ -67,6 +67,9 @@ pub(crate) struct TrainArgs {
     pub(super) resume: bool,
     #[command(flatten)]
     pub(super) device: DeviceArgs,
+    /// GPUs to train on together, by their numbers; so far one is all that a training can use
+    #[arg(long, value_name = "N,…", value_delimiter = ',', conflicts_with = "device")]
+    pub(super) devices: Vec<usize>,
     /// Burn backend to compute with on the CPU: flex or ndarray
     #[arg(long, default_value = "flex", value_name = "NAME")]
     pub(super) backend: Backend,
@@ -97,7 +100,7 @@ impl TrainArgs {
             config: &config,
             set: &set,
             measures: &validation_measures(&config.validation)?,
-            backend: self.device.find_or(self.backend, session)?,
+            backend: self.device()?.find_or(self.backend, session)?,
             progress: &session.progress,
             warn: &|text| session.warn(text),
         };
@@ -118,6 +121,17 @@ impl TrainArgs {
         let samples = set.samples(&config, &warn)?;
         let estimate = train::estimate(&config, &*samples, self.backend, PATIENCE)?;
         self.dry_run.tell("train", &estimate, session)
+    }
+
+    fn device(&self) -> Result<DeviceArgs> {
+        match *self.devices {
+            [] => Ok(self.device),
+            [number] => Ok(DeviceArgs::numbered(number)),
+            _ => bail!(
+                "--devices: a training uses one device; name one of them, and train other configurations on the others, each \
+                 in a run of its own"
+            ),
+        }
     }
 
     fn read_config(&self) -> Result<TrainConfig> {

@@ -63,6 +63,9 @@ pub enum Error {
         #[source]
         source: Box<dyn std::error::Error + Send + Sync>,
     },
+    /// A device could not do a piece of work, as where its memory does not suffice: smaller pieces may do.
+    #[error("{0}")]
+    Device(String),
     /// The user asked the program to stop.
     #[error("interrupted; finished files were kept, unfinished ones removed")]
     Interrupted,
@@ -103,6 +106,11 @@ impl Error {
     /// Whether the work ended because the user asked for it, whatever was being done.
     pub fn is_interrupt(&self) -> bool {
         self.chain().any(|cause| matches!(cause.downcast_ref(), Some(Self::Interrupted)))
+    }
+
+    /// Whether a device could not do it, and smaller pieces may do.
+    pub fn is_of_device(&self) -> bool {
+        self.chain().any(|cause| matches!(cause.downcast_ref(), Some(Self::Device(_))))
     }
 
     /// Whether a file could not be made because one of its name is there.

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor, TensorReadError};
 
 use super::gpu::{self, Gpu};
 use crate::core::error::{Error, Result};
@@ -67,6 +67,26 @@ impl FromStr for Backend {
             other => Err(Error::config("backend", format!("must be flex or ndarray, found {other}"))),
         }
     }
+}
+
+/// The numbers of a tensor, in order.
+///
+/// # Errors
+/// Whatever failed on the device on the way shows here: [`Error::Device`] where less work may do, as where its memory does not
+/// suffice; [`Error::Unsupported`] where it does nothing more.
+pub(crate) fn numbers_of<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f32>> {
+    tensor.try_into_vec_as().map_err(|reason| match reason {
+        TensorReadError::Execution(reason) if reason.is_device_poisoned() => Error::Unsupported(format!(
+            "the device has failed, and does nothing more in this process: {}; start again, or use --device cpu",
+            reason.reason()
+        )),
+        TensorReadError::Execution(reason) => Error::Device(format!(
+            "the device failed: {}; where its memory does not suffice, take a smaller --tile, crop or batch (data.batch), or \
+             use --device cpu",
+            reason.reason()
+        )),
+        reason => unreachable!("tensors are of 32-bit floats: {reason}"),
+    })
 }
 
 /// What a user asks to compute on, before any device is looked for.

@@ -5,7 +5,7 @@ use std::fmt::Debug;
 use burn::tensor::{Device, Tensor, TensorData};
 use ndarray::{Array3, ArrayView3};
 
-use super::backend::Backend;
+use super::backend::{Backend, numbers_of};
 use super::inputs::{InputTensors, Inputs};
 use super::layers::LayerWeights;
 use super::networks::Network;
@@ -27,7 +27,7 @@ pub(super) trait Engine: Debug + Send + Sync {
     /// inputs are those that the network reads.
     ///
     /// # Errors
-    /// [`Error::Interrupted`](crate::core::error::Error::Interrupted).
+    /// Those of [`numbers_of`]; [`Error::Interrupted`](crate::core::error::Error::Interrupted).
     fn restore(&self, inputs: &Inputs<'_>, room: u64, progress: &Progress) -> Result<Array3<f32>>;
 
     /// Estimates the bytes that restoring an image of height and width takes with `room` bytes more than the least to
@@ -73,8 +73,9 @@ impl Engine for Tensors {
             map: inputs.map.map(|map| self.tensor(map)),
             planes: self.network.architecture().planes().iter().filter_map(plane).collect(),
         });
-        let values = restored.try_into_vec_as::<f32>().expect("images are 32-bit floats");
         let shape = (CHANNELS, inputs.image.height(), inputs.image.width());
+        let values = numbers_of(restored)
+            .map_err(|error| error.while_doing(format!("restoring {} × {} pixels", shape.1, shape.2)))?;
         Ok(Array3::from_shape_vec(shape, values).expect("a restored image has the sides of its input"))
     }
 

@@ -30,6 +30,7 @@ pub mod weights;
 
 pub use crate::kernels::Isa;
 pub use architecture::{Architecture, Condition, Scales};
+pub(crate) use backend::numbers_of;
 pub use backend::{Backend, DeviceChoice};
 pub use family::Kind;
 pub use inputs::{InputTensors, Inputs, Plane, Planes};

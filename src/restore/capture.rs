@@ -41,6 +41,8 @@ pub struct Restored {
     pub doubted_levels: Option<[f32; CHANNELS]>,
     /// By how much the PSF was moved, where the flare of the capture tells it.
     pub pose: Option<PoseEstimate>,
+    /// Height and width of the windows that it was restored in, where a device had no memory for larger ones.
+    pub smaller_windows: Option<[usize; 2]>,
 }
 
 /// A capture as its files were read.

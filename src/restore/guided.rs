@@ -14,7 +14,7 @@ use super::levels::{find_levels, suited_curve, with_levels};
 use super::memory::MemoryPlan;
 use super::network::NetworkOperator;
 use super::planes::{PlaneConfig, planes_of};
-use super::restoration::{Restoration, psf_of, restore_windows};
+use super::restoration::{Restoration, psf_of};
 use super::{Pose, PoseConfig, PoseEstimate, find_pose};
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage};
@@ -78,7 +78,7 @@ impl Restoration {
         let tone_mapped = curve.tone_map(&image);
         let (conditioning, angle) = self.conditioning(model, &tone_mapped, saturation, progress)?;
         let operator = NetworkOperator::new(model).told(conditioning)?.with_planes(&planes);
-        let mut restored = restore_windows(&tone_mapped, plan, operator, progress)?;
+        let (mut restored, smaller_windows) = self.restore_windows(&tone_mapped, plan, operator, progress)?;
         let [deconvolved, outside] = [Plane::Deconvolved, Plane::Outside].map(|plane| planes.take(plane));
         drop(planes);
         if let (Some(options), Some(deconvolved)) = (options, deconvolved) {
@@ -98,7 +98,8 @@ impl Restoration {
         };
         let clips = found.filter(|_| !options.is_some_and(|options| options.true_highlights));
         let info = with_levels(info, clips);
-        Ok(Restored { image, info, angle, curve: told, lamps, levels: found, doubted_levels: None, pose })
+        let (curve, levels, doubted_levels) = (told, found, None);
+        Ok(Restored { image, info, angle, curve, lamps, levels, doubted_levels, pose, smaller_windows })
     }
 
     /// The PSF as the panel stands in a capture, and its pose where the capture tells another than that of the PSF.

@@ -1,6 +1,8 @@
 //! Restores captures by a network or by a deconvolution, with what is known of their kernel.
 
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
 
 use serde_json::{Value, json};
 
@@ -19,7 +21,7 @@ use super::network::{Conditioning, NetworkOperator};
 use super::notice::Notice;
 use super::pose::Pose;
 use super::precision::Precision;
-use super::tiles::restore_tiled;
+use super::tiles::restore_halving;
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
@@ -52,6 +54,8 @@ pub struct Restoration {
     noise: Option<NoiseConfig>,
     /// Whether a deconvolution looks for what saturates a capture that does not say it.
     asks_for_levels: bool,
+    /// How often windows were halved for a device that had no memory for them.
+    halvings: Arc<AtomicUsize>,
 }
 
 #[derive(Clone, Debug)]
@@ -173,6 +177,7 @@ impl Restoration {
             guided: None,
             noise: None,
             asks_for_levels: false,
+            halvings: Arc::default(),
         }
     }
 
@@ -366,13 +371,14 @@ impl Restoration {
         let brightest = saturation.into_iter().fold(self.curve.x_max, f32::max);
         let curve = ToneCurve { x_max: brightest, ..self.curve };
         let Capture { image, info } = capture;
-        let (mut levels, mut doubted_levels) = (None, None);
+        let (mut levels, mut doubted_levels, mut smaller_windows) = (None, None, None);
         let (image, angle) = match &self.how {
             How::Network(model) => {
                 let image = image.into_tone_mapped(curve);
                 let (conditioning, angle) = self.conditioning(model, &image, saturation, progress)?;
                 let operator = NetworkOperator::new(model).told(conditioning)?;
-                let restored = restore_windows(&image, &plan, operator, progress)?;
+                let restored;
+                (restored, smaller_windows) = self.restore_windows(&image, &plan, operator, progress)?;
                 let level = saturation.map(|white| curve.compress(saturated_from(white)));
                 (AnyImage::ToneMapped(blend_highlights(restored, &image, level, self.highlights)?), angle)
             }
@@ -400,7 +406,8 @@ impl Restoration {
             }
         };
         let info = with_levels(info, levels);
-        Ok(Restored { image, info, angle, curve, lamps: Vec::new(), levels, doubted_levels, pose: None })
+        let (lamps, pose) = (Vec::new(), None);
+        Ok(Restored { image, info, angle, curve, lamps, levels, doubted_levels, pose, smaller_windows })
     }
 
     /// The method with every setting resolved, for provenance; its files are told by their contents.
@@ -478,17 +485,20 @@ impl Restoration {
         // Of what a file says, a user who tells less is believed.
         if self.asks_for_levels { levels } else { levels.map(|white| white.min(self.curve.x_max)) }
     }
-}
 
-pub(super) fn restore_windows(
-    image: &ToneMappedImage,
-    plan: &MemoryPlan,
-    operator: NetworkOperator<'_>,
-    progress: &Progress,
-) -> Result<ToneMappedImage> {
-    let operator = operator.with_room(plan.room);
-    let tiling = plan.tiling.as_ref().expect("a network's plan has windows");
-    with_threads(plan.threads, || restore_tiled(image, tiling, &operator, progress))
+    /// Restores an image window by window; says the sides of windows where a device had no memory for those of the plan.
+    pub(super) fn restore_windows(
+        &self,
+        image: &ToneMappedImage,
+        plan: &MemoryPlan,
+        operator: NetworkOperator<'_>,
+        progress: &Progress,
+    ) -> Result<(ToneMappedImage, Option<[usize; 2]>)> {
+        let operator = operator.with_room(plan.room);
+        let tiling = plan.tiling.as_ref().expect("a network's plan has windows");
+        let shared = (&*self.halvings, progress);
+        with_threads(plan.threads, || restore_halving(image, tiling, &operator, shared))
+    }
 }
 
 pub(super) fn psf_of(kernel: &KernelKnowledge) -> Result<&Psf> {

@@ -1,6 +1,8 @@
 //! Restores an image window by window, so that the result is that of the whole image and the memory that of
 //! one window.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use ndarray::{Array3, s};
 
 use crate::core::bytes::format_bytes;
@@ -122,6 +124,21 @@ impl Tiling {
         })
     }
 
+    /// Tiles of half the sides, or none where they would be hardly larger than their halo.
+    fn halved(&self, operator: &dyn WindowOperator) -> Option<Self> {
+        let halved = |spans: &[Span]| {
+            let longest = spans.iter().map(|span| span.end - span.start).max()?;
+            let side = spans.last()?.end;
+            let half = longest.div_ceil(2).next_multiple_of(operator.alignment());
+            (longest >= 2 * SHORTEST_TILE).then(|| cut(side, half, operator.halo()))
+        };
+        let (rows, columns) = (halved(&self.rows), halved(&self.columns));
+        (rows.is_some() || columns.is_some()).then(|| Self {
+            rows: rows.unwrap_or_else(|| self.rows.clone()),
+            columns: columns.unwrap_or_else(|| self.columns.clone()),
+        })
+    }
+
     /// Number of tiles.
     pub fn len(&self) -> usize {
         self.rows.len() * self.columns.len()
@@ -220,6 +237,39 @@ pub(super) fn restore_tiled(
     ToneMappedImage::from_planes(restored)
 }
 
+/// As [`restore_tiled`]; tiles that a device cannot do are halved until it can.
+///
+/// `halvings` is how often tiles were halved for images before, which this one begins with, and for this one. Returned is also
+/// the height and width of the windows, where this image is the first that needs them smaller.
+///
+/// # Errors
+/// Those of the operator, [`Error::Device`] where the smallest tiles are too large; [`Error::Interrupted`].
+pub(super) fn restore_halving(
+    image: &ToneMappedImage,
+    tiling: &Tiling,
+    operator: &dyn WindowOperator,
+    (halvings, progress): (&AtomicUsize, &Progress),
+) -> Result<(ToneMappedImage, Option<[usize; 2]>)> {
+    let before = halvings.load(Ordering::Relaxed);
+    let mut tiling = tiling.clone();
+    for _ in 0..before {
+        tiling = tiling.halved(operator).unwrap_or(tiling);
+    }
+    let mut needed = before;
+    loop {
+        match restore_tiled(image, &tiling, operator, progress) {
+            Ok(restored) => {
+                halvings.fetch_max(needed, Ordering::Relaxed);
+                let (height, width) = tiling.window();
+                return Ok((restored, (needed > before).then_some([height, width])));
+            }
+            Err(error) if error.is_of_device() => tiling = tiling.halved(operator).ok_or(error)?,
+            Err(error) => return Err(error),
+        }
+        needed += 1;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -274,6 +324,55 @@ mod tests {
             let tiled = restore_tiled(&image, &tiling, &Corners, &Progress::default()).unwrap();
             assert_eq!(tiled, whole, "tiles of {tile}");
         }
+    }
+
+    /// [`Corners`] on a device with memory for so many pixels.
+    struct Small(usize);
+
+    impl WindowOperator for Small {
+        fn halo(&self) -> usize {
+            HALO
+        }
+
+        fn alignment(&self) -> usize {
+            ALIGNMENT
+        }
+
+        fn window_bytes(&self, height: usize, width: usize, room: u64) -> u64 {
+            Corners.window_bytes(height, width, room)
+        }
+
+        fn apply(
+            &self,
+            image: &ToneMappedImage,
+            top: usize,
+            left: usize,
+            progress: &Progress,
+        ) -> Result<ToneMappedImage> {
+            if image.height() * image.width() > self.0 {
+                return Err(Error::Device("no memory".to_owned()).while_doing("restoring"));
+            }
+            Corners.apply(image, top, left, progress)
+        }
+    }
+
+    #[test]
+    fn tiles_that_a_device_has_no_memory_for_are_halved() {
+        let (image, halvings) = (image(203, 600), AtomicUsize::new(0));
+        let whole = Tiling::with_tile([203, 600], 600, &Corners).unwrap();
+        let expected = Corners.apply(&image, 0, 0, &Progress::default()).unwrap();
+        let restore = |device: Small, halvings: &AtomicUsize| {
+            restore_halving(&image, &whole, &device, (halvings, &Progress::default()))
+        };
+        let (restored, window) = restore(Small(60_000), &halvings).unwrap();
+        assert_eq!((restored, window), (expected.clone(), Some([184, 312])));
+        assert_eq!(halvings.load(Ordering::Relaxed), 2);
+        // The next image of a folder does not fail first, and says nothing.
+        assert_eq!(restore(Small(60_000), &halvings).unwrap(), (expected.clone(), None));
+        // With memory for all nothing is halved.
+        assert_eq!(restore(Small(200_000), &AtomicUsize::new(0)).unwrap(), (expected, None));
+        let refusal = restore(Small(10_000), &AtomicUsize::new(0)).unwrap_err();
+        assert!(refusal.is_of_device(), "{refusal:?}");
     }
 
     #[test]

@@ -7,7 +7,7 @@ use burn::tensor::{Tensor, TensorData};
 
 use super::config::{LossConfig, PerceptualConfig};
 use crate::core::error::{Error, Result};
-use crate::network::Backend;
+use crate::network::{Backend, numbers_of};
 use crate::perceptual::{PerceptualLoss, PerceptualTensors};
 
 /// What a training minimises, with the frozen network that it needs.
@@ -75,10 +75,7 @@ impl Loss {
     /// `w₁ · mean ln(1 + e/f)`, e the mean absolute difference of each item: the error in decibels where it is above f.
     ///
     /// # Errors
-    /// Those of [`PerceptualLoss::value_and_gradient`].
-    ///
-    /// # Panics
-    /// Never: the network computes in 32-bit floats.
+    /// Those of [`PerceptualLoss::value_and_gradient`]; [`Error::Device`](crate::core::error::Error::Device).
     pub(super) fn of(&self, restored: Tensor<4>, clean: Tensor<4>) -> Result<(f64, Tensor<1>)> {
         let difference = (restored.clone() - clean.clone()).abs();
         let difference = match self.relative_floor {
@@ -86,28 +83,31 @@ impl Loss {
             Some(floor) => mean(of_items(difference).mul_scalar(1.0 / floor).add_scalar(1.0).log()),
         };
         let l1 = difference.mul_scalar(self.l1);
-        let value = f64::from(l1.clone().into_scalar::<f32>());
+        let value = number(l1.clone())?;
         let (weight, perceptual) = match &self.perceptual {
             None => return Ok((value, l1)),
             Some((weight, Perceptual::Tensors(tensors))) => {
                 let distance = tensors.distance(restored, clean)?.mul_scalar(*weight);
-                let of_distance = f64::from(distance.clone().into_scalar::<f32>());
+                let of_distance = number(distance.clone())?;
                 return Ok((value + of_distance, l1 + distance));
             }
             Some((weight, Perceptual::Kernels(kernels))) => (weight, kernels),
         };
         let [items, channels, height, width] = restored.dims();
-        let numbers = |tensor: Tensor<4>| tensor.try_into_vec_as::<f32>().expect("images are 32-bit floats");
         let sides = [items, height, width];
-        let restored_numbers = numbers(restored.clone().detach());
+        let restored_numbers = numbers_of(restored.clone().detach())?;
         let (distance, gradient) =
-            perceptual.value_and_gradient(&restored_numbers, &numbers(clean), sides)?;
+            perceptual.value_and_gradient(&restored_numbers, &numbers_of(clean)?, sides)?;
         let gradient = TensorData::new(gradient, [items, channels, height, width]);
         let gradient = Tensor::<4>::from_data(gradient, &restored.device());
         // Its gradient to `restored` is the distance's; its value means nothing.
         let slope = (restored * gradient).sum().mul_scalar(*weight);
         Ok((value + weight * distance, l1 + slope))
     }
+}
+
+fn number(tensor: Tensor<1>) -> Result<f64> {
+    Ok(numbers_of(tensor)?.into_iter().map(f64::from).sum())
 }
 
 /// The mean of each item, `[item, 1, 1, 1]`.

@@ -9,7 +9,8 @@ use burn::tensor::{Device, Gradients as BurnGradients, Tensor, TensorData};
 use super::config::OptimizerConfig;
 use super::optimizer::{Constants, Moments};
 use super::trainer::State;
-use crate::network::{Architecture, Network, Parameters};
+use crate::core::error::Result;
+use crate::network::{Architecture, Network, Parameters, numbers_of};
 
 /// What a step changes, on a device without gradients.
 #[derive(Clone, Debug)]
@@ -82,12 +83,15 @@ impl OnDevice {
     }
 
     /// What a step of Adam makes of it, with clipping before and the running mean after: the equations of the CPU's.
+    ///
+    /// # Errors
+    /// [`Error::Device`](crate::core::error::Error::Device), also of the way back before it.
     pub(super) fn stepped(
         &self,
         gradients: Tensor<1>,
         config: &OptimizerConfig,
         (iteration, rate): (u64, f64),
-    ) -> (Self, Told) {
+    ) -> Result<(Self, Told)> {
         let squared = (gradients.clone() * gradients.clone()).sum();
         let gradients = if config.clip_norm > 0.0 {
             let norm = squared.clone().sqrt().clamp_min(config.clip_norm);
@@ -107,10 +111,10 @@ impl OnDevice {
             self.average.as_ref().map(|mean| mean.clone() + (weights.clone() - mean.clone()) * take);
         let largest = average.iter().chain([&weights]).map(|flat| flat.clone().abs().max());
         let told = Tensor::cat(iter::once(squared).chain(largest).collect(), 0);
-        let told: Vec<f32> = told.try_into_vec_as::<f32>().expect("weights are 32-bit floats");
+        let told = numbers_of(told)?;
         let largest_weight = told[1..].iter().map(|w| f64::from(*w)).fold(0.0, worst);
         let told = Told { gradient_norm: f64::from(told[0]).sqrt(), largest_weight };
-        (Self { weights, first, second, average }, told)
+        Ok((Self { weights, first, second, average }, told))
     }
 }
 
@@ -184,7 +188,7 @@ mod tests {
             let flat = of_step.concat();
             let count = flat.len();
             let flat = Tensor::from_data(TensorData::new(flat, [count]), &Device::flex());
-            let (next, told) = on_device.stepped(flat, &config, (step as u64, 1e-2));
+            let (next, told) = on_device.stepped(flat, &config, (step as u64, 1e-2)).unwrap();
             on_device = next;
             let norm = global_norm(&of_step);
             assert!((told.gradient_norm / norm - 1.0).abs() < 1e-5, "{} {norm}", told.gradient_norm);
@@ -219,7 +223,7 @@ mod tests {
         let flat = gradients(&broken, 1).concat();
         let count = flat.len();
         let flat = Tensor::from_data(TensorData::new(flat, [count]), &Device::flex());
-        let (_, told) = on_device.stepped(flat, &OptimizerConfig::default(), (1, 1e-3));
+        let (_, told) = on_device.stepped(flat, &OptimizerConfig::default(), (1, 1e-3)).unwrap();
         assert!(told.largest_weight.is_infinite(), "{told:?}");
     }
 }

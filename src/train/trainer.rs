@@ -221,7 +221,7 @@ impl Trainer {
             },
         )?;
         let gradients = gradients.expect("a step has batches");
-        let (next, told) = on_device.stepped(gradients, &config.optimizer, (iteration, rate));
+        let (next, told) = on_device.stepped(gradients, &config.optimizer, (iteration, rate))?;
         let Told { gradient_norm, largest_weight } = told;
         if !(total.is_finite() && gradient_norm.is_finite()) {
             return Err(diverged(iteration, "at", total));

@@ -432,6 +432,18 @@ fn a_model_can_be_described_and_a_checkpoint_converted() {
 }
 
 #[test]
+fn a_training_uses_one_device() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let run = ["train", "config.toml", "--data", "dataset", "-o", "run"];
+    let message = fail(folder, &[&run[..], &["--devices", "0,1"]].concat(), 1);
+    assert!(message.contains("one device") && message.contains("--devices"), "{message}");
+    fail(folder, &[&run[..], &["--devices", "0", "--device", "cpu"]].concat(), 2);
+    assert!(!folder.join("run").exists());
+}
+
+#[test]
 fn refuses_to_mix_runs() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
