@@ -12,6 +12,7 @@ use udc::dataset::Dataset;
 use udc::dataset::benchmark::{ReadSpeed, Reading, time_reading};
 use udc::kernels::{Isa, benchmark, peak};
 use udc::network::benchmark::time_network;
+use udc::network::{Backend, Precision};
 use udc::train::benchmark::{BatchShape, LARGEST_SIDE, time_step};
 
 use super::device::DeviceArgs;
@@ -78,13 +79,27 @@ impl BenchArgs {
                 session.say(timing)
             })?;
         }
-        session.result("networks", std::mem::take(&mut timings));
-        for batch in &self.train {
-            let ms = time_step(backend, *batch, self.patience)? * 1e3;
-            timings.push(json!({ "batch": batch.to_string(), "seconds": ms / 1e3 }));
-            let memory = peak_memory_bytes()
-                .map_or(String::new(), |bytes| format!(", the process has taken up to {} MiB", bytes >> 20));
-            session.say(format_args!("training step {batch}: {ms:.1} ms{memory}"))?;
+        session.result("networks", timings);
+        self.time_steps(backend, session)
+    }
+
+    /// Times training steps, in bfloat16 too where the device trains so.
+    fn time_steps(&self, backend: Backend, session: &Session) -> Result<()> {
+        let mut timings = Vec::new();
+        let precisions = [Precision::F32, Precision::Bf16];
+        let trained_in =
+            precisions.into_iter().filter(|precision| backend.check_training(*precision).is_ok());
+        for precision in trained_in {
+            for batch in &self.train {
+                let ms = time_step((backend, precision), *batch, self.patience)? * 1e3;
+                let is_rounded = precision == Precision::Bf16;
+                timings.push(json!({ "batch": batch.to_string(), "bf16": is_rounded, "seconds": ms / 1e3 }));
+                let flag = if is_rounded { " --precision bf16" } else { "" };
+                let memory = peak_memory_bytes().map_or(String::new(), |bytes| {
+                    format!(", the process has taken up to {} MiB", bytes >> 20)
+                });
+                session.say(format_args!("training step {batch}{flag}: {ms:.1} ms{memory}"))?;
+            }
         }
         session.result("training-steps", timings);
         Ok(())

@@ -8,8 +8,9 @@ use clap::{Arg, Command};
 use udc::dataset::{NoiseConfig, Split};
 use udc::experiment::RestorationMethod;
 use udc::io::DomainTag;
+use udc::network::Precision;
+use udc::restore::Highlights;
 use udc::restore::deconvolution::Method;
-use udc::restore::{Highlights, Precision};
 
 /// The values that a flag takes: the name of each, the value, and what it means where the name does not tell.
 #[derive(Clone, Copy, Debug)]
@@ -106,7 +107,18 @@ pub(crate) const PRECISIONS: Choices<Precision> = Choices(&[
         "bf16",
         Precision::Bf16,
         "Rounded to bfloat16 and added up in 32 bits: faster where the CPU has instructions for it (AVX-512 BF16), and off \
-         by up to 0.3 % of white; elsewhere as f32",
+         by up to 0.3 % of white; features too on a GPU that computes with such numbers; elsewhere as f32",
+    ),
+]);
+
+/// The numbers that a network is trained with.
+pub(crate) const TRAINING_PRECISIONS: Choices<Precision> = Choices(&[
+    ("f32", Precision::F32, "32-bit floats"),
+    (
+        "bf16",
+        Precision::Bf16,
+        "Features and products in bfloat16, on a GPU that computes with such numbers; weights, their gradients and the loss \
+         in 32-bit floats",
     ),
 ]);
 

@@ -19,7 +19,7 @@ use udc::experiment::{
 use udc::io::DomainTag;
 use udc::network::Model;
 use udc::report::{self, picture};
-use udc::restore::{Highlights, Precision};
+use udc::restore::{Highlights, Precision, in_precision};
 
 use super::choices::DOMAINS;
 use super::choices::{HIGHLIGHTS, PRECISIONS, RESTORATIONS, SPLITS};
@@ -221,7 +221,7 @@ impl EvalArgs {
             let model = Model::load(path)?.with_backend(backend);
             let name = name_among(&self.model, path);
             let of = |precision: &Precision| {
-                let (model, notice) = precision.apply(model.clone());
+                let (model, notice) = in_precision(model.clone(), *precision);
                 notice.iter().for_each(|notice| session.notice(notice));
                 (precision.name_of(&name), model)
             };

@@ -12,10 +12,11 @@ use udc::examples::{ExampleSet, ExamplesConfig};
 use udc::experiment::validation_measures;
 use udc::io;
 use udc::kernels::keep_freed_memory;
-use udc::network::{Backend, GUIDED};
+use udc::network::{Backend, GUIDED, Precision};
 use udc::synth::Existing;
 use udc::train::{self, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationScore, read_initial};
 
+use super::choices::TRAINING_PRECISIONS;
 use super::device::DeviceArgs;
 use super::dry_run::{DryRunArgs, PATIENCE};
 use super::events::Stopped;
@@ -70,6 +71,9 @@ pub(crate) struct TrainArgs {
     /// GPUs to train on together, by their numbers; so far one is all that a training can use
     #[arg(long, value_name = "N,…", value_delimiter = ',', conflicts_with = "device")]
     pub(super) devices: Vec<usize>,
+    /// Numbers to compute with, as --set precision=PRECISION [default: the configuration's]
+    #[arg(long, value_name = "PRECISION", value_parser = TRAINING_PRECISIONS)]
+    pub(super) precision: Option<Precision>,
     /// Burn backend to compute with on the CPU: flex or ndarray
     #[arg(long, default_value = "flex", value_name = "NAME")]
     pub(super) backend: Backend,
@@ -140,7 +144,8 @@ impl TrainArgs {
             None if self.resume => (train::read_config(&self.output)?, self.output.join("config.toml")),
             None => (ADAPTATION.to_owned(), PathBuf::from("configs/adapt.toml")),
         };
-        configure(&text, &path, &self.set)
+        let precision = self.precision.map(|precision| format!("precision={}", precision.name()));
+        configure(&text, &path, &self.set.iter().cloned().chain(precision).collect::<Vec<_>>())
     }
 
     /// Makes examples of one panel in the run's folder, or those that are missing; returns their folder.

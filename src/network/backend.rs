@@ -6,6 +6,7 @@ use std::str::FromStr;
 use burn::tensor::{Device, Tensor, TensorReadError};
 
 use super::gpu::{self, Gpu};
+use super::precision::Precision;
 use crate::core::error::{Error, Result};
 
 /// A Burn backend of this build, on one device.
@@ -19,6 +20,10 @@ pub enum Backend {
     NdArray,
     /// A GPU; in builds with the feature `gpu` or `cuda`.
     Gpu(Gpu),
+    /// The CPU in a GPU's place: weights stay on the device, and tensors other than of 32-bit floats are computed with Burn's
+    /// own operations.
+    #[cfg(test)]
+    AsDevice,
 }
 
 impl Backend {
@@ -30,12 +35,47 @@ impl Backend {
             #[expect(deprecated, reason = "burn-flex succeeds it; it is kept for comparison")]
             Self::NdArray => Device::ndarray(),
             Self::Gpu(gpu) => gpu.device(),
+            #[cfg(test)]
+            Self::AsDevice => Device::flex(),
         }
     }
 
     /// Whether it computes in main memory, by the kernels.
     pub fn is_cpu(self) -> bool {
-        !matches!(self, Self::Gpu(_))
+        match self {
+            Self::Flex => true,
+            #[cfg(feature = "ndarray-backend")]
+            Self::NdArray => true,
+            Self::Gpu(_) => false,
+            #[cfg(test)]
+            Self::AsDevice => false,
+        }
+    }
+
+    /// Whether tensors of such numbers can be computed with, as the device says.
+    pub fn supports(self, precision: Precision) -> bool {
+        self.device().supports_dtype(precision.dtype())
+    }
+
+    /// Checks that networks can be trained with such numbers.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the key.
+    pub fn check_training(self, precision: Precision) -> Result<()> {
+        let reason = match precision {
+            Precision::F32 => return Ok(()),
+            Precision::Bf16 if self.is_cpu() => {
+                "bf16 is for trainings on a GPU: the CPU's kernels train with 32-bit floats alone; leave it out, or use \
+                 --device gpu"
+                    .to_owned()
+            }
+            Precision::Bf16 if !self.supports(precision) => format!(
+                "{self} does not compute in bfloat16; train with f32, which is the default{}",
+                gpu::BFLOAT16_ELSEWHERE
+            ),
+            Precision::Bf16 => return Ok(()),
+        };
+        Err(Error::config("precision", reason))
     }
 }
 
@@ -46,6 +86,8 @@ impl fmt::Display for Backend {
             #[cfg(feature = "ndarray-backend")]
             Self::NdArray => f.write_str("the CPU (ndarray)"),
             Self::Gpu(gpu) => gpu.fmt(f),
+            #[cfg(test)]
+            Self::AsDevice => f.write_str("the CPU as a device"),
         }
     }
 }

@@ -26,8 +26,9 @@ use super::inputs::InputTensors;
 use super::layers::{Layer, LayerList};
 use super::operations::{
     Activation, ConvolutionWeights, LEAKY_SLOPE, convolution, enlarged_convolution, enlarging_weights,
-    from_layout, to_layout,
+    from_layout, to_layout, widened,
 };
+use super::precision::Precision;
 use super::streamed::{Part, StreamBuilder};
 use crate::core::error::Result;
 use crate::core::image::CHANNELS;
@@ -145,9 +146,9 @@ impl Pair {
 }
 
 impl Forward for Layers {
-    fn forward(&self, inputs: InputTensors) -> Tensor<4> {
+    fn forward(&self, inputs: InputTensors, precision: Precision) -> Tensor<4> {
         let image = inputs.image;
-        let input = to_layout(image.clone());
+        let input = to_layout(image.clone(), precision);
         let (mut content, mut detail) = (input.clone(), input);
         let mut skips = Vec::with_capacity(self.detail.len());
         for (level, (first, second)) in self.content.iter().zip(&self.detail).enumerate() {
@@ -164,7 +165,7 @@ impl Forward for Layers {
             .zip(skips)
             .rev()
             .fold(x, |x, (scale, skip)| scale.pair.forward(enlarged_convolution(x, &scale.up, skip), 1));
-        from_layout(convolution(x, &self.last, 1, Activation::None)) + image
+        from_layout(convolution(widened(x), &self.last, 1, Activation::None)) + image
     }
 }
 

@@ -9,7 +9,7 @@ use super::backend::{Backend, numbers_of};
 use super::inputs::{InputTensors, Inputs};
 use super::layers::LayerWeights;
 use super::networks::Network;
-use super::operations::uses_kernels;
+use super::precision::Precision;
 use super::streamed::Streamed;
 use super::weights::Weights;
 use crate::core::error::Result;
@@ -39,13 +39,18 @@ pub(super) trait Engine: Debug + Send + Sync {
 }
 
 /// The engine for a network on a backend: streamed rows where the kernels compute and the network is written for them.
-pub(super) fn engine(weights: &Weights, backend: Backend, isa: Isa) -> Box<dyn Engine> {
+pub(super) fn engine(
+    weights: &Weights,
+    (backend, precision): (Backend, Precision),
+    isa: Isa,
+) -> Box<dyn Engine> {
     let (Weights { architecture, parameters, .. }, device) = (weights, backend.device());
     match architecture.family().stream() {
-        Some(stream) if uses_kernels(&device) => {
-            Box::new(Streamed::new(architecture, parameters, stream, isa))
+        Some(stream) if backend.is_cpu() => Box::new(Streamed::new(architecture, parameters, stream, isa)),
+        _ => {
+            let network = Network::new(architecture, parameters, &device).in_precision(precision);
+            Box::new(Tensors { network, device })
         }
-        _ => Box::new(Tensors { network: Network::new(architecture, parameters, &device), device }),
     }
 }
 

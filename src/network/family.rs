@@ -11,6 +11,7 @@ use super::builder::Builder;
 use super::inputs::{InputTensors, Plane};
 use super::layers::Layer;
 use super::parameters::Initialisation;
+use super::precision::Precision;
 use super::streamed::StreamBuilder;
 #[cfg(test)]
 use super::testing;
@@ -85,7 +86,9 @@ pub(super) trait Family: Sync {
 pub(super) trait Forward: Module + Debug {
     /// Restores a batch of images, and what else [`Family`] declares to be read, whose sides are multiples of
     /// [`Family::side_multiple`].
-    fn forward(&self, inputs: InputTensors) -> Tensor<4>;
+    ///
+    /// What is between the image and the last layer is computed with numbers of the precision.
+    fn forward(&self, inputs: InputTensors, precision: Precision) -> Tensor<4>;
 }
 
 /// Checks the one condition of a family that leaves no choice; the key says so for all who look at it.
@@ -133,9 +136,9 @@ macro_rules! families {
             }
 
             /// That of the kind.
-            pub(super) fn forward(&self, inputs: InputTensors) -> Tensor<4> {
+            pub(super) fn forward(&self, inputs: InputTensors, precision: Precision) -> Tensor<4> {
                 match self {
-                    $($(#[cfg($when)])? Self::$kind(network) => network.forward(inputs),)+
+                    $($(#[cfg($when)])? Self::$kind(network) => network.forward(inputs, precision),)+
                 }
             }
         }

@@ -9,6 +9,14 @@ use crate::core::error::{Error, Result};
 /// Whether this build can compute on GPUs.
 pub const IS_BUILT: bool = cfg!(any(feature = "gpu", feature = "cuda"));
 
+/// What to do where a device does not compute in bfloat16.
+pub(super) const BFLOAT16_ELSEWHERE: &str = if cfg!(feature = "cuda") {
+    ""
+} else {
+    " (Vulkan, Metal and DX12 are given their programs in WGSL, which has no such numbers; a build with `--features cuda` has \
+     them on NVIDIA's cards)"
+};
+
 /// A device of [`list`], by its number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Gpu(usize);

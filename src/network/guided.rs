@@ -25,8 +25,9 @@ use super::inputs::{InputTensors, Plane};
 use super::layers::{Layer, LayerList};
 use super::operations::{
     Activation, ConvolutionWeights, LEAKY_SLOPE, ResBlockWeights, convolution, from_layout, res_block,
-    to_layout, up_convolution,
+    to_layout, up_convolution, widened,
 };
+use super::precision::Precision;
 use super::streamed::{Part, StreamBuilder};
 use crate::core::error::Result;
 use crate::core::image::CHANNELS;
@@ -193,12 +194,12 @@ pub(super) struct Layers {
 }
 
 impl Forward for Layers {
-    fn forward(&self, inputs: InputTensors) -> Tensor<4> {
+    fn forward(&self, inputs: InputTensors, precision: Precision) -> Tensor<4> {
         let deconvolved = inputs.plane(Plane::Deconvolved);
         let noise = inputs.plane(Plane::Noise) * NOISE_SCALE;
         let [saturated, outside] = [Plane::Saturated, Plane::Outside].map(|plane| inputs.plane(plane));
         let planes = vec![inputs.image, deconvolved.clone(), noise, saturated, outside];
-        let mut x = to_layout(Tensor::cat(planes, 1));
+        let mut x = to_layout(Tensor::cat(planes, 1), precision);
         let mut skips = Vec::with_capacity(self.encoder.len());
         for scale in &self.encoder {
             x = refine(convolution(x, &scale.down, 2, Activation::LeakyRelu), &scale.blocks);
@@ -208,7 +209,8 @@ impl Forward for Layers {
         let x = self.decoder.iter().zip(skips).rev().fold(coarsest, |x, (scale, skip)| {
             refine(up_convolution(x, &scale.up, LEAKY_SLOPE, skip), &scale.blocks)
         });
-        from_layout(up_convolution(x, &self.last, 1.0, to_layout(deconvolved)))
+        let deconvolved = to_layout(deconvolved, Precision::F32);
+        from_layout(up_convolution(widened(x), &self.last, 1.0, deconvolved))
     }
 }
 

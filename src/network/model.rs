@@ -9,6 +9,7 @@ use super::architecture::Architecture;
 use super::backend::Backend;
 use super::engine::{Engine, engine};
 use super::inputs::Inputs;
+use super::precision::Precision;
 use super::weights::{self, Weights};
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
@@ -44,6 +45,8 @@ pub struct Model {
     backend: Backend,
     /// What computes, where it is not the usual set.
     isa: Option<Isa>,
+    /// What tensors on a device are of.
+    precision: Precision,
     /// The weights ready for whole images, once the first is restored.
     engine: Arc<OnceLock<Box<dyn Engine>>>,
 }
@@ -67,30 +70,42 @@ impl Model {
 
     /// Takes weights over.
     pub fn new(weights: Weights) -> Self {
-        Self { weights: Arc::new(weights), backend: Backend::default(), isa: None, engine: Arc::default() }
+        let (backend, precision) = (Backend::default(), Precision::default());
+        Self { weights: Arc::new(weights), backend, isa: None, precision, engine: Arc::default() }
     }
 
     /// The same network on another backend.
     #[must_use]
     pub fn with_backend(&self, backend: Backend) -> Self {
-        Self { weights: Arc::clone(&self.weights), backend, isa: self.isa, engine: Arc::default() }
+        let (isa, precision) = (self.isa, self.precision);
+        Self { weights: Arc::clone(&self.weights), backend, isa, precision, engine: Arc::default() }
+    }
+
+    /// What it computes on.
+    pub fn backend(&self) -> Backend {
+        self.backend
     }
 
     /// The same network, but with products of numbers rounded to bfloat16; nothing where this CPU has no instructions
-    /// for them, or the network is not streamed through the kernels.
+    /// for them, or the network is not streamed through the kernels, or a device does not compute with such numbers.
     ///
     /// # Accuracy
-    /// A trained network's results differ from those of 32-bit products by up to 3e-3 of white, 3e-4 in the mean square:
-    /// sums, images and features stay 32 bits wide.
+    /// On the CPU a trained network's results differ from those of 32-bit products by up to 3e-3 of white, 3e-4 in the mean
+    /// square: sums, images and features stay 32 bits wide. On a device features are rounded too, but for the last layer's.
     pub fn with_bf16_products(&self) -> Option<Self> {
-        self.architecture().family().stream().filter(|_| self.backend.is_cpu())?;
+        if !self.backend.is_cpu() {
+            let precision = Precision::Bf16;
+            let supports = self.backend.supports(precision);
+            return supports.then(|| Self { precision, ..self.with_backend(self.backend) });
+        }
+        self.architecture().family().stream()?;
         let isa = Isa::current().with_bf16_products()?;
         Some(Self { isa: Some(isa), ..self.with_backend(self.backend) })
     }
 
     /// Whether products are of numbers rounded to bfloat16.
     pub fn has_bf16_products(&self) -> bool {
-        self.isa.is_some()
+        self.isa.is_some() || self.precision == Precision::Bf16
     }
 
     /// The network's configuration.
@@ -157,7 +172,7 @@ impl Model {
 
     fn engine(&self) -> &dyn Engine {
         let isa = || self.isa.unwrap_or_else(Isa::current);
-        self.engine.get_or_init(|| engine(&self.weights, self.backend, isa())).as_ref()
+        self.engine.get_or_init(|| engine(&self.weights, (self.backend, self.precision), isa())).as_ref()
     }
 }
 

@@ -9,6 +9,7 @@ use super::builder::{Builder, Collect};
 use super::family::Layers;
 use super::inputs::{InputTensors, Plane};
 use super::parameters::{Parameter, Parameters};
+use super::precision::Precision;
 
 /// A restoration network with its weights on a device.
 #[derive(Module, Debug)]
@@ -16,6 +17,8 @@ pub struct Network {
     layers: Layers,
     #[module(skip)]
     architecture: Architecture,
+    #[module(skip)]
+    precision: Precision,
 }
 
 impl Network {
@@ -25,13 +28,20 @@ impl Network {
     /// When the weights are those of another architecture.
     pub fn new(architecture: &Architecture, parameters: &Parameters, device: &Device) -> Self {
         let layers = Layers::build(architecture, &Builder::new(parameters, device));
-        Self { layers, architecture: architecture.clone() }
+        Self { layers, architecture: architecture.clone(), precision: Precision::default() }
     }
 
     /// Builds the network with weights that a device holds one after another, in the order of [`Parameters`].
     pub(crate) fn of_flat(architecture: &Architecture, flat: &Tensor<1>, device: &Device) -> Self {
         let layers = Layers::build(architecture, &Builder::of_flat(architecture, flat, device));
-        Self { layers, architecture: architecture.clone() }
+        Self { layers, architecture: architecture.clone(), precision: Precision::default() }
+    }
+
+    /// The same network that computes with such numbers: weights are rounded as they are used, and stay 32-bit floats, of
+    /// which gradients are.
+    #[must_use]
+    pub fn in_precision(self, precision: Precision) -> Self {
+        Self { precision, ..self }
     }
 
     /// The configuration that the network was built from.
@@ -50,7 +60,7 @@ impl Network {
         let map = self.architecture.reads_code().then(|| self.stretch(inputs.map(), &image));
         let plane = |&plane: &Plane| (plane, self.pad(inputs.plane(plane)));
         let planes = self.architecture.planes().iter().map(plane).collect();
-        let restored = self.layers.forward(InputTensors { image, map, planes });
+        let restored = self.layers.forward(InputTensors { image, map, planes }, self.precision);
         if (padded_height, padded_width) == (height, width) {
             return restored;
         }
@@ -252,6 +262,26 @@ mod tests {
             for (a, b) in trained.iter().zip(streamed.as_slice()) {
                 assert!((a - b).abs() <= 5e-5 * largest, "{:?}: {a} {b}", weights.architecture.kind);
             }
+        }
+    }
+
+    /// Features are rounded after every operation, each time by up to 2⁻⁸ of their value: errors of which those of the next
+    /// layers are as good as independent, so that they add up as the root of their number, of at most a hundred.
+    #[test]
+    fn networks_in_bfloat16_differ_by_the_rounding_of_their_features() {
+        for architecture in architectures() {
+            let parameters = random(&architecture);
+            let model = Model::new(Weights { architecture, parameters, origin: Origin::default() });
+            let exact = model.with_backend(Backend::AsDevice);
+            let rounded = exact.with_bf16_products().unwrap();
+            assert!(rounded.has_bf16_products());
+            let (image, planes) = (image(), testing::planes_of(&image()));
+            let code = KernelCode::from_vec(vec![0.4, -0.7]);
+            let inputs = Inputs::new(&image, Some(&code)).with_planes(&planes);
+            let [exact, rounded] = [exact, rounded].map(|model| model.restore(&inputs).unwrap());
+            let differences = exact.as_slice().iter().zip(rounded.as_slice()).map(|(a, b)| a - b);
+            let error = length(&differences.collect::<Vec<_>>()) / length(exact.as_slice());
+            assert!((1e-6..10.0 / 256.0).contains(&error), "{:?}: {error:e}", model.architecture().kind);
         }
     }
 

@@ -21,9 +21,10 @@ use super::family::{Family, Forward, Stream, check_condition};
 use super::inputs::InputTensors;
 use super::layers::{Layer, LayerList};
 use super::operations::{
-    Activation, ConvolutionWeights, LEAKY_SLOPE, convolution, from_layout, modulation, to_layout,
+    Activation, ConvolutionWeights, LEAKY_SLOPE, convolution, from_layout, modulation, to_layout, widened,
 };
 use super::parameters::Initialisation;
+use super::precision::Precision;
 use super::streamed::{Part, StreamBuilder};
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
@@ -179,16 +180,16 @@ impl Block {
 }
 
 impl Forward for Layers {
-    fn forward(&self, inputs: InputTensors) -> Tensor<4> {
-        let map = to_layout(inputs.map());
+    fn forward(&self, inputs: InputTensors, precision: Precision) -> Tensor<4> {
+        let map = to_layout(inputs.map(), precision);
         let [first, second, third] = &self.head;
-        let x = convolution(to_layout(inputs.image), first, 1, Activation::LeakyRelu);
+        let x = convolution(to_layout(inputs.image, precision), first, 1, Activation::LeakyRelu);
         let x = convolution(x, second, 1, Activation::LeakyRelu);
         let head = convolution(x, third, 1, Activation::None);
         let x = self.blocks.iter().fold(head.clone(), |x, block| block.forward(x, &map));
         let x = self.modulation.forward(x + head, &map, 1.0);
         let x = convolution(x, &self.middle, 1, Activation::None);
-        from_layout(convolution(x, &self.last, 1, Activation::None))
+        from_layout(convolution(widened(x), &self.last, 1, Activation::None))
     }
 }
 

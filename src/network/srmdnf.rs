@@ -15,7 +15,8 @@ use super::builder::Builder;
 use super::family::{Family, Forward, Stream, check_condition};
 use super::inputs::InputTensors;
 use super::layers::{Layer, LayerList};
-use super::operations::{Activation, ConvolutionWeights, convolution, from_layout, to_layout};
+use super::operations::{Activation, ConvolutionWeights, convolution, from_layout, to_layout, widened};
+use super::precision::Precision;
 use super::streamed::{Part, StreamBuilder};
 use crate::core::error::Result;
 use crate::core::image::CHANNELS;
@@ -70,12 +71,12 @@ pub(super) struct Layers {
 }
 
 impl Forward for Layers {
-    fn forward(&self, inputs: InputTensors) -> Tensor<4> {
+    fn forward(&self, inputs: InputTensors, precision: Precision) -> Tensor<4> {
         let (last, first) = self.convolutions.split_last().expect("there are twelve");
         let map = inputs.map();
-        let input = to_layout(Tensor::cat(vec![inputs.image, map], 1));
+        let input = to_layout(Tensor::cat(vec![inputs.image, map], 1), precision);
         let features = first.iter().fold(input, |x, layer| convolution(x, layer, 1, Activation::Relu));
-        from_layout(convolution(features, last, 1, Activation::None))
+        from_layout(convolution(widened(features), last, 1, Activation::None))
     }
 }
 

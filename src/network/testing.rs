@@ -8,7 +8,10 @@ use super::builder::Builder;
 use super::family::{Family, Forward, Stream, check_condition};
 use super::inputs::{InputTensors, Plane};
 use super::layers::{Layer, LayerList};
-use super::operations::{Activation, ConvolutionWeights, LEAKY_SLOPE, convolution, from_layout, to_layout};
+use super::operations::{
+    Activation, ConvolutionWeights, LEAKY_SLOPE, convolution, from_layout, to_layout, widened,
+};
+use super::precision::Precision;
 use super::streamed::{Part, StreamBuilder};
 use crate::core::error::Result;
 use crate::core::image::CHANNELS;
@@ -89,11 +92,12 @@ pub(super) struct Layers {
 }
 
 impl Forward for Layers {
-    fn forward(&self, inputs: InputTensors) -> Tensor<4> {
+    fn forward(&self, inputs: InputTensors, precision: Precision) -> Tensor<4> {
         let planes = PLANES.iter().map(|&plane| inputs.plane(plane));
         let input = std::iter::once(inputs.image.clone()).chain(planes).collect();
-        let x = convolution(to_layout(Tensor::cat(input, 1)), &self.first, 1, Activation::LeakyRelu);
-        from_layout(convolution(x, &self.last, 1, Activation::None)) + inputs.image
+        let x =
+            convolution(to_layout(Tensor::cat(input, 1), precision), &self.first, 1, Activation::LeakyRelu);
+        from_layout(convolution(widened(x), &self.last, 1, Activation::None)) + inputs.image
     }
 }
 

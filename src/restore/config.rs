@@ -8,13 +8,13 @@ use super::kernel::KernelFiles;
 use super::memory::MemoryBudget;
 use super::notice::Notice;
 use super::pose::read_pose;
-use super::precision::Precision;
+use super::precision::in_precision;
 use super::restoration::Restoration;
 use crate::core::error::Result;
 use crate::core::tone::ToneCurve;
 use crate::dataset::NoiseConfig;
 use crate::io::sha256_of_file;
-use crate::network::{Backend, Kind, Model, shipped, weights};
+use crate::network::{Backend, Kind, Model, Precision, shipped, weights};
 
 /// What restores.
 #[derive(Clone, Debug)]
@@ -92,7 +92,7 @@ impl RestorationConfig {
         let (restoration, notices) = match &self.method {
             MethodConfig::Network { model: path, precision, tile } => {
                 let (model, sha256) = rayon::join(|| Model::load(path), || sha256_of_file(path));
-                let (model, mut notices) = take(precision.apply(model?));
+                let (model, mut notices) = take(in_precision(model?, *precision));
                 let trained = model.origin().tone_curve();
                 let curve = self.curve(trained)?;
                 if let Some(ToneCurve { alpha, x_max }) = trained.filter(|trained| *trained != curve) {

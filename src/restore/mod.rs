@@ -22,6 +22,7 @@ mod precision;
 mod restoration;
 mod tiles;
 
+pub use crate::network::Precision;
 pub use angle::{AngleSearch, FoundAngle, WEAK_LEAD, search_angle};
 pub use capture::{Capture, CaptureReading, Restored};
 pub use config::{MethodConfig, PoseSource, RestorationConfig, is_guided};
@@ -34,6 +35,6 @@ pub use memory::{MemoryBudget, MemoryPlan};
 pub use notice::Notice;
 pub use planes::{PlaneConfig, make_planes};
 pub use pose::{Pose, read_pose, write_pose};
-pub use precision::Precision;
+pub use precision::in_precision;
 pub use restoration::Restoration;
 pub use tiles::Tiling;

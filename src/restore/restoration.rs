@@ -20,7 +20,7 @@ use super::memory::{MemoryBudget, MemoryPlan, with_threads};
 use super::network::{Conditioning, NetworkOperator};
 use super::notice::Notice;
 use super::pose::Pose;
-use super::precision::Precision;
+use super::precision::{in_precision, precision_of};
 use super::tiles::restore_halving;
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
@@ -30,7 +30,7 @@ use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
 use crate::dataset::NoiseConfig;
 use crate::io::AnyImage;
-use crate::network::{Backend, GUIDED, Kind, Model};
+use crate::network::{Backend, GUIDED, Kind, Model, Precision};
 
 /// How captures are restored.
 #[derive(Clone, Debug)]
@@ -233,7 +233,7 @@ impl Restoration {
     /// Takes another precision for the products of a network, with what is to be told of it.
     pub(super) fn set_precision(&mut self, precision: Precision) -> Option<Notice> {
         let How::Network(model) = &mut self.how else { return None };
-        let (changed, notice) = precision.apply(model.clone());
+        let (changed, notice) = in_precision(model.clone(), precision);
         *model = changed;
         notice
     }
@@ -415,7 +415,7 @@ impl Restoration {
         let mut description = match &self.how {
             How::Network(model) => json!({
                 "model-sha256": self.model_sha256, "code": self.kernel.describe(), "tile": self.tile,
-                "precision": Precision::of(model).name(), "highlights": self.highlights,
+                "precision": precision_of(model).name(), "highlights": self.highlights,
                 "guided": self.guided, "border": self.guided.map(|_| self.border),
                 "psf-sha256": self.guided.and(self.kernel.psf()).map(Psf::sha256),
             }),

@@ -12,7 +12,7 @@ use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
 use crate::kernels::benchmark::best_time;
 use crate::kernels::keep_freed_memory;
-use crate::network::{Backend, Planes};
+use crate::network::{Backend, Planes, Precision};
 
 /// Side of the largest square whose pixels a batch may have: more would take most machines' memory many times over.
 pub const LARGEST_SIDE: u32 = 8192;
@@ -57,11 +57,11 @@ impl fmt::Display for BatchShape {
 /// # Errors
 /// Those of [`Trainer::new`] and [`Trainer::step`].
 pub fn time_step(
-    backend: Backend,
+    (backend, precision): (Backend, Precision),
     BatchShape { crops, side }: BatchShape,
     patience: Duration,
 ) -> Result<f64> {
-    let mut config = TrainConfig::default();
+    let mut config = TrainConfig { precision, ..TrainConfig::default() };
     (config.data.batch, config.data.accumulate, config.data.crop) = (crops, 1, side);
     let image = |value| ToneMappedImage::from_planes(Array3::from_elem((3, side, side), value));
     let code = Some(KernelCode::zeros(config.architecture.code_dim));

@@ -10,7 +10,7 @@ use crate::core::error::{Error, Result};
 use crate::core::metrics::{Metric, MetricDefinition};
 use crate::dataset::{FormationConfig, KernelChoice, NoiseConfig};
 use crate::examples::ExamplesConfig;
-use crate::network::{Architecture, Initialisation};
+use crate::network::{Architecture, Initialisation, Precision};
 use crate::perceptual::FeatureDistance;
 
 /// Everything that decides what a training computes; the default is the paper's.
@@ -25,6 +25,8 @@ pub struct TrainConfig {
     pub log_every: u64,
     /// How the initial weights are drawn.
     pub initialisation: Initialisation,
+    /// The numbers that features and products are of; weights, gradients, what is remembered of them and the loss are of 32 bits.
+    pub precision: Precision,
     /// The network.
     pub architecture: Architecture,
     /// What a step learns from.
@@ -52,6 +54,7 @@ impl Default for TrainConfig {
             iterations: 1_000_000,
             log_every: 10,
             initialisation: Initialisation::default(),
+            precision: Precision::default(),
             architecture: Architecture::default(),
             data: DataConfig::default(),
             loss: LossConfig::default(),

@@ -157,7 +157,8 @@ impl Job<'_> {
         let has_steps = |checkpoint: &&Checkpoint| checkpoint.state.iteration > 0;
         let kept =
             checkpoint.as_ref().filter(has_steps).and_then(|checkpoint| checkpoint.instruction_sets.clone());
-        let instruction_sets = kept.unwrap_or_else(|| InstructionSets::current(self.backend));
+        let instruction_sets =
+            kept.unwrap_or_else(|| InstructionSets::current(self.backend, self.config.precision));
         let (trainer, best) = match checkpoint {
             Some(Checkpoint { state, best, .. }) => {
                 (Trainer::from_state(self.config, state, self.data.len(), self.backend)?, best)
@@ -354,7 +355,8 @@ impl Run {
             }
             if self.last_step.is_none() {
                 // Only now: a run that has ended keeps its model's arithmetic, whoever looks at it.
-                self.instruction_sets = self.instruction_sets.followed(job.backend, job.warn);
+                self.instruction_sets =
+                    self.instruction_sets.followed((job.backend, config.precision), job.warn);
             }
             let started = Instant::now();
             let step = self.trainer.step(job.data)?;

@@ -92,6 +92,7 @@ impl Trainer {
         backend: Backend,
     ) -> Result<Self> {
         config.validate()?;
+        backend.check_training(config.precision)?;
         if items == 0 {
             return Err(Error::Unsupported(
                 "there is nothing to train on: the data have no items".to_owned(),
@@ -205,7 +206,7 @@ impl Trainer {
         let config = self.config.clone();
         let iteration = self.state.iteration + 1;
         let rate = learning_rate(&config.optimizer, &config.schedule, self.state.iteration);
-        let network = on_device.network(&config.architecture, &self.device);
+        let network = on_device.network(&config.architecture, &self.device).in_precision(config.precision);
         let mut gradients: Option<Tensor<1>> = None;
         let share = 1.0 / config.data.accumulate as f64;
         let total = self.batches(
@@ -289,7 +290,7 @@ impl Trainer {
                 kept.map(|parameters| Network::new(architecture, parameters, &self.device)).collect()
             }
         };
-        for network in networks {
+        for network in networks.into_iter().map(|network| network.in_precision(self.config.precision)) {
             let batch = Batch::new(&network, &self.recent, &self.device)?;
             let (loss, _) = self.loss.of(network.forward(batch.inputs), batch.ground_truth)?;
             if !loss.is_finite() {

@@ -444,6 +444,19 @@ fn a_training_uses_one_device() {
 }
 
 #[test]
+fn bfloat16_is_refused_where_the_cpu_trains() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let run = ["train", "config.toml", "--data", "dataset", "-o", "run"];
+    for how in [["--precision", "bf16"], ["--set", "precision=bf16"]] {
+        let message = fail(folder, &[&run[..], &how].concat(), 1);
+        assert!(message.contains("precision") && message.contains("--device gpu"), "{message}");
+    }
+    assert!(!folder.join("run").exists());
+}
+
+#[test]
 fn refuses_to_mix_runs() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();

@@ -13,7 +13,7 @@ use udc::core::progress::Progress;
 use udc::network::weights::Weights;
 use udc::network::{
     Architecture, Backend, Condition, DeviceChoice, Initialisation, Inputs, Kind, Model, Origin, Parameters,
-    Plane, Planes, Scales,
+    Plane, Planes, Precision, Scales,
 };
 use udc::restore::{KernelKnowledge, Restoration};
 use udc::train::{InMemory, Patch, TrainConfig, Trainer};
@@ -174,6 +174,30 @@ fn trainings_of_sftmd_follow_those_of_the_cpu() {
 #[test]
 fn trainings_of_other_families_follow_those_of_the_cpu() {
     assert_trainings_follow_those_of_the_cpu(|kind| !matches!(kind, Kind::Discnet | Kind::Sftmd));
+}
+
+/// Losses within 3 % of those of 32 bits where the device computes in bfloat16, else a refusal that says what to do.
+#[test]
+fn trainings_in_bfloat16_follow_those_in_32_bits_or_are_refused() {
+    let Some(backend) = device() else { return };
+    let mut config = TrainConfig {
+        architecture: architectures().swap_remove(0),
+        iterations: 20,
+        ..TrainConfig::default()
+    };
+    (config.data.batch, config.data.crop) = (2, SIDE);
+    let exact = losses(&config, backend, 20);
+    config.precision = Precision::Bf16;
+    if !backend.supports(Precision::Bf16) {
+        let refused = Trainer::new(&config, None, 4, backend).expect_err("it cannot").to_string();
+        assert!(refused.contains("precision") && refused.contains("train with f32"), "{refused}");
+        eprintln!("refused: {refused}");
+        return;
+    }
+    for (step, (exact, rounded)) in exact.into_iter().zip(losses(&config, backend, 20)).enumerate() {
+        assert!((rounded / exact - 1.0).abs() < 0.03, "step {step}: {rounded}, in 32 bits {exact}");
+    }
+    eprintln!("20 steps in bfloat16 as in 32 bits");
 }
 
 /// A network that learns in fifty steps of few kernels.

@@ -18,8 +18,9 @@ use super::inputs::InputTensors;
 use super::layers::Layer;
 use super::operations::{
     Activation, ConvolutionWeights, FilterHead, LEAKY_SLOPE, ResBlockWeights, convolution, dynamic_filter,
-    from_layout, res_block, to_layout, up_convolution,
+    from_layout, res_block, to_layout, up_convolution, widened,
 };
+use super::precision::Precision;
 use crate::core::error::Result;
 use layers::{LEVELS, filter_generator_name, has_filters};
 
@@ -173,13 +174,15 @@ impl DiscNet {
 }
 
 impl Forward for DiscNet {
-    fn forward(&self, InputTensors { image, map, .. }: InputTensors) -> Tensor<4> {
-        let skips = encode(&self.encoder, to_layout(image.clone())); // n, 2n, 4n channels
+    fn forward(&self, InputTensors { image, map, .. }: InputTensors, precision: Precision) -> Tensor<4> {
+        let skips = encode(&self.encoder, to_layout(image.clone(), precision)); // n, 2n, 4n channels
         let skips = match self.condition_input(&image, map) {
-            Some(input) => self.filter_skips(skips, encode(&self.condition_encoder, to_layout(input))),
+            Some(input) => {
+                self.filter_skips(skips, encode(&self.condition_encoder, to_layout(input, precision)))
+            }
             None => skips,
         };
-        let decoded = self.decode(skips); // n channels
+        let decoded = widened(self.decode(skips)); // n channels
         from_layout(convolution(decoded, &self.last, 1, Activation::LeakyRelu)) + image
     }
 }

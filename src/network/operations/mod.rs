@@ -14,15 +14,22 @@ mod plain;
 use burn::backend::Dispatch;
 use burn::backend::tensor::FloatTensor;
 use burn::module::{Module, Param};
-use burn::tensor::{Device, Tensor};
+use burn::tensor::{DType, Device, Tensor};
 
 use custom::NetworkOperations as _;
 use enlarge::enlarging_tensors;
 
+use super::precision::Precision;
+
 pub(super) use enlarge::enlarging_weights;
 
-/// Whether a device computes in main memory, where the kernels do the work; the others are given plain tensor operations.
-pub(super) fn uses_kernels(device: &Device) -> bool {
+/// Whether the kernels compute with a tensor: those of 32-bit floats in main memory; all others are given plain tensor
+/// operations, which compute with numbers like those they are given.
+fn uses_kernels<const D: usize>(x: &Tensor<D>) -> bool {
+    x.dtype() == DType::F32 && is_main_memory(&x.device())
+}
+
+fn is_main_memory(device: &Device) -> bool {
     #[cfg(feature = "ndarray-backend")]
     #[expect(deprecated, reason = "burn-flex succeeds it; it is kept for comparison")]
     if *device == Device::ndarray() {
@@ -72,9 +79,14 @@ pub enum Activation<'a> {
 }
 
 /// Brings a batch `[item, channel, height, width]` into the layout that the operations compute in,
-/// `[item, height, width, channel]`.
-pub fn to_layout(batch: Tensor<4>) -> Tensor<4> {
-    batch.permute([0, 2, 3, 1])
+/// `[item, height, width, channel]`, and into numbers of the precision, which the operations keep.
+pub fn to_layout(batch: Tensor<4>, precision: Precision) -> Tensor<4> {
+    batch.permute([0, 2, 3, 1]).cast(precision.dtype())
+}
+
+/// Features as 32-bit floats: what a network's last layer adds to an image is not to be rounded, nor the image.
+pub fn widened(x: Tensor<4>) -> Tensor<4> {
+    x.cast(Precision::F32.dtype())
 }
 
 /// Brings a tensor in the operations' layout back to `[item, channel, height, width]`.
@@ -92,7 +104,7 @@ pub fn convolution(
     stride: usize,
     activation: Activation<'_>,
 ) -> Tensor<4> {
-    if !uses_kernels(&x.device()) {
+    if !uses_kernels(&x) {
         return plain::convolution(x, layer, stride, activation);
     }
     let (x, weight, bias) = (x.into_dispatch(), primitive(&layer.weight), primitive(&layer.bias));
@@ -111,7 +123,7 @@ pub fn convolution(
 /// # Equation
 /// `Res(x) = x + conv2(LeakyReLU(conv1(x)))`.
 pub fn res_block(x: Tensor<4>, block: &ResBlockWeights) -> Tensor<4> {
-    if !uses_kernels(&x.device()) {
+    if !uses_kernels(&x) {
         return plain::res_block(x, block);
     }
     let [conv1, conv2] = [&block.conv1, &block.conv2].map(|c| (primitive(&c.weight), primitive(&c.bias)));
@@ -132,7 +144,7 @@ pub fn dynamic_filter(
     head: &FilterHead,
     filter_size: usize,
 ) -> Tensor<4> {
-    if !uses_kernels(&features.device()) {
+    if !uses_kernels(&features) {
         return plain::dynamic_filter(condition, features, head, filter_size);
     }
     let (condition, features) = (condition.clone().into_dispatch(), features.into_dispatch());
@@ -144,7 +156,7 @@ pub fn dynamic_filter(
 /// Convolves to four times the channels, spreads them over twice the sides, and adds the skip connection
 /// after the LeakyReLU of slope `slope` (1 for none).
 pub fn up_convolution(x: Tensor<4>, layer: &ConvolutionWeights, slope: f32, skip: Tensor<4>) -> Tensor<4> {
-    if !uses_kernels(&x.device()) {
+    if !uses_kernels(&x) {
         return plain::up_convolution(x, layer, slope, skip);
     }
     let (weight, bias) = (primitive(&layer.weight), primitive(&layer.bias));
@@ -156,7 +168,7 @@ pub fn up_convolution(x: Tensor<4>, layer: &ConvolutionWeights, slope: f32, skip
 /// # Shapes
 /// `inputs` × height × width to `outputs` × 2·height × 2·width, as `skip` has.
 pub fn enlarged_convolution(x: Tensor<4>, layer: &ConvolutionWeights, skip: Tensor<4>) -> Tensor<4> {
-    if !uses_kernels(&x.device()) {
+    if !uses_kernels(&x) {
         return plain::enlarged_convolution(x, layer, skip);
     }
     let (weight, bias) = enlarging_tensors(layer);
@@ -175,7 +187,7 @@ pub fn modulation(
     [scale, offset]: [[&ConvolutionWeights; 2]; 2],
     slope: f32,
 ) -> Tensor<4> {
-    if !uses_kernels(&x.device()) {
+    if !uses_kernels(&x) {
         return plain::modulation(x, map, [scale, offset], slope);
     }
     let parameters = |[first, second]: [&ConvolutionWeights; 2]| {

@@ -1,13 +1,16 @@
-//! The operations of this module of Burn's own: for devices without the kernels, and to test these against.
+//! The operations of this module of Burn's own: for devices without the kernels, and to test these against. They compute with
+//! numbers like those of the features they are given, to which weights are rounded; sums of many are of 32 bits.
 
+use burn::module::Param;
 use burn::tensor::activation::{leaky_relu, sigmoid};
 use burn::tensor::module::conv2d;
 use burn::tensor::ops::{ConvOptions, PadMode};
-use burn::tensor::{Tensor, s};
+use burn::tensor::{DType, Tensor, s};
 
-use super::{
-    Activation, ConvolutionWeights, FilterHead, LEAKY_SLOPE, ResBlockWeights, from_layout, to_layout,
-};
+use super::{Activation, ConvolutionWeights, FilterHead, LEAKY_SLOPE, ResBlockWeights, from_layout};
+
+/// The axes of a batch `[item, channel, height, width]` in the order of the operations.
+const CHANNELS_LAST: [usize; 4] = [0, 2, 3, 1];
 
 /// That of [`convolution`](super::convolution).
 pub(super) fn convolution(
@@ -21,7 +24,10 @@ pub(super) fn convolution(
         Activation::None => sums,
         Activation::Relu => leak(sums, 0.0),
         Activation::LeakyRelu => leak(sums, LEAKY_SLOPE),
-        Activation::PRelu(slope) => prelu(sums, slope.val()),
+        Activation::PRelu(slope) => {
+            let slope = rounded(slope, &sums);
+            prelu(sums, slope)
+        }
     }
 }
 
@@ -42,22 +48,24 @@ pub(super) fn dynamic_filter(
     let [items, height, width, channels] = features.dims();
     let inputs = condition.dims()[3];
     let (taps, pixels) = (filter_size * filter_size, items * height * width);
-    let weight = head.conv.weight.val().reshape([channels, taps, inputs]);
-    let bias = head.conv.bias.val().reshape([channels, taps]);
+    let weight = rounded(&head.conv.weight, &features).reshape([channels, taps, inputs]);
+    let bias = rounded(&head.conv.bias, &features).reshape([channels, taps]);
+    let (slope, number) = (rounded(&head.slope, &features), features.dtype());
     let condition = condition.clone().reshape([pixels, inputs]);
     let border = filter_size / 2;
     // Only the last two axes are padded.
-    let features = to_layout(from_layout(features).pad([(border, border), (border, border)], PadMode::Edge));
+    let padded = from_layout(features).pad([(border, border), (border, border)], PadMode::Edge);
+    let features = padded.permute(CHANNELS_LAST);
     let terms = (0..taps).map(|tap| {
         let weight = weight.clone().slice(s![0..channels, tap..tap + 1, 0..inputs]);
         let bias = bias.clone().slice(s![0..channels, tap..tap + 1]).reshape([1, channels]);
         let sums = condition.clone().matmul(weight.reshape([channels, inputs]).transpose()) + bias;
-        let filter = prelu(sums.reshape([items, height, width, channels]), head.slope.val());
+        let filter = prelu(sums.reshape([items, height, width, channels]), slope.clone());
         let (top, left) = (tap / filter_size, tap % filter_size);
         let window = s![0..items, top..top + height, left..left + width, 0..channels];
-        filter * features.clone().slice(window)
+        (filter * features.clone().slice(window)).cast(DType::F32)
     });
-    terms.reduce(|sum, term| sum + term).expect("filters have taps")
+    terms.reduce(|sum, term| sum + term).expect("filters have taps").cast(number)
 }
 
 /// That of [`up_convolution`](super::up_convolution): channel `4·c + 2·dy + dx` is pixel (dy, dx) of channel c.
@@ -101,10 +109,15 @@ pub(super) fn modulation(
 
 /// Convolution with zero padding of half the filter's size.
 fn convolve(x: Tensor<4>, layer: &ConvolutionWeights, stride: usize) -> Tensor<4> {
-    let weight = layer.weight.val();
+    let (weight, bias) = (rounded(&layer.weight, &x), rounded(&layer.bias, &x));
     let border = weight.dims()[2] / 2;
     let options = ConvOptions::new([stride, stride], [border, border], [1, 1], 1);
-    to_layout(conv2d(from_layout(x), weight, Some(layer.bias.val()), options))
+    conv2d(from_layout(x), weight, Some(bias), options).permute(CHANNELS_LAST)
+}
+
+/// A parameter in numbers like those of features; its gradient stays of 32-bit floats.
+fn rounded<const D: usize>(parameter: &Param<Tensor<D>>, features: &Tensor<4>) -> Tensor<D> {
+    parameter.val().cast(features.dtype())
 }
 
 /// LeakyReLU: 0 for ReLU, 1 for nothing.
@@ -122,7 +135,7 @@ mod tests {
     use super::super as kernels;
     use super::*;
     use crate::network::Backend;
-    use burn::module::{Param, ParamId};
+    use burn::module::ParamId;
     use burn::tensor::{Device, TensorData};
     use std::cell::RefCell;
 

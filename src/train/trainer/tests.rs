@@ -7,6 +7,8 @@ use crate::train::InMemory;
 use ndarray::{Array1, Array3};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+mod on_device;
+
 fn config(batch: usize, accumulate: usize) -> TrainConfig {
     let mut config = TrainConfig::default();
     config.architecture = Architecture { features: 2, filter_size: 3, ..config.architecture };
