@@ -63,7 +63,8 @@
 //! are (row y, column x), row 0 on top. Physical quantities carry their unit in their name.
 //!
 //! # Scope
-//! Still captures through a panel whose PSF does not change over the exposure; processing on the CPU.
+//! Still captures through a panel whose PSF does not change over the exposure; networks on the CPU or on GPUs, all else on
+//! the CPU.
 //! Out of scope: video, autofocus, panel design.
 
 #![cfg_attr(

@@ -17,11 +17,6 @@ pub(crate) struct DeviceArgs {
 }
 
 impl DeviceArgs {
-    /// The GPU of a number.
-    pub(super) fn numbered(number: usize) -> Self {
-        Self { device: DeviceChoice::Numbered(number) }
-    }
-
     /// Looks for the device, and says with -v which it is.
     pub(super) fn find(self, session: &Session) -> Result<Backend> {
         self.find_or(Backend::default(), session)

@@ -12,7 +12,7 @@ use udc::examples::{ExampleSet, ExamplesConfig};
 use udc::experiment::validation_measures;
 use udc::io;
 use udc::kernels::keep_freed_memory;
-use udc::network::{Backend, GUIDED, Precision};
+use udc::network::{Backend, Backends, GUIDED, Precision};
 use udc::synth::Existing;
 use udc::train::{self, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationScore, read_initial};
 
@@ -68,7 +68,8 @@ pub(crate) struct TrainArgs {
     pub(super) resume: bool,
     #[command(flatten)]
     pub(super) device: DeviceArgs,
-    /// GPUs to train on together, by their numbers; so far one is all that a training can use
+    /// GPUs to train one network on together, by their numbers (`udc info --devices` lists them): each takes an equal share of
+    /// every batch. Several have to be NVIDIA's, and the program built for CUDA
     #[arg(long, value_name = "N,…", value_delimiter = ',', conflicts_with = "device")]
     pub(super) devices: Vec<usize>,
     /// Numbers to compute with, as --set precision=PRECISION [default: the configuration's]
@@ -104,7 +105,7 @@ impl TrainArgs {
             config: &config,
             set: &set,
             measures: &validation_measures(&config.validation)?,
-            backend: self.device()?.find_or(self.backend, session)?,
+            backends: self.backends(session)?,
             progress: &session.progress,
             warn: &|text| session.warn(text),
         };
@@ -127,15 +128,14 @@ impl TrainArgs {
         self.dry_run.tell("train", &estimate, session)
     }
 
-    fn device(&self) -> Result<DeviceArgs> {
-        match *self.devices {
-            [] => Ok(self.device),
-            [number] => Ok(DeviceArgs::numbered(number)),
-            _ => bail!(
-                "--devices: a training uses one device; name one of them, and train other configurations on the others, each \
-                 in a run of its own"
-            ),
+    /// What is computed on.
+    fn backends(&self, session: &Session) -> Result<Backends> {
+        if self.devices.is_empty() {
+            return Ok(self.device.find_or(self.backend, session)?.into());
         }
+        let backends = Backends::gpus(&self.devices)?;
+        session.detail(format_args!("computing on {backends}"));
+        Ok(backends)
     }
 
     fn read_config(&self) -> Result<TrainConfig> {

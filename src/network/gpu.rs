@@ -9,6 +9,12 @@ use crate::core::error::{Error, Result};
 /// Whether this build can compute on GPUs.
 pub const IS_BUILT: bool = cfg!(any(feature = "gpu", feature = "cuda"));
 
+/// Whether this build reaches devices by CUDA.
+pub(super) const HAS_CUDA: bool = cfg!(feature = "cuda");
+
+/// What NVIDIA's devices are reached by.
+const CUDA: &str = "CUDA";
+
 /// What to do where a device does not compute in bfloat16.
 pub(super) const BFLOAT16_ELSEWHERE: &str = if cfg!(feature = "cuda") {
     ""
@@ -43,6 +49,11 @@ impl fmt::Display for GpuInfo {
 }
 
 impl Gpu {
+    /// Whether CUDA reaches it.
+    pub(super) fn is_cuda(self) -> bool {
+        list()[self.0].interface == CUDA
+    }
+
     /// The device that computes without gradients.
     #[cfg_attr(
         not(any(feature = "gpu", feature = "cuda")),
@@ -132,10 +143,13 @@ mod built {
 
     use super::GpuInfo;
 
+    /// Finds the devices of an interface.
+    type Enumerate = fn() -> Vec<Device>;
+
     /// The interfaces of this build; what computes fastest first.
-    const INTERFACES: &[(&str, fn() -> Vec<Device>)] = &[
+    const INTERFACES: &[(&str, Enumerate)] = &[
         #[cfg(feature = "cuda")]
-        ("CUDA", || Device::enumerate(DeviceType::Cuda).into_iter().collect()),
+        (super::CUDA, || Device::enumerate(DeviceType::Cuda).into_iter().collect()),
         #[cfg(feature = "gpu")]
         ("Vulkan, Metal or DX12", || Device::enumerate(DeviceType::Wgpu).into_iter().collect()),
     ];

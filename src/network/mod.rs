@@ -6,6 +6,7 @@
 
 mod architecture;
 mod backend;
+mod backends;
 pub mod benchmark;
 mod builder;
 mod de_unet;
@@ -33,6 +34,7 @@ pub use crate::kernels::Isa;
 pub use architecture::{Architecture, Condition, Scales};
 pub(crate) use backend::numbers_of;
 pub use backend::{Backend, DeviceChoice};
+pub use backends::Backends;
 pub use family::Kind;
 pub use inputs::{InputTensors, Inputs, Plane, Planes};
 pub use model::{Model, Origin};

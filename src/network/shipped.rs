@@ -47,7 +47,6 @@ mod tests {
         let errors = || exact.as_slice().iter().zip(rounded.as_slice()).map(|(a, b)| (a - b).abs());
         let largest = errors().fold(0.0, f32::max);
         let mean = errors().sum::<f32>() / exact.as_slice().len() as f32;
-        eprintln!("MEASURED {largest:e} {mean:e}");
         assert!(largest > 1e-5 && largest < 2e-2 && mean < 2e-3, "{largest:e} {mean:e}");
     }
 }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::network::{Backend, Isa, Precision};
+use crate::network::{Backends, Isa, Precision};
 
 /// What stands between names in a training's state; a name may hold a comma.
 const SEPARATOR: &str = " → ";
@@ -13,8 +13,8 @@ pub(super) struct InstructionSets(Vec<String>);
 
 impl InstructionSets {
     /// The one that this process computes with.
-    pub(super) fn current(backend: Backend, precision: Precision) -> Self {
-        Self(vec![name_of(backend, precision)])
+    pub(super) fn current(backends: &Backends, precision: Precision) -> Self {
+        Self(vec![name_of(backends, precision)])
     }
 
     /// Reads what a state kept.
@@ -23,8 +23,12 @@ impl InstructionSets {
     }
 
     /// Goes on with this process's set, and warns when it is another than the last.
-    pub(super) fn followed(&self, (backend, precision): (Backend, Precision), warn: &dyn Fn(&str)) -> Self {
-        self.followed_by(&name_of(backend, precision), |was, is| {
+    pub(super) fn followed(
+        &self,
+        (backends, precision): (&Backends, Precision),
+        warn: &dyn Fn(&str),
+    ) -> Self {
+        self.followed_by(&name_of(backends, precision), |was, is| {
             let back = if Isa::named(was).is_some() {
                 format!("; stop and resume with UDC_SIMD={was} in the environment, on the CPU, to keep them the same")
             } else {
@@ -51,9 +55,10 @@ impl InstructionSets {
     }
 }
 
-/// What stands for the arithmetic of a backend.
-fn name_of(backend: Backend, precision: Precision) -> String {
-    let name = if backend.is_cpu() { Isa::current().name().to_owned() } else { backend.to_string() };
+/// What stands for the arithmetic of backends.
+fn name_of(backends: &Backends, precision: Precision) -> String {
+    let is_cpu = backends.first().is_cpu();
+    let name = if is_cpu { Isa::current().name().to_owned() } else { backends.to_string() };
     precision.name_of(&name)
 }
 
@@ -66,6 +71,7 @@ impl fmt::Display for InstructionSets {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::network::Backend;
     use std::cell::RefCell;
 
     #[test]
@@ -83,15 +89,16 @@ mod tests {
 
     #[test]
     fn the_same_set_is_gone_on_with_in_silence() {
-        let here = (Backend::Flex, Precision::F32);
-        let current = InstructionSets::current(here.0, here.1);
+        let (backends, precision) = (Backends::from(Backend::Flex), Precision::F32);
+        let here = (&backends, precision);
+        let current = InstructionSets::current(&backends, precision);
         assert_eq!(current.followed(here, &|text| panic!("{text}")), current);
     }
 
     #[test]
     fn bfloat16_is_another_arithmetic() {
         let [full, mixed] = [Precision::F32, Precision::Bf16]
-            .map(|precision| InstructionSets::current(Backend::AsDevice, precision).to_string());
+            .map(|precision| InstructionSets::current(&Backends::as_devices(2), precision).to_string());
         assert_eq!(mixed, format!("{full}, bf16"));
     }
 }

@@ -10,12 +10,15 @@ mod clean;
 mod config;
 mod data;
 mod estimate;
+#[cfg(test)]
+mod exchange;
 mod identity;
 mod instruction_sets;
 mod live;
 mod loss;
 mod on_device;
 mod optimizer;
+mod peers;
 mod preview;
 mod recent;
 mod run;
@@ -26,6 +29,7 @@ mod trainer;
 mod training;
 mod training_set;
 mod validation;
+mod worker;
 
 pub use clean::CleanImages;
 pub use config::{

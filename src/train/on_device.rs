@@ -10,7 +10,7 @@ use super::config::OptimizerConfig;
 use super::optimizer::{Constants, Moments};
 use super::trainer::State;
 use crate::core::error::Result;
-use crate::network::{Architecture, Network, Parameters, numbers_of};
+use crate::network::{Network, Parameters, numbers_of};
 
 /// What a step changes, on a device without gradients.
 #[derive(Clone, Debug)]
@@ -67,19 +67,14 @@ impl OnDevice {
         spread(parameters.iter_mut().map(|p| &mut p.values[..]), flat);
     }
 
-    /// The network of the weights, and of their running mean.
-    pub(super) fn networks(
-        &self,
-        architecture: &Architecture,
-        device: &Device,
-    ) -> impl Iterator<Item = Network> {
-        let flats = iter::once(&self.weights).chain(&self.average);
-        flats.map(|flat| Network::of_flat(architecture, flat, device))
+    /// The weights.
+    pub(super) fn weights(&self) -> &Tensor<1> {
+        &self.weights
     }
 
-    /// The network of the weights.
-    pub(super) fn network(&self, architecture: &Architecture, device: &Device) -> Network {
-        Network::of_flat(architecture, &self.weights, device)
+    /// The weights, and their running mean.
+    pub(super) fn kept(&self) -> impl Iterator<Item = &Tensor<1>> {
+        iter::once(&self.weights).chain(&self.average)
     }
 
     /// What a step of Adam makes of it, with clipping before and the running mean after: the equations of the CPU's.
@@ -163,7 +158,7 @@ impl ModuleVisitor for Gather {
 mod tests {
     use super::super::optimizer::{average, clip, global_norm};
     use super::*;
-    use crate::network::Initialisation;
+    use crate::network::{Architecture, Initialisation};
 
     fn state() -> State {
         let architecture = Architecture { features: 2, filter_size: 3, ..Architecture::default() };

@@ -24,7 +24,7 @@ use crate::core::metrics::{Measure, Metric};
 use crate::core::progress::Progress;
 use crate::io::{self, LineLog};
 use crate::network::weights::{self, Weights};
-use crate::network::{Backend, Origin, Parameters};
+use crate::network::{Backends, Origin, Parameters};
 
 /// The names in a run's folder.
 const CONFIG_FILE: &str = "config.toml";
@@ -50,7 +50,7 @@ pub struct Job<'a> {
     /// What tells the data from others; it goes into models and states.
     pub identity: DataIdentity,
     /// Where to compute.
-    pub backend: Backend,
+    pub backends: Backends,
     /// Where to report, and whom to ask whether to stop.
     pub progress: &'a Progress,
     /// Where warnings go.
@@ -158,12 +158,12 @@ impl Job<'_> {
         let kept =
             checkpoint.as_ref().filter(has_steps).and_then(|checkpoint| checkpoint.instruction_sets.clone());
         let instruction_sets =
-            kept.unwrap_or_else(|| InstructionSets::current(self.backend, self.config.precision));
+            kept.unwrap_or_else(|| InstructionSets::current(&self.backends, self.config.precision));
         let (trainer, best) = match checkpoint {
             Some(Checkpoint { state, best, .. }) => {
-                (Trainer::from_state(self.config, state, self.data.len(), self.backend)?, best)
+                (Trainer::from_state(self.config, state, self.data.len(), &self.backends)?, best)
             }
-            None => (Trainer::new(self.config, initial, self.data.len(), self.backend)?, None),
+            None => (Trainer::new(self.config, initial, self.data.len(), self.backends.clone())?, None),
         };
         if replaces {
             if holds_run(folder)? {
@@ -356,7 +356,7 @@ impl Run {
             if self.last_step.is_none() {
                 // Only now: a run that has ended keeps its model's arithmetic, whoever looks at it.
                 self.instruction_sets =
-                    self.instruction_sets.followed((job.backend, config.precision), job.warn);
+                    self.instruction_sets.followed((&job.backends, config.precision), job.warn);
             }
             let started = Instant::now();
             let step = self.trainer.step(job.data)?;
@@ -394,13 +394,14 @@ impl Run {
         let weights = self.weights(job);
         let iteration = self.trainer.iteration();
         let previews = self.folder.join(PREVIEWS).join(iteration.to_string());
-        let validation =
-            validator.run((&weights, job.backend), iteration, &previews).map_err(|error| match error {
+        let validation = validator.run((&weights, job.backends.first()), iteration, &previews).map_err(
+            |error| match error {
                 Error::Diverged(what) => Error::Diverged(format!(
                     "the training diverged: at the validation after iteration {iteration}, {what}; {ADVICE}"
                 )),
                 error => error,
-            })?;
+            },
+        )?;
         let metric = job.config.validation.best;
         if let Some(value) = validation.restored(metric)
             && self.best.is_none_or(|best| metric.is_better(value, best.value))

@@ -1,24 +1,27 @@
 //! The training itself, without files: weights, optimiser and position, advanced one step at a time.
 
 use std::borrow::Cow;
+use std::panic;
+use std::sync::Arc;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use burn::module::{Module, ModuleVisitor, Param};
-use burn::tensor::{Device, Gradients as BurnGradients, Tensor, TensorData};
+use burn::tensor::{Gradients as BurnGradients, Tensor};
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::config::TrainConfig;
 use super::data::{Patch, TrainingData};
-use super::loss::Loss;
-use super::on_device::{Gather, OnDevice, Told};
+use super::on_device::{OnDevice, Told};
 use super::optimizer::{Gradients, Moments, average, clip, global_norm};
+use super::peers::Peers;
 use super::sampler::Sampler;
 use super::schedule::learning_rate;
+use super::worker::Worker;
 use crate::core::error::{Error, Result};
-use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::core::rng::Rng;
-use crate::network::{Backend, InputTensors, Network, Parameters, Plane};
+use crate::network::{Backends, Network, Parameters};
 
 /// What one step did.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -37,9 +40,11 @@ pub struct Step {
 #[derive(Clone, Debug)]
 pub struct Trainer {
     config: TrainConfig,
-    device: Device,
     sampler: Sampler,
-    loss: Loss,
+    /// What computes, on the first device.
+    worker: Worker,
+    /// The devices beside it.
+    peers: Option<Arc<Peers>>,
     /// The samples that the last step learned from last.
     recent: Vec<Patch>,
     /// The batch of a number that was drawn while the one before was computed.
@@ -75,13 +80,18 @@ impl Trainer {
         config: &TrainConfig,
         initial: Option<Parameters>,
         items: usize,
-        backend: Backend,
+        backends: impl Into<Backends>,
     ) -> Result<Self> {
         let parameters = initial
             .unwrap_or_else(|| Parameters::random(&config.architecture, config.initialisation, config.seed));
         let moments = Moments::zeros(&parameters);
         let average = (config.optimizer.ema_decay > 0.0).then(|| parameters.clone());
-        Self::from_state(config, State { iteration: 0, parameters, moments, average }, items, backend)
+        Self::from_state(
+            config,
+            State { iteration: 0, parameters, moments, average },
+            items,
+            &backends.into(),
+        )
     }
 
     /// Goes on from a state.
@@ -89,23 +99,24 @@ impl Trainer {
         config: &TrainConfig,
         state: State,
         items: usize,
-        backend: Backend,
+        backends: &Backends,
     ) -> Result<Self> {
         config.validate()?;
-        backend.check_training(config.precision)?;
         if items == 0 {
             return Err(Error::Unsupported(
                 "there is nothing to train on: the data have no items".to_owned(),
             ));
         }
         let sampler = Sampler::new(config.seed, items, config.data.shuffle);
-        let loss = Loss::new(&config.loss, backend)?;
+        let backend = backends.first();
+        let worker = Worker::new(config, &state.parameters, backend)?;
+        let peers = Peers::beside(config, &state.parameters, backends)?.map(Arc::new);
         let on_device = (!backend.is_cpu()).then(|| OnDevice::upload(&state, &backend.device()));
         Ok(Self {
             config: config.clone(),
-            device: backend.device().autodiff(),
             sampler,
-            loss,
+            worker,
+            peers,
             recent: Vec::new(),
             ahead: None,
             waited: Duration::ZERO,
@@ -149,29 +160,20 @@ impl Trainer {
     /// not finite, or a weight would be larger than any that computes something; [`Error::Unsupported`] when a weight
     /// has no gradient. All leave weights and moments as they were.
     pub fn step(&mut self, data: &dyn TrainingData) -> Result<Step> {
-        // On a thread of the pool, which begins each operation at once instead of waking another.
-        rayon::scope(|_| match self.on_device.take() {
-            None => self.step_here(data),
-            Some(on_device) => {
-                let stepped = self.step_there(&on_device, data);
-                match stepped {
-                    Ok((step, next)) => {
-                        self.on_device = Some(next);
-                        Ok(step)
-                    }
-                    Err(error) => {
-                        self.on_device = Some(on_device);
-                        Err(error)
-                    }
-                }
-            }
-        })
+        let Some(on_device) = self.on_device.take() else {
+            // On a thread of the pool, which begins each operation at once instead of waking another.
+            return rayon::scope(|_| self.step_here(data));
+        };
+        let stepped = self.step_there(&on_device, data);
+        let (outcome, next) = stepped.map_or_else(|e| (Err(e), on_device), |(step, next)| (Ok(step), next));
+        self.on_device = Some(next);
+        outcome
     }
 
     fn step_here(&mut self, data: &dyn TrainingData) -> Result<Step> {
         let config = self.config.clone();
         let rate = learning_rate(&config.optimizer, &config.schedule, self.state.iteration);
-        let network = Network::new(&config.architecture, &self.state.parameters, &self.device);
+        let network = self.worker.network(&self.state.parameters);
         let mut gradients = Gradients::new();
         let count = config.data.accumulate;
         let total = self.batches(
@@ -206,15 +208,14 @@ impl Trainer {
         let config = self.config.clone();
         let iteration = self.state.iteration + 1;
         let rate = learning_rate(&config.optimizer, &config.schedule, self.state.iteration);
-        let network = on_device.network(&config.architecture, &self.device).in_precision(config.precision);
+        let network = self.worker.network_of_flat(on_device.weights());
         let mut gradients: Option<Tensor<1>> = None;
         let share = 1.0 / config.data.accumulate as f64;
         let total = self.batches(
             data,
-            |trainer, patches| {
-                let (loss, backward) = trainer.backward(&network, patches)?;
-                let found = Gather::of(&network, backward, trainer.state.parameters.len());
-                Ok((loss, Tensor::cat(complete(found, &trainer.state.parameters)?, 0)))
+            |trainer, patches| match &trainer.peers {
+                None => trainer.worker.gradients(&network, patches),
+                Some(peers) => peers.gradients((&trainer.worker, &network), on_device.weights(), patches),
             },
             |part| {
                 let part = part.mul_scalar(share);
@@ -255,10 +256,8 @@ impl Trainer {
             // Another thread draws if one is free; else this one does, once it has computed. What cannot be drawn is
             // drawn again when its turn comes, and reported then.
             let this = &*self;
-            let ((computed, computing), drawn) = rayon::join(
-                || (compute(this, &patches), drawn_at.elapsed()),
-                || draw(data, samples?, crop).ok(),
-            );
+            let ((computed, computing), drawn) = this
+                .beside(|| (compute(this, &patches), drawn_at.elapsed()), || draw(data, samples?, crop).ok());
             self.waited += (drawn_at - began) + drawn_at.elapsed().saturating_sub(computing);
             self.ahead = drawn.map(|patches| (next, patches));
             let (loss, part) = computed?;
@@ -275,29 +274,41 @@ impl Trainer {
     /// # Errors
     /// [`Error::Diverged`] when it is not finite.
     pub(super) fn check(&self) -> Result<()> {
-        rayon::scope(|_| self.check_here())
+        let Some(on_device) = &self.on_device else {
+            let kept = [&self.state.parameters].into_iter().chain(&self.state.average);
+            return rayon::scope(|_| self.check_networks(kept.map(|kept| self.worker.network(kept))));
+        };
+        self.check_networks(on_device.kept().map(|kept| self.worker.network_of_flat(kept)))
     }
 
-    fn check_here(&self) -> Result<()> {
+    fn check_networks(&self, networks: impl Iterator<Item = Network>) -> Result<()> {
         if self.recent.is_empty() {
             return Ok(());
         }
-        let architecture = &self.config.architecture;
-        let networks: Vec<Network> = match &self.on_device {
-            Some(on_device) => on_device.networks(architecture, &self.device).collect(),
-            None => {
-                let kept = [&self.state.parameters].into_iter().chain(&self.state.average);
-                kept.map(|parameters| Network::new(architecture, parameters, &self.device)).collect()
-            }
-        };
-        for network in networks.into_iter().map(|network| network.in_precision(self.config.precision)) {
-            let batch = Batch::new(&network, &self.recent, &self.device)?;
-            let (loss, _) = self.loss.of(network.forward(batch.inputs), batch.ground_truth)?;
+        for network in networks {
+            let loss = self.worker.loss(&network, &self.recent)?;
             if !loss.is_finite() {
                 return Err(diverged(self.state.iteration, "with the weights after", loss));
             }
         }
         Ok(())
+    }
+
+    /// Computes and draws at the same time. What is on a device is computed by this thread always: a device keeps memory for
+    /// each thread that it is used by.
+    fn beside<A: Send, B: Send>(
+        &self,
+        compute: impl FnOnce() -> A + Send,
+        draw: impl FnOnce() -> B + Send,
+    ) -> (A, B) {
+        if !self.worker.backend.is_cpu() {
+            return thread::scope(|scope| {
+                let drawing = scope.spawn(draw);
+                let computed = compute();
+                (computed, drawing.join().unwrap_or_else(|panicked| panic::resume_unwind(panicked)))
+            });
+        }
+        rayon::join(compute, draw)
     }
 
     /// The batch of a number, counted from the training's start: the one that was drawn ahead, or drawn now.
@@ -318,18 +329,10 @@ impl Trainer {
 
     /// The loss of a batch and its gradients.
     fn differentiate(&self, network: &Network, patches: &[Patch]) -> Result<(f64, Gradients)> {
-        let (value, gradients) = self.backward(network, patches)?;
+        let (value, gradients) = self.worker.backward(network, patches)?;
         let mut collect = Collect { gradients, found: vec![None; self.state.parameters.len()] };
         network.visit(&mut collect);
-        Ok((value, complete(collect.found, &self.state.parameters)?))
-    }
-
-    /// The loss of a batch, and what Burn makes of it on the way back.
-    fn backward(&self, network: &Network, patches: &[Patch]) -> Result<(f64, BurnGradients)> {
-        let batch = Batch::new(network, patches, &self.device)?;
-        let restored = network.forward(batch.inputs);
-        let (value, loss) = self.loss.of(restored, batch.ground_truth)?;
-        Ok((value, loss.backward()))
+        Ok((value, self.worker.complete(collect.found)?))
     }
 }
 
@@ -363,21 +366,6 @@ impl State {
     }
 }
 
-/// Every weight's gradient; refuses to take one that is missing for zero, under which it would never change.
-fn complete<G>(found: Vec<Option<G>>, parameters: &Parameters) -> Result<Vec<G>> {
-    let missing = |(values, name): (&Option<G>, &str)| values.is_none().then(|| name.to_owned());
-    let names: Vec<String> =
-        found.iter().zip(parameters.iter().map(|p| p.name.as_str())).filter_map(missing).collect();
-    if names.is_empty() {
-        return Ok(found.into_iter().flatten().collect());
-    }
-    Err(Error::Unsupported(format!(
-        "the loss has no gradient to {}: the network does not use it, and it would stay as it is; this is a fault of \
-         the architecture in udc, please report it with the run's config.toml",
-        names.join(", ")
-    )))
-}
-
 /// Weights lie around 1 or below; what computes with one of this size is no restoration.
 const LARGEST_WEIGHT: f32 = 1e6;
 
@@ -409,62 +397,6 @@ fn accumulate(sum: &mut Gradients, part: Gradients, count: usize) {
     for (sum, part) in sum.iter_mut().zip(&part) {
         sum.par_iter_mut().zip(part).for_each(|(sum, g)| *sum += share * g);
     }
-}
-
-/// Samples as tensors.
-struct Batch {
-    inputs: InputTensors,
-    ground_truth: Tensor<4>,
-}
-
-impl Batch {
-    fn new(network: &Network, patches: &[Patch], device: &Device) -> Result<Self> {
-        let degraded = stack(patches.iter().map(|patch| &patch.degraded), device);
-        let mut inputs = InputTensors::new(degraded, Self::codes(network, patches, device)?);
-        for &plane in network.architecture().planes() {
-            let planes = patches.iter().map(|patch| patch.planes.get(plane).ok_or_else(|| lacking(plane)));
-            inputs.planes.insert(plane, stack(planes.collect::<Result<Vec<_>>>()?.into_iter(), device));
-        }
-        Ok(Self { inputs, ground_truth: stack(patches.iter().map(|patch| &patch.ground_truth), device) })
-    }
-
-    fn codes(network: &Network, patches: &[Patch], device: &Device) -> Result<Option<Tensor<4>>> {
-        let Some(dim) = network.architecture().code_len() else { return Ok(None) };
-        let mut values = Vec::with_capacity(patches.len() * dim);
-        for patch in patches {
-            let code = patch.code.as_ref().map_or(&[][..], |code| code.as_slice().unwrap_or_default());
-            if code.len() != dim {
-                let expected = format!("{dim} numbers, architecture.code-dim");
-                return Err(Error::shape(
-                    "kernel code of the training data",
-                    expected,
-                    code.len().to_string(),
-                ));
-            }
-            values.extend_from_slice(code);
-        }
-        Ok(Some(Tensor::from_data(TensorData::new(values, [patches.len(), dim, 1, 1]), device)))
-    }
-}
-
-/// Images of one size, one after another.
-fn stack<'a>(
-    images: impl ExactSizeIterator<Item = &'a ToneMappedImage> + Clone,
-    device: &Device,
-) -> Tensor<4> {
-    let count = images.len();
-    let first = images.clone().next().expect("a batch has samples");
-    let shape = [count, CHANNELS, first.height(), first.width()];
-    let values: Vec<f32> = images.flat_map(|image| image.as_slice()).copied().collect();
-    Tensor::from_data(TensorData::new(values, shape), device)
-}
-
-fn lacking(plane: Plane) -> Error {
-    let reason = format!(
-        "the network reads the plane \"{}\" of every image, and the training data have none",
-        plane.name()
-    );
-    Error::config("planes", reason)
 }
 
 /// Copies every weight's gradient to its place in the architecture's order.

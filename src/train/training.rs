@@ -8,7 +8,7 @@ use super::training_set::TrainingSet;
 use crate::core::error::{Error, Result};
 use crate::core::metrics::Measure;
 use crate::core::progress::Progress;
-use crate::network::{Architecture, Backend, Parameters, weights};
+use crate::network::{Architecture, Backends, Parameters, weights};
 
 /// A training of data that were opened.
 pub struct Training<'a> {
@@ -19,7 +19,7 @@ pub struct Training<'a> {
     /// The configuration's `validation.metrics`, ready to measure.
     pub measures: &'a [Measure],
     /// Where to compute.
-    pub backend: Backend,
+    pub backends: Backends,
     /// Where to report, and whom to ask whether to stop.
     pub progress: &'a Progress,
     /// Where warnings go.
@@ -48,7 +48,7 @@ impl Training<'_> {
             measures: self.measures,
             data_say_formation: set.says_formation(),
             identity,
-            backend: self.backend,
+            backends: self.backends.clone(),
             progress: self.progress,
             warn: self.warn,
         };

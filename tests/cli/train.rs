@@ -432,13 +432,15 @@ fn a_model_can_be_described_and_a_checkpoint_converted() {
 }
 
 #[test]
-fn a_training_uses_one_device() {
+fn devices_that_do_not_exchange_gradients_train_no_network_together() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     prepare(folder);
     let run = ["train", "config.toml", "--data", "dataset", "-o", "run"];
     let message = fail(folder, &[&run[..], &["--devices", "0,1"]].concat(), 1);
-    assert!(message.contains("one device") && message.contains("--devices"), "{message}");
+    assert!(message.contains("name one device") && message.contains("--devices"), "{message}");
+    let message = fail(folder, &[&run[..], &["--devices", "1,1"]].concat(), 1);
+    assert!(message.contains("1 stands twice"), "{message}");
     fail(folder, &[&run[..], &["--devices", "0", "--device", "cpu"]].concat(), 2);
     assert!(!folder.join("run").exists());
 }

@@ -223,7 +223,7 @@ impl<'a> Sweep<'a> {
             config,
             set: &set,
             measures: &validation_measures(&config.validation)?,
-            backend: self.config.backend,
+            backends: self.config.backend.into(),
             progress: self.listener.progress,
             warn: self.listener.warn,
         };

@@ -1,9 +1,12 @@
 //! Tests of the steps of a training.
 
 use super::*;
+use crate::core::image::ToneMappedImage;
+use crate::network::Backend;
 use crate::network::{Architecture, Condition, Initialisation, Inputs, Kind, Scales, testing};
 use crate::perceptual::{FeatureDistance, PerceptualLoss};
 use crate::train::InMemory;
+use crate::train::loss::Loss;
 use ndarray::{Array1, Array3};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -178,10 +181,11 @@ fn moments_that_overflow_are_refused_and_nothing_is_changed() {
 fn a_weight_without_a_gradient_is_named() {
     let parameters = Parameters::random(&config(1, 1).architecture, Initialisation::Released, 1);
     let gradients = || parameters.iter().map(|p| Some(vec![0.0; p.values.len()])).collect::<Vec<_>>();
-    assert_eq!(complete(gradients(), &parameters).unwrap().len(), parameters.iter().count());
+    let worker = Worker::new(&config(1, 1), &parameters, Backend::default()).unwrap();
+    assert_eq!(worker.complete(gradients()).unwrap().len(), parameters.iter().count());
     let (mut missing, name) = (gradients(), &parameters.iter().nth(3).unwrap().name);
     missing[3] = None;
-    let message = complete(missing, &parameters).unwrap_err().to_string();
+    let message = worker.complete(missing).unwrap_err().to_string();
     assert!(message.contains(&format!("no gradient to {name}:")), "{message}");
 }
 
@@ -302,7 +306,7 @@ fn perceptual_trainer(distance: FeatureDistance) -> (Trainer, InMemory) {
     let data = InMemory(whole.collect());
     let mut trainer = Trainer::new(&config, None, 4, Backend::default()).unwrap();
     let network = PerceptualLoss::of_convolutions(&small_vgg(), distance);
-    trainer.loss = Loss::with_perceptual(config.loss.l1, WEIGHT, network);
+    trainer.worker = trainer.worker.with_loss(Loss::with_perceptual(config.loss.l1, WEIGHT, network));
     (trainer, data)
 }
 
@@ -350,7 +354,7 @@ fn a_perceptual_loss_has_the_gradient_of_its_value_and_falls() {
     let start = trainer.state.parameters.clone();
     let patches: Vec<Patch> = data.0[..2].to_vec();
     let differentiate = |parameters: &Parameters| {
-        let network = Network::new(&trainer.config.architecture, parameters, &trainer.device);
+        let network = trainer.worker.network(parameters);
         trainer.differentiate(&network, &patches).unwrap()
     };
     let (_, gradients) = differentiate(&start);
@@ -392,7 +396,7 @@ fn a_training_that_overflows_leaves_its_last_checkpoint_as_it_was() {
             data_say_formation: false,
             measures: &[],
             identity,
-            backend: Backend::default(),
+            backends: Backend::default().into(),
             progress: &progress,
             warn: &|text| panic!("{text}"),
         };
