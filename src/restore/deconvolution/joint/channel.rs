@@ -131,8 +131,17 @@ impl<'a> Channel<'a> {
             drop(surrounded);
             let is_interpolated = !is_reduced && (noise.middle() > NOISE_FREE || frame.has_surrounding());
             let darkness = DARKNESS * alpha;
-            let saturated =
-                Saturated { frame, capture, psf, pixels, coarse, level, darkness, is_interpolated };
+            let saturated = Saturated {
+                frame,
+                capture,
+                psf,
+                pixels,
+                coarse,
+                level,
+                darkness,
+                is_interpolated,
+                is_reduced,
+            };
             let (lamps, scene) = saturated.measure(&blur, &mut brightness, progress)?;
             return Ok(Self { frame, known, scene, brightness, lamps: Some(lamps), noise });
         }

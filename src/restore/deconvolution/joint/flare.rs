@@ -12,8 +12,21 @@ use crate::core::progress::Progress;
 /// flare.
 const HIGH_PASS_PX: f32 = 6.0;
 
-/// Steps of the conjugate gradients: 12 fit noise, and restore frames with lamps 0.05 dB worse.
-const STEPS: usize = 6;
+/// Steps of the conjugate gradients that spread light: 12 fit noise, and restore frames with lamps 0.05 dB worse.
+const FIRST_STEPS: usize = 6;
+
+/// Rounds in which it gathers, and steps in each: twice as many find the same light.
+const ROUNDS: usize = 3;
+const STEPS: usize = 8;
+
+/// The part of the misfit of spread light that is left at most where light is taken to be gathered. That of suns, of street lamps
+/// and of softboxes is 0.3 to 0.98; that of ceilings, shops and windows is above 0.985, and what their light gains by more steps is
+/// the scene's own glow around them: it comes out up to 0.3 of itself too bright (3 dB).
+const GATHERED: f64 = 0.985;
+
+/// The light above the level that pixels count as at least, over the level: it lets those shine that were dark before; a tenth
+/// and ten times as much restore the same.
+const LEAST_LIGHT: f32 = 1e-3;
 
 /// Pixels around saturated ones that are not believed either: interpolated values, and the steepest flare.
 const GUARD_PX: usize = 2;
@@ -45,24 +58,34 @@ struct Fit<'c, 'a> {
 }
 
 impl Clipped<'_> {
-    /// Finds the light of saturated pixels above the level at which they saturate.
+    /// Finds the light of saturated pixels, which is the level at which they saturate at least.
     ///
     /// # Equation
     /// Minimises `|w·h(y − A(level·S + s))|²` over s ≥ 0 in S: w relative to the brightness, h the high pass
-    /// `r − G(M r)/G(M)` over the believed pixels M, by conjugate gradients that the exact diagonal of AᵀW²A, which is the
-    /// correlation of w² with k², makes well conditioned. A high pass that is not normalised by M would leak the saturated core
-    /// into its surroundings, and find a third of the light.
+    /// `r − G(M r)/G(M)` over the believed pixels M. A high pass that is not normalised by M would leak the saturated core into
+    /// its surroundings, and find a third of the light.
+    ///
+    /// # Method
+    /// Conjugate gradients with the exact diagonal of AᵀW²A spread light over all pixels that gain by some; then rounds
+    /// preconditioned by `s/(AᵀW²A s)` (De Pierro 1995), s the light before each, gather it: steps are in proportion to the
+    /// light, so that a sun keeps its few pixels, and the many that its glare saturates lose theirs. Steps of one size for all
+    /// miss 2 to 20 dB of the flare of suns. Where gathering explains little more, the light is left spread.
     pub(super) fn measure(&self, progress: &Progress) -> Result<Array2<f32>> {
         let fit = Fit::new(self);
-        let weights = &fit.high_pass.weights;
-        let inverse = inverse_diagonal(self.squared, &(weights * weights), self.saturated, LEAST_CURVATURE);
-        fit.solve(&inverse, progress)
+        let mut light = self.saturated.mapv(|saturated| if saturated { self.level } else { 0.0 });
+        fit.improve(&mut light, (FIRST_STEPS, |slope| fit.inverse_curvature(slope)), progress)?;
+        let spread = light.clone();
+        for _ in 0..ROUNDS {
+            let inverse = fit.inverse_majoriser(&light);
+            fit.improve(&mut light, (STEPS, |_| inverse), progress)?;
+        }
+        let is_gathered = fit.misfit(&light) < GATHERED * fit.misfit(&spread);
+        Ok(if is_gathered { light } else { spread })
     }
 
     /// What a light of saturated pixels, the level included, leaves of that sum of squares.
     pub(super) fn misfit(&self, light: &Array2<f32>) -> f64 {
-        let residual = Fit::new(self).residual(light);
-        inner(&residual, &residual)
+        Fit::new(self).misfit(light)
     }
 }
 
@@ -82,21 +105,27 @@ impl<'c, 'a> Fit<'c, 'a> {
         residual
     }
 
-    fn solve(&self, inverse: &Array2<f32>, progress: &Progress) -> Result<Array2<f32>> {
-        let Clipped { blur, saturated, level, .. } = self.clipped;
-        let empty = || Array2::zeros(saturated.dim());
-        let base = saturated.mapv(|saturated| if saturated { *level } else { 0.0 });
-        let mut residual = self.residual(&base);
-        let mut gradient = empty();
+    fn misfit(&self, light: &Array2<f32>) -> f64 {
+        let residual = self.residual(light);
+        inner(&residual, &residual)
+    }
+
+    /// Takes some steps with one preconditioner, which may depend on the slope at the first; light stays above the level.
+    fn improve(
+        &self,
+        light: &mut Array2<f32>,
+        (steps, preconditioner): (usize, impl FnOnce(&Array2<f32>) -> Array2<f32>),
+        progress: &Progress,
+    ) -> Result<()> {
+        let blur = self.clipped.blur;
+        let mut residual = self.residual(light);
+        let mut gradient = Array2::zeros(light.dim());
         self.high_pass.back(blur, &residual, &mut gradient);
-        // From no light at all, only pixels that gain by some are free.
-        let inverse =
-            Zip::from(inverse).and(&gradient).par_map_collect(|p, g| if *g > 0.0 { *p } else { 0.0 });
-        let mut light = empty();
+        let inverse = preconditioner(&gradient);
         let mut direction = &inverse * &gradient;
         let mut slope = inner(&gradient, &direction);
-        let mut image = empty();
-        for step in 1..=STEPS {
+        let mut image = Array2::zeros(light.dim());
+        for step in 1..=steps {
             progress.check()?;
             blur.apply(&direction, &mut image);
             self.high_pass.pass(&mut image);
@@ -106,7 +135,7 @@ impl<'c, 'a> Fit<'c, 'a> {
             }
             let length = narrow(slope / curvature);
             light.scaled_add(length, &direction);
-            if step == STEPS {
+            if step == steps {
                 break;
             }
             residual.scaled_add(-length, &image);
@@ -117,8 +146,42 @@ impl<'c, 'a> Fit<'c, 'a> {
             Zip::from(&mut direction).and(&turned).par_for_each(|d, z| *d = z + kept * *d);
             slope = next;
         }
-        light.mapv_inplace(|light| light.max(0.0));
-        Ok(light)
+        let level = self.clipped.level;
+        Zip::from(light).and(self.clipped.saturated).par_for_each(|light, saturated| {
+            if *saturated {
+                *light = light.max(level);
+            }
+        });
+        Ok(())
+    }
+
+    /// The inverse of the diagonal of AᵀW²A, which is the correlation of w² with k², at the pixels that gain by some light.
+    fn inverse_curvature(&self, slope: &Array2<f32>) -> Array2<f32> {
+        let Clipped { squared, saturated, .. } = self.clipped;
+        let weights = &self.high_pass.weights;
+        let mut inverse = inverse_diagonal(squared, &(weights * weights), saturated, LEAST_CURVATURE);
+        Zip::from(&mut inverse).and(slope).par_for_each(|inverse, slope| {
+            if *slope <= 0.0 {
+                *inverse = 0.0;
+            }
+        });
+        inverse
+    }
+
+    /// `s/(AᵀW²A s)` of the light s above the level, at saturated pixels.
+    fn inverse_majoriser(&self, light: &Array2<f32>) -> Array2<f32> {
+        let Clipped { blur, saturated, level, .. } = self.clipped;
+        let above = Zip::from(light).and(*saturated).par_map_collect(|light, saturated| {
+            if *saturated { light - level + LEAST_LIGHT * level } else { 0.0 }
+        });
+        let mut image = Array2::zeros(light.dim());
+        blur.apply(&above, &mut image);
+        Zip::from(&mut image).and(&self.high_pass.weights).par_for_each(|image, w| *image *= w * w);
+        let mut curvature = Array2::zeros(light.dim());
+        blur.transpose(&image, &mut curvature);
+        let most = curvature.iter().fold(0.0, |most: f32, value| most.max(*value));
+        let least = (LEAST_CURVATURE * most).max(f32::MIN_POSITIVE);
+        Zip::from(&above).and(&curvature).par_map_collect(|above, c| above / c.max(least))
     }
 }
 
@@ -171,39 +234,68 @@ mod tests {
     use crate::core::fft::TransformPrecision;
     use crate::restore::deconvolution::Border;
 
+    const LEVEL: f32 = 16.0;
+
+    /// A capture of 64 × 64 pixels with 2 × 2 that are so many times above saturation, through a panel.
+    struct Lamp {
+        frame: Frame,
+        psf: Array2<f32>,
+        capture: Array2<f32>,
+        saturated: Array2<bool>,
+        brightness: Array2<f32>,
+    }
+
+    impl Lamp {
+        fn new(times_level: f32) -> Self {
+            let psf = panel_psf(65);
+            let frame = Frame::new([64, 64], [65, 65], Border::Zero, TransformPrecision::Single);
+            let scene = Array2::from_shape_fn((64, 64), |(y, x)| match (y, x) {
+                (30..32, 36..38) => times_level * LEVEL,
+                _ => 0.2 + 0.05 * (y as f32 / 9.0).sin() * (x as f32 / 7.0).cos(),
+            });
+            let mut capture = frame.plane();
+            frame.blur(psf.view()).unwrap().apply(&scene, &mut capture);
+            capture.mapv_inplace(|y| y.clamp(0.0, LEVEL));
+            let saturated = capture.mapv(|y| y >= LEVEL);
+            let brightness = super::super::smooth::local_mean(&capture, 4.0) + 0.25;
+            Self { frame, psf, capture, saturated, brightness }
+        }
+
+        /// Calls with the channel and how many of its pixels are saturated.
+        fn with(&self, check: impl FnOnce(&Clipped<'_>, usize)) {
+            let Self { frame, psf, capture, saturated, brightness } = self;
+            let (blur, squared) = (frame.blur(psf.view()).unwrap(), frame.squared_blur(psf.view()).unwrap());
+            let (capture, brightness) = (capture.view(), brightness.view());
+            let clipped =
+                Clipped { blur: &blur, squared: &squared, capture, saturated, brightness, level: LEVEL };
+            check(&clipped, saturated.iter().filter(|saturated| **saturated).count());
+        }
+    }
+
     #[test]
     fn the_light_of_a_lamp_a_thousand_times_above_saturation_is_found() {
-        const LEVEL: f32 = 16.0;
-        let psf = panel_psf(65);
-        let frame = Frame::new([64, 64], [65, 65], Border::Zero, TransformPrecision::Single);
-        let (blur, squared) = (frame.blur(psf.view()).unwrap(), frame.squared_blur(psf.view()).unwrap());
-        let scene = Array2::from_shape_fn((64, 64), |(y, x)| match (y, x) {
-            (30..32, 36..38) => 1000.0 * LEVEL,
-            _ => 0.2 + 0.05 * (y as f32 / 9.0).sin() * (x as f32 / 7.0).cos(),
+        Lamp::new(1000.0).with(|clipped, count| {
+            assert!(count < 1000, "{count} pixels of 4096 are saturated");
+            let light = clipped.measure(&Progress::default()).unwrap();
+            let of_level = clipped.saturated.mapv(|saturated| if saturated { LEVEL } else { 0.0 });
+            assert!(clipped.misfit(&light) < 1e-2 * clipped.misfit(&of_level));
+            let dark = light.iter().zip(clipped.saturated).filter(|(_, saturated)| !**saturated);
+            assert!(dark.map(|(light, _)| *light).all(|light| light == 0.0));
+            let part = light.sum() / (4000.0 * LEVEL);
+            assert!((part - 1.0).abs() < 0.05, "{part}");
         });
-        let mut capture = frame.plane();
-        blur.apply(&scene, &mut capture);
-        capture.mapv_inplace(|y| y.clamp(0.0, LEVEL));
-        let saturated = capture.mapv(|y| y >= LEVEL);
-        let known = saturated.iter().filter(|saturated| !**saturated).count();
-        assert!(known > 3000, "{known} pixels of 4096 are not saturated");
-        let brightness = super::super::smooth::local_mean(&capture, 4.0) + 0.25;
-        let clipped = Clipped {
-            blur: &blur,
-            squared: &squared,
-            capture: capture.view(),
-            saturated: &saturated,
-            brightness: brightness.view(),
-            level: LEVEL,
-        };
-        let light = clipped.measure(&Progress::default()).unwrap();
-        let of_level = saturated.mapv(|saturated| if saturated { LEVEL } else { 0.0 });
-        assert!(clipped.misfit(&(&of_level + &light)) < 1e-2 * clipped.misfit(&of_level));
-        let dark = light.iter().zip(&saturated).filter(|(_, saturated)| !**saturated);
-        assert!(dark.map(|(light, _)| *light).all(|light| light == 0.0));
-        let level: f32 = saturated.iter().map(|saturated| f32::from(u8::from(*saturated)) * LEVEL).sum();
-        let part = (light.sum() + level) / (4000.0 * LEVEL);
-        assert!((part - 1.0).abs() < 0.05, "{part}");
+    }
+
+    /// Its glare saturates hundreds of pixels, over which steps of one size spread its light: a three-thousandth of it is left to
+    /// its own four, and fifty times as much of the flare is missed.
+    #[test]
+    fn the_light_of_a_sun_gathers_in_its_own_pixels() {
+        Lamp::new(100_000.0).with(|clipped, count| {
+            assert!((200..1000).contains(&count), "{count} pixels of 4096 are saturated");
+            let light = clipped.measure(&Progress::default()).unwrap();
+            let part = light.slice(ndarray::s![30..32, 36..38]).sum() / light.sum();
+            assert!(part > 0.4, "{part}");
+        });
     }
 
     #[test]

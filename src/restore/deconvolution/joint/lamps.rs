@@ -15,9 +15,12 @@ use crate::core::progress::Progress;
 const GUARD_PX: usize = 1;
 
 /// The share of a channel's pixels that may be saturated for their light to be measured by the spikes of their flare, which large
-/// areas do not throw: beyond, the level is what the steps begin with. Halls with 1 % lose 2 dB by that, and windows with 18 % gain
-/// 15 dB.
-const MOST_MEASURED: f64 = 0.03;
+/// areas do not throw: beyond, the level is what the steps begin with. Halls with 1 % lose 2 dB by that, streets at night with 4 %
+/// lose 1.5, and windows with 18 % gain 15 dB.
+const MOST_MEASURED: f64 = 0.05;
+
+/// The same at reduced resolutions, where skies whose sun has set gain 3 dB by it: a block counts if one of its pixels does.
+const MOST_MEASURED_REDUCED: f64 = 0.03;
 
 /// The part of the largest curvature that a lamp's pixel has at least; 10⁻¹² restores the same.
 const LEAST_CURVATURE: f32 = 1e-9;
@@ -68,6 +71,8 @@ pub(super) struct Saturated<'a> {
     pub(super) darkness: f32,
     /// Whether pixels next to saturated ones may have been interpolated from them.
     pub(super) is_interpolated: bool,
+    /// Whether pixels are the means of blocks.
+    pub(super) is_reduced: bool,
 }
 
 impl Saturated<'_> {
@@ -79,21 +84,17 @@ impl Saturated<'_> {
         brightness: &mut Array2<f32>,
         progress: &Progress,
     ) -> Result<(Lamps, Array2<f32>)> {
-        let Self { frame, capture, psf, pixels: saturated, coarse, level, darkness, is_interpolated } = self;
+        let Self { frame, capture, psf, pixels: saturated, coarse, level, .. } = self;
+        let Self { darkness, is_interpolated, is_reduced, .. } = self;
         let of_frame = frame.cut(brightness);
         let squared = &frame.squared_blur(psf)?;
         let count = saturated.iter().filter(|saturated| **saturated).count();
-        let is_measured = count as f64 <= MOST_MEASURED * saturated.len() as f64;
+        let most = if is_reduced { MOST_MEASURED_REDUCED } else { MOST_MEASURED };
+        let is_measured = count as f64 <= most * saturated.len() as f64;
         let clipped = Clipped { blur, squared, capture, saturated: &saturated, brightness: of_frame, level };
-        let measured = || -> Result<_> {
-            let above = is_measured.then(|| clipped.measure(progress)).transpose()?;
-            let mut light = above.unwrap_or_else(|| Array2::zeros(frame.size()));
-            Zip::from(&mut light).and(&saturated).par_for_each(|light, saturated| {
-                if *saturated {
-                    *light += level;
-                }
-            });
-            Ok(light)
+        let measured = || match is_measured {
+            true => clipped.measure(progress),
+            false => Ok(saturated.mapv(|saturated| if saturated { level } else { 0.0 })),
         };
         let coarse = coarse.map(|scene| coarse::light(scene, &saturated, capture));
         let (light, has_coarse_light) = match coarse {
