@@ -19,9 +19,9 @@ const FIRST_STEPS: usize = 6;
 const ROUNDS: usize = 3;
 const STEPS: usize = 8;
 
-/// The part of the misfit of spread light that is left at most where light is taken to be gathered. That of suns, of street lamps
-/// and of softboxes is 0.3 to 0.98; that of ceilings, shops and windows is above 0.985, and what their light gains by more steps is
-/// the scene's own glow around them: it comes out up to 0.3 of itself too bright (3 dB).
+/// The part of the misfit of spread light that is left at most where light is taken to be gathered. Of suns, street lamps and
+/// softboxes 0.3 to 0.98 is left; of ceilings, shops and windows 0.98 to 1, and what the light of most of them gains by more steps is
+/// the scene's own glow around them: a workshop loses 3 dB by it.
 const GATHERED: f64 = 0.985;
 
 /// The light above the level that pixels count as at least, over the level: it lets those shine that were dark before; a tenth
