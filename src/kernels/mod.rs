@@ -10,6 +10,7 @@
 //!   too few, by the `direct` kernel elsewhere; [`convolution`] also has its gradients.
 //! - [`res_block`], [`up_convolution`], [`dynamic_filter`], [`modulation`]: the network's blocks, forward and backward.
 //! - [`stream`]: whole networks, a few rows at a time, in memory planned beforehand.
+//! - [`vectorised`]: loops of other modules, compiled for the vectors in use.
 //! - `ahead`: memory asked for while products are computed.
 //!
 //! # Why unsafe, and where
@@ -44,6 +45,7 @@ pub mod gradient;
 mod misuse_tests;
 pub mod modulation;
 pub mod peak;
+mod plain;
 mod prefetch;
 #[cfg(test)]
 mod published_shapes_tests;
@@ -65,6 +67,7 @@ pub use convolution::Convolution;
 pub use direct::forward::Geometry;
 pub use dynamic_filter::DynamicFilter;
 pub use epilogue::Epilogue;
+pub(crate) use plain::{Body, run, vectorised};
 pub(crate) use scratch::zeros;
 pub use shape::Shape;
 pub use simd::Isa;

@@ -5,7 +5,7 @@ use ndarray::{Array2, Array3, ArrayView3, Axis, Zip};
 
 use super::deconvolution::Border;
 use crate::core::error::Result;
-use crate::core::fft::{Boundary, PlaneOperator, TransformPrecision};
+use crate::core::fft::{Boundary, PlaneOperator, TransformPrecision, copy_row};
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
@@ -111,7 +111,7 @@ impl Guard<'_> {
                 }
             };
             let otf = operator.transfer_function(self.psf.channel(channel), |k| k)?;
-            operator.convolve(&otf, (size[0], light), &mut moved);
+            operator.convolve(&otf, (size[0], light), (&mut moved, copy_row));
             let moved = cells(moved.dim(), |at| self.unexplained(moved[at], channel, at).powi(2));
             *shares = Zip::from(&moved).and(&self.left.0[channel]).map_collect(|moved, left| {
                 let allowed = MOST_MOVED * MOST_MOVED * left;

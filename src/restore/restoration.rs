@@ -338,7 +338,9 @@ impl Restoration {
                     border: self.border,
                     ..DeconvolutionConfig::of_method(Method::Joint)
                 };
-                let deconvolution = self.deconvolution_bytes(size, &config)?;
+                // Beside what a restoration takes, its solution tells the errors: two planes of each colour.
+                let told = 2 * CHANNELS * size_of::<f32>() * size[0] * size[1];
+                let deconvolution = self.deconvolution_bytes(size, &config)? + told as u64;
                 if self.memory.limit_bytes < deconvolution {
                     // What is named must do for both.
                     windows(&MemoryBudget { limit_bytes: deconvolution, ..self.memory })?;

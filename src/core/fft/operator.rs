@@ -13,7 +13,7 @@ use super::Boundary;
 use super::convolver::require_size;
 use super::geometry::AxisGeometry;
 use super::real::Real;
-use super::transform::{Transform, Window};
+use super::transform::{Keep, Transform, Window};
 use crate::core::error::Result;
 
 /// The numbers that transforms compute with; planes are of 32 bits in either case.
@@ -115,8 +115,10 @@ impl PlaneOperator {
         }))
     }
 
-    /// A x: `fill(row, samples)` writes the first `rows` rows of x, which come as zeros as the others are; `out`, which
-    /// may be smaller than a plane, takes the top left of the result.
+    /// A x: `fill(row, samples)` writes the first `rows` rows of x, which come as zeros as the others are; `keep(row, samples,
+    /// out)` takes the rows of the result to those of `out`, which may be smaller than a plane and takes its top left. The sum of
+    /// what `keep` returns is returned, added in the order of the rows; [`copy_row`](super::copy_row) does no more than its name
+    /// says.
     ///
     /// # Panics
     /// When there are more rows, or `out` is larger, than those of the planes, or the transfer function is of another
@@ -125,9 +127,9 @@ impl PlaneOperator {
         &self,
         kernel: &TransferFunction,
         (rows, fill): (usize, impl Fn(usize, &mut [f32]) + Sync),
-        out: &mut Array2<f32>,
-    ) {
-        self.multiply(kernel, Side::Convolution, (rows, &fill), out);
+        into: (&mut Array2<f32>, impl Fn(usize, &[f32], &mut [f32]) -> f64 + Sync),
+    ) -> f64 {
+        self.multiply(kernel, Side::Convolution, (rows, &fill), into)
     }
 
     /// Aᵀ x, as [`convolve`](Self::convolve).
@@ -138,12 +140,13 @@ impl PlaneOperator {
         &self,
         kernel: &TransferFunction,
         (rows, fill): (usize, impl Fn(usize, &mut [f32]) + Sync),
-        out: &mut Array2<f32>,
-    ) {
-        self.multiply(kernel, Side::Correlation, (rows, &fill), out);
+        into: (&mut Array2<f32>, impl Fn(usize, &[f32], &mut [f32]) -> f64 + Sync),
+    ) -> f64 {
+        self.multiply(kernel, Side::Correlation, (rows, &fill), into)
     }
 
-    /// Multiplies the spectrum of x by `response(H, L)` of the transfer function H and of the Laplacian's, L ≥ 0.
+    /// Multiplies the spectrum of x by `response(H, L)` of the transfer function H and of the Laplacian's, L ≥ 0; as
+    /// [`convolve`](Self::convolve).
     ///
     /// # Panics
     /// As [`convolve`](Self::convolve).
@@ -152,17 +155,17 @@ impl PlaneOperator {
         kernel: &TransferFunction,
         response: impl Fn(Complex<f32>, f32) -> Complex<f32> + Sync,
         (rows, fill): (usize, impl Fn(usize, &mut [f32]) + Sync),
-        out: &mut Array2<f32>,
-    ) {
+        into: (&mut Array2<f32>, impl Fn(usize, &[f32], &mut [f32]) -> f64 + Sync),
+    ) -> f64 {
         match (&self.transform, &kernel.0) {
             (EitherTransform::Single(transform), EitherSpectrum::Single(otf)) => {
-                self.apply((transform, otf), (rows, &fill), out, &response);
+                self.apply((transform, otf), (rows, &fill), into, &response)
             }
             (EitherTransform::Double(transform), EitherSpectrum::Double(otf)) => {
-                self.apply((transform, otf), (rows, &fill), out, |h, laplacian| {
+                self.apply((transform, otf), (rows, &fill), into, |h, laplacian| {
                     let factor = response(narrow(h), laplacian);
                     Complex::new(f64::from(factor.re), f64::from(factor.im))
-                });
+                })
             }
             _ => panic!("the transfer function belongs to this operator"),
         }
@@ -251,20 +254,20 @@ impl PlaneOperator {
         kernel: &TransferFunction,
         side: Side,
         from: (usize, &(impl Fn(usize, &mut [f32]) + Sync)),
-        out: &mut Array2<f32>,
-    ) {
+        into: (&mut Array2<f32>, impl Keep),
+    ) -> f64 {
         match (&self.transform, &kernel.0, side) {
             (EitherTransform::Single(transform), EitherSpectrum::Single(otf), Side::Convolution) => {
-                self.apply((transform, otf), from, out, |h, _| h);
+                self.apply((transform, otf), from, into, |h, _| h)
             }
             (EitherTransform::Single(transform), EitherSpectrum::Single(otf), Side::Correlation) => {
-                self.apply((transform, otf), from, out, |h, _| h.conj());
+                self.apply((transform, otf), from, into, |h, _| h.conj())
             }
             (EitherTransform::Double(transform), EitherSpectrum::Double(otf), Side::Convolution) => {
-                self.apply((transform, otf), from, out, |h, _| h);
+                self.apply((transform, otf), from, into, |h, _| h)
             }
             (EitherTransform::Double(transform), EitherSpectrum::Double(otf), Side::Correlation) => {
-                self.apply((transform, otf), from, out, |h, _| h.conj());
+                self.apply((transform, otf), from, into, |h, _| h.conj())
             }
             _ => panic!("the transfer function belongs to this operator"),
         }
@@ -274,27 +277,26 @@ impl PlaneOperator {
         &self,
         (transform, otf): (&Transform<T>, &[Complex<T>]),
         (rows, fill): (usize, &(impl Fn(usize, &mut [f32]) + Sync)),
-        out: &mut Array2<f32>,
+        (out, keep): (&mut Array2<f32>, impl Keep),
         response: impl Fn(Complex<T>, f32) -> Complex<T> + Sync,
-    ) {
+    ) -> f64 {
         assert_eq!(otf.len(), transform.spectrum_len(), "the transfer function belongs to this operator");
         let [height, width] = self.plane_size();
         let window = Window { top: 0, left: 0, height: out.nrows(), width: out.ncols() };
         assert!(rows <= height && window.height <= height && window.width <= width, "planes are larger");
-        let spectrum = transform.forward(std::slice::from_ref(&(0..rows)), |row, samples| {
-            T::fill(&mut samples[..width], |samples| fill(row, samples));
-        });
         let tall = self.rows.transform;
         let [along_y, along_x] = &self.laplacian;
-        let product = |kx: usize, column: &mut [Complex<T>]| {
-            let range = kx * tall..(kx + 1) * tall;
-            let values = spectrum[range.clone()].iter().zip(&otf[range]).zip(along_y);
-            for (out, ((x, h), of_y)) in column.iter_mut().zip(values) {
-                *out = *x * response(*h, along_x[kx] + of_y);
+        let fill = |row: usize, samples: &mut [T]| {
+            T::fill(&mut samples[..width], |samples| fill(row, samples));
+        };
+        let multiply = |kx: usize, column: &mut [Complex<T>]| {
+            let otf = &otf[kx * tall..(kx + 1) * tall];
+            for ((x, h), of_y) in column.iter_mut().zip(otf).zip(along_y) {
+                *x = *x * response(*h, along_x[kx] + of_y);
             }
         };
-        transform.inverse(product, window, out.as_slice_mut().expect("planes are contiguous"));
-        transform.reuse(spectrum);
+        let out = out.as_slice_mut().expect("planes are contiguous");
+        transform.filter((0..rows, fill), multiply, window, (out, keep))
     }
 
     fn kernel_spectrum<T: Real>(
@@ -333,7 +335,7 @@ fn differences(length: usize, count: usize) -> Vec<f32> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Convolver;
+    use super::super::{Convolver, copy_row};
     use super::*;
 
     const PLANE: [usize; 2] = [19, 23];
@@ -371,9 +373,9 @@ mod tests {
                 let operator = PlaneOperator::new(PLANE, KERNEL, boundary, precision);
                 let of_kernel = operator.transfer_function(kernel().view(), |k| k).unwrap();
                 let mut found = Array2::zeros(PLANE);
-                operator.convolve(&of_kernel, rows(&x), &mut found);
+                operator.convolve(&of_kernel, rows(&x), (&mut found, copy_row));
                 assert_near(&found, &convolver.convolve_plane(x.view(), &otf));
-                operator.correlate(&of_kernel, rows(&x), &mut found);
+                operator.correlate(&of_kernel, rows(&x), (&mut found, copy_row));
                 assert_near(&found, &convolver.correlate_plane(x.view(), &otf));
             }
         }
@@ -387,9 +389,26 @@ mod tests {
         let mut whole = Array2::zeros(PLANE);
         whole.slice_mut(ndarray::s![..9, ..12]).assign(&part);
         let (mut of_part, mut of_whole) = (Array2::zeros((4, 20)), Array2::zeros(PLANE));
-        operator.convolve(&otf, rows(&part), &mut of_part);
-        operator.convolve(&otf, rows(&whole), &mut of_whole);
+        operator.convolve(&otf, rows(&part), (&mut of_part, copy_row));
+        operator.convolve(&otf, rows(&whole), (&mut of_whole, copy_row));
         assert_near(&of_part, &of_whole.slice(ndarray::s![..4, ..20]).to_owned());
+    }
+
+    #[test]
+    fn what_rows_are_kept_as_is_added_up() {
+        let operator = PlaneOperator::new(PLANE, KERNEL, Boundary::Zero, TransformPrecision::Single);
+        let otf = operator.transfer_function(kernel().view(), |k| k).unwrap();
+        let x = plane(PLANE, 1);
+        let (mut copied, mut doubled) = (Array2::zeros(PLANE), Array2::<f32>::zeros(PLANE));
+        assert_eq!(operator.convolve(&otf, rows(&x), (&mut copied, copy_row)), 0.0);
+        let keep = |row: usize, samples: &[f32], out: &mut [f32]| {
+            out.iter_mut().zip(samples).for_each(|(out, sample)| *out = 2.0 * sample);
+            row as f64 * f64::from(samples[3])
+        };
+        let sum = operator.convolve(&otf, rows(&x), (&mut doubled, keep));
+        assert_eq!(doubled, &copied * 2.0);
+        let expected: f64 = (0..PLANE[0]).map(|row| row as f64 * f64::from(copied[[row, 3]])).sum();
+        assert!((sum - expected).abs() < 1e-9, "{sum} {expected}");
     }
 
     /// The Laplacian of a wave is the wave times 4·sin²(π·k/N), summed over the axes.
@@ -404,7 +423,7 @@ mod tests {
             let operator = PlaneOperator::new(size, [3, 3], Boundary::Periodic, precision);
             let otf = operator.transfer_function(plane([3, 3], 0).view(), |k| k).unwrap();
             let mut found = Array2::zeros(size);
-            operator.filter(&otf, |_, laplacian| laplacian.into(), rows(&wave), &mut found);
+            operator.filter(&otf, |_, laplacian| laplacian.into(), rows(&wave), (&mut found, copy_row));
             assert_near(&(&found * 0.1), &(&wave * (0.1 * eigenvalue)));
             let mean = operator.mean(&otf, |_, laplacian| laplacian, [&|_| 1.0, &|_| 1.0]);
             // Over 13 of the 24 columns, since half a spectrum holds the two real ones once: 2 along y, 2 + 2/13 along x.
@@ -417,6 +436,6 @@ mod tests {
     fn refuses_the_transfer_function_of_another_precision() {
         let of = |precision| PlaneOperator::new(PLANE, KERNEL, Boundary::Zero, precision);
         let otf = of(BOTH[0]).transfer_function(kernel().view(), |k| k).unwrap();
-        of(BOTH[1]).convolve(&otf, rows(&plane(PLANE, 1)), &mut Array2::zeros(PLANE));
+        of(BOTH[1]).convolve(&otf, rows(&plane(PLANE, 1)), (&mut Array2::zeros(PLANE), copy_row));
     }
 }

@@ -44,6 +44,11 @@ struct Plans<T: Real> {
     inverse: Arc<dyn Fft<T>>,
 }
 
+/// What takes the samples of a row to its place, as [`Transform::filter`] has it.
+pub(super) trait Keep: Fn(usize, &[f32], &mut [f32]) -> f64 + Sync {}
+
+impl<F: Fn(usize, &[f32], &mut [f32]) -> f64 + Sync> Keep for F {}
+
 /// The part of the transformed plane that is kept by [`Transform::inverse`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Window {
@@ -122,6 +127,45 @@ impl<T: Real> Transform<T> {
         spectrum
     }
 
+    /// Transforms a plane whose rows outside of `rows` are zero, lets `multiply(kx, column)` change each column of its spectrum,
+    /// transforms it back and keeps one window: [`forward`](Self::forward) and [`inverse`](Self::inverse), without a spectrum in
+    /// memory.
+    ///
+    /// `keep(row, samples, out)` takes each row of the window to that of `out`; the sum of what it returns is returned, added in
+    /// the order of the rows.
+    pub(super) fn filter(
+        &self,
+        (rows, fill): (Range<usize>, impl Fn(usize, &mut [T]) + Sync),
+        multiply: impl Fn(usize, &mut [Complex<T>]) + Sync,
+        window: Window,
+        (out, keep): (&mut [f32], impl Keep),
+    ) -> f64 {
+        let groups: Vec<Range<usize>> = split_in_blocks(&rows).collect();
+        let columns = self.width / 2 + 1;
+        let mut blocks = self.lend_blocks(groups.len() * columns * BLOCK);
+        blocks.par_chunks_mut(columns * BLOCK).zip(&groups).for_each_init(
+            || self.lend_scratch(),
+            |scratch, (block, group)| self.transform_rows(group.clone(), &fill, scratch, block),
+        );
+        let block_len = window.height * BLOCK;
+        let mut filtered = self.lend_blocks(columns.div_ceil(BLOCK) * block_len);
+        filtered.par_chunks_mut(block_len).enumerate().for_each_init(
+            || self.lend_scratch(),
+            |scratch, (index, block)| {
+                let scratch = &mut **scratch;
+                let kxs = index * BLOCK..columns.min((index + 1) * BLOCK);
+                for (column, kx) in scratch.columns.chunks_mut(self.height).zip(kxs) {
+                    gather(blocks.chunks(columns * BLOCK), kx, rows.clone(), column);
+                    self.along_columns.forward.process_with_scratch(column, &mut scratch.fft);
+                    multiply(kx, column);
+                    self.along_columns.inverse.process_with_scratch(column, &mut scratch.fft);
+                }
+                transpose(&scratch.columns[window.top..], self.height, block);
+            },
+        );
+        self.inverse_rows(&filtered, window, (out, keep))
+    }
+
     /// Takes a spectrum that is no longer needed, to be overwritten by the next one.
     pub(super) fn reuse(&self, spectrum: Vec<Complex<T>>) {
         self.spectra.put(spectrum);
@@ -179,33 +223,48 @@ impl<T: Real> Transform<T> {
                 transpose(&scratch.columns[window.top..], self.height, block);
             },
         );
-        out.par_chunks_mut(BLOCK * window.width).enumerate().for_each_init(
+        self.inverse_rows(&blocks, window, (out, copy_row));
+    }
+
+    /// Transforms the rows of blocks of columns back.
+    fn inverse_rows(
+        &self,
+        blocks: &[Complex<T>],
+        window: Window,
+        (out, keep): (&mut [f32], impl Keep),
+    ) -> f64 {
+        let scale = T::one() / T::from_usize(self.height * self.width).expect("a float holds any count");
+        let tasks = out.par_chunks_mut(BLOCK * window.width).enumerate();
+        let sums = tasks.map_init(
             || self.lend_scratch(),
             |scratch, (index, out)| {
                 let (scratch, stride) = (&mut **scratch, self.width + 1);
                 let first = index * BLOCK;
                 let rows = first..first + out.len() / window.width;
-                join_pairs(&blocks, block_len, rows, &mut scratch.pairs, stride);
+                join_pairs(blocks, window.height * BLOCK, rows, &mut scratch.pairs, stride);
                 let pairs = scratch.pairs.chunks_exact_mut(stride);
-                for (pair, out) in pairs.zip(out.chunks_mut(2 * window.width)) {
+                let mut sum = 0.0;
+                for ((pair, out), row) in
+                    pairs.zip(out.chunks_mut(2 * window.width)).zip((first..).step_by(2))
+                {
                     let samples = &mut pair[..self.width];
                     self.along_rows.inverse.process_with_scratch(samples, &mut scratch.fft);
-                    self.keep_pair(&samples[window.left..], window.width, out);
+                    let samples = &samples[window.left..][..window.width];
+                    let [real, imaginary] = &mut scratch.kept;
+                    real.clear();
+                    real.extend(samples.iter().map(|z| narrow(z.re * scale)));
+                    imaginary.clear();
+                    imaginary.extend(samples.iter().map(|z| narrow(z.im * scale)));
+                    for (index, (out, kept)) in
+                        out.chunks_mut(window.width).zip([real, imaginary]).enumerate()
+                    {
+                        sum += keep(row + index, kept, out);
+                    }
                 }
+                sum
             },
         );
-    }
-
-    /// Writes the real parts to the first row, the imaginary ones to the second where there is one.
-    fn keep_pair(&self, samples: &[Complex<T>], width: usize, rows: &mut [f32]) {
-        let scale = T::one() / T::from_usize(self.height * self.width).expect("a float holds any count");
-        let (first, second) = rows.split_at_mut(width);
-        for (out, z) in first.iter_mut().zip(samples) {
-            *out = (z.re * scale).to_f32().expect("a float is rounded");
-        }
-        for (out, z) in second.iter_mut().zip(samples) {
-            *out = (z.im * scale).to_f32().expect("a float is rounded");
-        }
+        sums.collect::<Vec<f64>>().into_iter().sum()
     }
 
     /// Lends the blocks between the passes; stale contents are overwritten before they are read.
@@ -229,6 +288,8 @@ struct Scratch<T> {
     /// The columns of a block.
     columns: Vec<Complex<T>>,
     fft: Vec<Complex<T>>,
+    /// Two rows of a result.
+    kept: [Vec<f32>; 2],
 }
 
 impl<T: Real> Scratch<T> {
@@ -239,6 +300,7 @@ impl<T: Real> Scratch<T> {
             pairs: vec![Complex::default(); BLOCK / 2 * (transform.width + 1)],
             columns: vec![Complex::default(); BLOCK * transform.height],
             fft: vec![Complex::default(); fft_len],
+            kept: Default::default(),
         }
     }
 }
@@ -246,6 +308,35 @@ impl<T: Real> Scratch<T> {
 fn split_in_blocks(rows: &Range<usize>) -> impl Iterator<Item = Range<usize>> + use<> {
     let end = rows.end;
     rows.clone().step_by(BLOCK).map(move |start| start..end.min(start + BLOCK))
+}
+
+/// Keeps the samples of a row as they are, and adds nothing.
+pub fn copy_row(_: usize, samples: &[f32], out: &mut [f32]) -> f64 {
+    out.copy_from_slice(samples);
+    0.0
+}
+
+fn narrow<T: Real>(value: T) -> f32 {
+    value.to_f32().expect("a float is rounded")
+}
+
+/// Reads column `kx` of blocks of rows, which hold the given `rows`; the others are zeros.
+fn gather<'b, T: Real>(
+    mut blocks: impl Iterator<Item = &'b [Complex<T>]>,
+    kx: usize,
+    rows: Range<usize>,
+    column: &mut [Complex<T>],
+) {
+    column[..rows.start].fill(Complex::default());
+    column[rows.end..].fill(Complex::default());
+    let (whole, last) = column[rows].as_chunks_mut::<BLOCK>();
+    for (out, block) in whole.iter_mut().zip(&mut blocks) {
+        *out = *block[kx * BLOCK..].first_chunk().expect("blocks have a place for every row");
+    }
+    if let (false, Some(block)) = (last.is_empty(), blocks.next()) {
+        let count = last.len();
+        last.copy_from_slice(&block[kx * BLOCK..][..count]);
+    }
 }
 
 /// Separates the spectra of two real rows: with Z = F(a + ib), `F(a) = (Z[k] + Z̄[−k]) / 2` and

@@ -14,7 +14,7 @@ pub(super) fn extended_size(image: [usize; 2], psf: [usize; 2], border: Border) 
     match border {
         Border::Periodic => image,
         Border::Smooth | Border::Zero => std::array::from_fn(|axis| {
-            let reach = psf[axis].min(2 * image[axis]).max(16);
+            let reach = (psf[axis] - 1).min(2 * image[axis]).max(16);
             fast_length(image[axis] + reach)
         }),
     }

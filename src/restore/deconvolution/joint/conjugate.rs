@@ -2,11 +2,12 @@
 
 use ndarray::{Array2, ArrayView2, Zip};
 
-use super::super::objective::sum_of_rows;
 use super::frame::{Blur, Frame, row};
 use super::prior::Prior;
+use super::sums::{add_scaled, dot, inner};
 use crate::core::error::Result;
 use crate::core::progress::Progress;
+use crate::kernels::vectorised;
 
 /// The floor of |H|² in the preconditioner: four digits of curvature are left to the steps.
 const LEAST_POWER: f32 = 1e-4;
@@ -40,7 +41,7 @@ pub(super) enum Preconditioner<'a> {
 pub(super) struct Room {
     gradient: Array2<f32>,
     direction: Array2<f32>,
-    /// What the preconditioner makes, and the normal matrix times the direction.
+    /// What the preconditioner makes, and the penalty's matrix times the direction.
     turned: Array2<f32>,
     /// A times something, of the frame's size.
     image: Array2<f32>,
@@ -75,7 +76,7 @@ impl System<'_> {
             .and(self.weights)
             .par_for_each(|image, y, w| *image = w * (y.max(0.0) - *image));
         self.blur.transpose(&room.image, &mut room.gradient);
-        self.prior.take_slope(x, &mut room.gradient);
+        self.prior.take_slope(x, (&mut room.gradient, &mut room.turned));
         let held = Zip::from(&mut room.gradient).and(&*x).par_map_collect(|g, x| {
             let held = *x <= 0.0 && *g <= 0.0;
             if held {
@@ -87,84 +88,98 @@ impl System<'_> {
         std::mem::swap(&mut room.direction, &mut room.turned);
         for step in 1..=steps {
             progress.check()?;
-            self.blur.apply(&room.direction, &mut room.image);
-            let curvature = self.curvature(room);
+            let curvature = self.weigh_direction(room);
             if !(curvature > 0.0 && slope > 0.0) {
                 break;
             }
             let length = narrow(slope / curvature);
-            Zip::from(&mut *x).and(&room.direction).par_for_each(|x, d| *x += length * d);
             if step == steps {
+                add_scaled(x, length, &room.direction);
                 break;
             }
             self.lower(length, &held, room);
             let next = self.precondition(room, &held);
             let kept = narrow(next / slope);
-            Zip::from(&mut room.direction).and(&room.turned).par_for_each(|d, z| *d = z + kept * *d);
+            Zip::from(&mut *x).and(&mut room.direction).and(&room.turned).par_for_each(|x, d, z| {
+                *x += length * *d;
+                *d = z + kept * *d;
+            });
             slope = next;
         }
         x.par_mapv_inplace(|light| light.max(0.0));
         Ok(())
     }
 
-    /// The direction's inner product with the normal matrix times itself, of its image.
-    fn curvature(&self, room: &Room) -> f64 {
-        let of_image = sum_of_rows(room.image.nrows(), |y| {
-            let terms = row(&room.image, y).iter().zip(row(self.weights, y));
-            terms.map(|(image, w)| f64::from(*image).powi(2) * f64::from(*w)).sum()
-        });
-        of_image + self.prior.energy(&room.direction)
+    /// Writes W A d of the direction to `image` and the penalty's matrix times it to `turned`; returns its inner product with the
+    /// normal matrix times itself.
+    fn weigh_direction(&self, room: &mut Room) -> f64 {
+        let of_prior = self.prior.product(&room.direction, &mut room.turned);
+        let weigh = |y: usize, image: &[f32], out: &mut [f32]| weigh(out, image, row(self.weights, y));
+        of_prior + self.blur.apply_into(&room.direction, (&mut room.image, weigh))
     }
 
-    /// Takes so many times the normal matrix times the direction from the gradient.
+    /// Takes so many times the normal matrix times the direction from the gradient, after [`Self::weigh_direction`].
     fn lower(&self, length: f32, held: &Array2<bool>, room: &mut Room) {
-        Zip::from(&mut room.image).and(self.weights).par_for_each(|image, w| *image *= w);
-        self.blur.transpose(&room.image, &mut room.turned);
-        self.prior.add_product(&room.direction, 1.0, &mut room.turned);
-        Zip::from(&mut room.gradient).and(&room.turned).and(held).par_for_each(|g, q, held| {
-            if !*held {
-                *g -= length * q;
-            }
-        });
+        let Room { gradient, turned, image, .. } = room;
+        let lower = |y: usize, seen: &[f32], gradient: &mut [f32]| {
+            lower(gradient, [seen, row(turned, y)], row(held, y), length);
+            0.0
+        };
+        self.blur.transpose_into(image, (gradient, lower));
     }
 
     /// Writes P times the gradient to `turned`; returns their inner product.
     fn precondition(&self, room: &mut Room, held: &Array2<bool>) -> f64 {
-        match self.preconditioner {
-            Preconditioner::Convolution { brightness, lamps } => {
-                self.filter(brightness, held, room);
-                if let Some(lamps) = lamps {
-                    let frame = self.blur.frame;
-                    // The gradient is zero at pixels that are held.
-                    Zip::from(frame.cut_mut(&mut room.turned))
-                        .and(lamps)
-                        .and(frame.cut(&room.gradient))
-                        .par_for_each(|z, p, g| *z += p * g);
-                }
-            }
+        let Room { gradient, turned, .. } = room;
+        let (brightness, lamps) = match self.preconditioner {
+            Preconditioner::Convolution { brightness, lamps } => (brightness, lamps),
             Preconditioner::Diagonal(inverse) => {
-                let pixels = Zip::from(&mut room.turned).and(&room.gradient).and(inverse);
-                pixels.par_for_each(|z, g, p| *z = p * g);
+                Zip::from(&mut *turned).and(&*gradient).and(inverse).par_for_each(|z, g, p| *z = p * g);
+                return inner(gradient, turned);
             }
-        }
-        inner(&room.gradient, &room.turned)
-    }
-
-    fn filter(&self, brightness: &Array2<f32>, held: &Array2<bool>, room: &mut Room) {
+        };
         let smoothness = self.prior.weight * self.prior.edges.mean();
         let response = |power: f32, laplacian: f32| 1.0 / (power + smoothness * laplacian + LEAST_POWER);
-        self.blur.filter(&room.gradient, brightness, response, &mut room.turned);
-        Zip::from(&mut room.turned).and(brightness).and(held).par_for_each(|z, d, held| {
-            *z = if *held { 0.0 } else { *z * d };
-        });
+        let gradient = &*gradient;
+        let turn = |y: usize, filtered: &[f32], out: &mut [f32]| {
+            let lamps = lamps.filter(|lamps| y < lamps.nrows()).map(|lamps| row(lamps, y));
+            turn(out, [filtered, row(gradient, y), row(brightness, y)], row(held, y), lamps)
+        };
+        self.blur.filter_into((gradient, brightness), response, (turned, turn))
     }
 }
 
-/// The inner product, the same whatever the number of threads.
-pub(super) fn inner(a: &Array2<f32>, b: &Array2<f32>) -> f64 {
-    sum_of_rows(a.nrows(), |y| {
-        row(a, y).iter().zip(row(b, y)).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
-    })
+vectorised! {
+    /// Writes a row of W A d; returns its part of the curvature.
+    fn weigh<'a>(out: &'a mut [f32], image: &'a [f32], weights: &'a [f32]) -> f64 {
+        out.iter_mut().zip(image).zip(weights).for_each(|((out, image), w)| *out = w * image);
+        dot(out, image)
+    }
+}
+
+vectorised! {
+    /// Takes so many times both of the products from a row of the gradient.
+    fn lower<'a>(gradient: &'a mut [f32], products: [&'a [f32]; 2], held: &'a [bool], length: f32) -> () {
+        let [seen, of_prior] = products;
+        for (((g, seen), of_prior), held) in gradient.iter_mut().zip(seen).zip(of_prior).zip(held) {
+            *g -= if *held { 0.0 } else { length * (seen + of_prior) };
+        }
+    }
+}
+
+vectorised! {
+    /// Writes a row of what the preconditioner makes of the gradient, from the `filtered` one; returns its part of their inner product.
+    fn turn<'a>(out: &'a mut [f32], from: [&'a [f32]; 3], held: &'a [bool], lamps: Option<&'a [f32]>) -> f64 {
+        let [filtered, gradient, brightness] = from;
+        for (((z, filtered), d), held) in out.iter_mut().zip(filtered).zip(brightness).zip(held) {
+            *z = if *held { 0.0 } else { filtered * d };
+        }
+        // The gradient is zero at pixels that are held.
+        if let Some(lamps) = lamps {
+            out.iter_mut().zip(lamps).zip(gradient).for_each(|((z, p), g)| *z += p * g);
+        }
+        dot(out, gradient)
+    }
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "planes are of 32 bits")]

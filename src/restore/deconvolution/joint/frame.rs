@@ -7,7 +7,7 @@ use rustfft::num_complex::Complex32;
 use super::super::noise::BANDS;
 use super::super::{Border, border, operator};
 use crate::core::error::Result;
-use crate::core::fft::{Boundary, PlaneOperator, TransferFunction, TransformPrecision};
+use crate::core::fft::{Boundary, PlaneOperator, TransferFunction, TransformPrecision, copy_row};
 
 /// The planes of a frame: itself, or larger where light around it is unknown.
 pub(super) struct Frame {
@@ -93,12 +93,30 @@ impl Frame {
 impl Blur<'_> {
     /// A x, on the plane or on the frame alone, as large as `out` is; x may be of the frame's size, dark around it.
     pub(super) fn apply(&self, x: &Array2<f32>, out: &mut Array2<f32>) {
-        self.frame.operator.convolve(&self.otf, rows_of(x), out);
+        self.apply_into(x, (out, copy_row));
+    }
+
+    /// As [`apply`](Self::apply), with what takes rows to those of `out`, as [`PlaneOperator::convolve`] has it.
+    pub(super) fn apply_into(
+        &self,
+        x: &Array2<f32>,
+        into: (&mut Array2<f32>, impl Fn(usize, &[f32], &mut [f32]) -> f64 + Sync),
+    ) -> f64 {
+        self.frame.operator.convolve(&self.otf, rows_of(x), into)
     }
 
     /// Aᵀ y, as [`apply`](Self::apply).
     pub(super) fn transpose(&self, y: &Array2<f32>, out: &mut Array2<f32>) {
-        self.frame.operator.correlate(&self.otf, rows_of(y), out);
+        self.transpose_into(y, (out, copy_row));
+    }
+
+    /// As [`apply_into`](Self::apply_into), of Aᵀ y.
+    pub(super) fn transpose_into(
+        &self,
+        y: &Array2<f32>,
+        into: (&mut Array2<f32>, impl Fn(usize, &[f32], &mut [f32]) -> f64 + Sync),
+    ) -> f64 {
+        self.frame.operator.correlate(&self.otf, rows_of(y), into)
     }
 
     /// `F⁻¹ H̄·response F (x/d)`: an inverse of the convolution.
@@ -113,7 +131,7 @@ impl Blur<'_> {
             samples.iter_mut().zip(row(x, y)).zip(row(divisors, y)).for_each(|((out, x), d)| *out = x / d);
         };
         let response = |h: Complex32, laplacian: f32| h.conj() * response(h.norm_sqr(), laplacian);
-        self.frame.operator.filter(&self.otf, response, (x.nrows(), fill), out);
+        self.frame.operator.filter(&self.otf, response, (x.nrows(), fill), (out, copy_row));
     }
 
     /// The parts of a scene's detail that are left in each of the bands that noise is estimated from.
@@ -136,19 +154,19 @@ impl Blur<'_> {
         self.frame.operator.band_means(&self.otf, of, bands)
     }
 
-    /// Multiplies the spectrum of w·x by a response of |H|² and the Laplacian's transfer function.
-    pub(super) fn filter(
+    /// Multiplies the spectrum of w·x by a response of |H|² and the Laplacian's transfer function, with what takes rows to their
+    /// places.
+    pub(super) fn filter_into(
         &self,
-        x: &Array2<f32>,
-        weights: &Array2<f32>,
+        (x, weights): (&Array2<f32>, &Array2<f32>),
         response: impl Fn(f32, f32) -> f32 + Sync,
-        out: &mut Array2<f32>,
-    ) {
+        into: (&mut Array2<f32>, impl Fn(usize, &[f32], &mut [f32]) -> f64 + Sync),
+    ) -> f64 {
         let fill = |y: usize, samples: &mut [f32]| {
             samples.iter_mut().zip(row(x, y)).zip(row(weights, y)).for_each(|((out, x), w)| *out = x * w);
         };
         let response = |h: Complex32, laplacian: f32| response(h.norm_sqr(), laplacian).into();
-        self.frame.operator.filter(&self.otf, response, (x.nrows(), fill), out);
+        self.frame.operator.filter(&self.otf, response, (x.nrows(), fill), into)
     }
 }
 
@@ -157,7 +175,7 @@ fn rows_of(x: &Array2<f32>) -> (usize, impl Fn(usize, &mut [f32]) + Sync) {
 }
 
 /// A row of a plane.
-pub(super) fn row(plane: &Array2<f32>, y: usize) -> &[f32] {
+pub(super) fn row<T>(plane: &Array2<T>, y: usize) -> &[T] {
     let width = plane.ncols();
     &plane.as_slice().expect("planes are contiguous")[y * width..(y + 1) * width]
 }

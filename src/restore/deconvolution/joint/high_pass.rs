@@ -1,9 +1,12 @@
 //! Weighs what a capture has beside a model of it, without the smooth part that any scene has.
 
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
 
-use super::frame::Blur;
-use super::smooth::smooth;
+use super::frame::{Blur, row};
+use super::smooth::{Place, smooth, smooth_beside, smooth_into};
+use super::sums::{LANES, add_products};
+use crate::core::fft::copy_row;
+use crate::kernels::vectorised;
 
 /// What keeps the share of believed pixels above zero.
 const LEAST_SHARE: f32 = 1e-6;
@@ -19,8 +22,8 @@ const LEAST_POWER: f32 = 0.02;
 pub(super) struct HighPass {
     /// M: 1 where the capture is believed, 0 elsewhere.
     known: Array2<f32>,
-    /// G(M).
-    share: Array2<f32>,
+    /// 1/G(M).
+    inverse_share: Array2<f32>,
     /// w: M over the brightness.
     pub(super) weights: Array2<f32>,
     /// The standard deviation of the bell, in pixels.
@@ -30,11 +33,11 @@ pub(super) struct HighPass {
 impl HighPass {
     /// A high pass over the pixels that are `known` (1, others 0), each relative to its brightness.
     pub(super) fn new(known: Array2<f32>, brightness: ArrayView2<'_, f32>, width_px: f32) -> Self {
-        let mut share = known.clone();
-        smooth(&mut share, width_px);
-        share.mapv_inplace(|share| share + LEAST_SHARE);
+        let mut inverse_share = known.clone();
+        smooth(&mut inverse_share, width_px);
+        inverse_share.par_mapv_inplace(|share| 1.0 / (share + LEAST_SHARE));
         let weights = Zip::from(&known).and(brightness).par_map_collect(|known, n| known / n);
-        Self { known, share, weights, width_px }
+        Self { known, inverse_share, weights, width_px }
     }
 
     /// Weighs pixels by the local root mean square of what is left of them, `left` = `w·h(r)`, besides: where the scene is
@@ -62,22 +65,83 @@ impl HighPass {
         passed
     }
 
-    /// `w·h(r)`, in place.
-    pub(super) fn pass(&self, r: &mut Array2<f32>) {
-        let mut smoothed = &*r * &self.known;
-        smooth(&mut smoothed, self.width_px);
-        Zip::from(r).and(&smoothed).and(&self.share).and(&self.weights).par_for_each(|r, low, share, w| {
-            *r = w * (*r - low / share);
-        });
+    /// `w·h(r)`, in place; returns the sum of its squares.
+    pub(super) fn pass(&self, r: &mut Array2<f32>) -> f64 {
+        let Self { known, inverse_share, weights, width_px } = self;
+        let believe = |y: usize, r: &[f32], out: &mut [f32]| believe(out, r, row(known, y));
+        let leave =
+            |x: usize, low: &[Place], r: ArrayViewMut2<'_, f32>| leave(r, low, x, [inverse_share, weights]);
+        smooth_beside(r, *width_px, believe, leave)
     }
 
     /// `Aᵀ hᵀ(w·r)`.
     pub(super) fn back(&self, blur: &Blur<'_>, r: &Array2<f32>, out: &mut Array2<f32>) {
-        let weighted = r * &self.weights;
-        let mut smoothed = &weighted / &self.share;
-        smooth(&mut smoothed, self.width_px);
-        let passed = weighted - smoothed;
-        blur.transpose(&(passed * &self.known), out);
+        self.back_into(blur, r, (out, copy_row));
+    }
+
+    /// As [`back`](Self::back), with what takes rows to their places, as [`Blur::transpose_into`] has it.
+    pub(super) fn back_into(
+        &self,
+        blur: &Blur<'_>,
+        r: &Array2<f32>,
+        into: (&mut Array2<f32>, impl Fn(usize, &[f32], &mut [f32]) -> f64 + Sync),
+    ) -> f64 {
+        let Self { known, inverse_share, weights, width_px } = self;
+        let mut passed = Array2::zeros(r.dim());
+        let share =
+            |y: usize, out: &mut [f32]| of_share(out, row(r, y), row(weights, y), row(inverse_share, y));
+        let leave = |x: usize, smoothed: &[Place], out: ArrayViewMut2<'_, f32>| {
+            leave_transposed(out, smoothed, x, [r, weights, known]);
+            0.0
+        };
+        smooth_into(&mut passed, *width_px, share, leave);
+        blur.transpose_into(&passed, into)
+    }
+}
+
+vectorised! {
+    /// Writes `M·r`.
+    fn believe<'a>(out: &'a mut [f32], r: &'a [f32], known: &'a [f32]) -> () {
+        out.iter_mut().zip(r).zip(known).for_each(|((out, r), known)| *out = r * known);
+    }
+}
+
+vectorised! {
+    /// Makes `w·(r − low/G(M))` of the r in a strip that begins at column x; returns the sum of its squares.
+    fn leave<'a>(strip: ArrayViewMut2<'a, f32>, low: &'a [Place], x: usize, planes: [&'a Array2<f32>; 2]) -> f64 {
+        let (mut strip, [inverse_share, weights]) = (strip, planes);
+        let mut sums = [0.0; LANES];
+        for (y, (mut r, low)) in strip.rows_mut().into_iter().zip(low).enumerate() {
+            let r = r.as_slice_mut().expect("rows are contiguous");
+            let (inverse_share, weights) = (&row(inverse_share, y)[x..], &row(weights, y)[x..]);
+            for (((r, low), inverse), w) in r.iter_mut().zip(low).zip(inverse_share).zip(weights) {
+                *r = w * (*r - low * inverse);
+            }
+            add_products(&mut sums, r, r);
+        }
+        sums.iter().sum()
+    }
+}
+
+vectorised! {
+    /// Writes `w·r/G(M)`.
+    fn of_share<'a>(out: &'a mut [f32], r: &'a [f32], weights: &'a [f32], inverse_share: &'a [f32]) -> () {
+        out.iter_mut().zip(r).zip(weights).zip(inverse_share).for_each(|(((out, r), w), inverse)| *out = r * w * inverse);
+    }
+}
+
+vectorised! {
+    /// Writes `M·(w·r − smoothed)` to a strip that begins at column x.
+    fn leave_transposed<'a>(strip: ArrayViewMut2<'a, f32>, smoothed: &'a [Place], x: usize, planes: [&'a Array2<f32>; 3]) -> () {
+        let (mut strip, [r, weights, known]) = (strip, planes);
+        for (y, (mut out, smoothed)) in strip.rows_mut().into_iter().zip(smoothed).enumerate() {
+            let out = out.as_slice_mut().expect("rows are contiguous");
+            let (r, weights, known) = (&row(r, y)[x..], &row(weights, y)[x..], &row(known, y)[x..]);
+            for ((((out, smoothed), r), w), known) in out.iter_mut().zip(smoothed).zip(r).zip(weights).zip(known)
+            {
+                *out = (r * w - smoothed) * known;
+            }
+        }
     }
 }
 

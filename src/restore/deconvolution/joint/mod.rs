@@ -27,9 +27,11 @@ pub(super) mod pose;
 mod prior;
 mod refine;
 mod smooth;
+mod sums;
 mod uncertainty;
 
 use ndarray::{Array2, Array3, Axis, Zip};
+use rayon::prelude::*;
 
 use super::DeconvolutionConfig;
 use crate::core::error::Result;
@@ -142,12 +144,22 @@ impl<'a> Given<'a> {
             None => None,
         };
         let known: Vec<_> = (0..CHANNELS).map(|channel| self.known(channel)).collect();
+        let is_reduced = self.noise.is_some();
         let mut noise = noise.into_iter().flatten();
-        let channels = known.into_iter().zip(self.saturated).map(|(known, saturated)| {
+        let given: Vec<_> = known
+            .into_iter()
+            .zip(self.saturated)
+            .map(|(known, saturated)| (known, saturated, noise.next()))
+            .collect();
+        let channel = |(known, saturated, noise): (Known<'a>, _, _)| {
             let coarse = coarse.as_ref().map(|scene| scene.index_axis(Axis(0), known.channel));
-            Channel::new(frame, known, (saturated, coarse, noise.next()), progress)
-        });
-        Ok(Colors { frame, channels: channels.collect::<Result<_>>()?, edges: Edges::unknown() })
+            Channel::new(frame, known, (saturated, coarse, noise), progress)
+        };
+        let channels: Result<_> = match is_reduced {
+            true => given.into_par_iter().map(channel).collect(),
+            false => given.into_iter().map(channel).collect(),
+        };
+        Ok(Colors { frame, channels: channels?, edges: Edges::unknown(), is_reduced })
     }
 
     /// The noise of all channels, if there are lamps.
@@ -179,7 +191,8 @@ impl<'a> Given<'a> {
             let clipped = saturated.iter().filter(|saturated| **saturated).count();
             clipped as f64 >= LEAST_CLIPPED * saturated.len() as f64
         };
-        if !(0..CHANNELS).any(|channel| is_photograph(channel) && much_is_clipped(channel)) {
+        let is_large = lamps::is_large(frame);
+        if !(0..CHANNELS).any(|channel| is_photograph(channel) && (is_large || much_is_clipped(channel))) {
             return Ok(None);
         }
         let Some(half) = Half::of(self.image, self.psf, &self.saturated)? else { return Ok(None) };
@@ -196,6 +209,8 @@ struct Colors<'a> {
     frame: &'a Frame,
     channels: Vec<Channel<'a>>,
     edges: Edges,
+    /// Whether pixels are the means of blocks: planes are small then, and channels are worked on side by side.
+    is_reduced: bool,
 }
 
 impl<'a> Colors<'a> {
@@ -228,16 +243,34 @@ impl<'a> Colors<'a> {
         let efforts: Vec<[usize; 2]> = self.channels.iter().map(Channel::effort).collect();
         let rounds = efforts.iter().map(|[rounds, _]| *rounds).max().unwrap_or(0);
         let bar = progress.bar((CHANNELS * rounds) as u64, "rounds of deconvolution");
-        let mut workspace = Workspace::new(self.frame);
+        let workspaces = if self.is_reduced { CHANNELS } else { 1 };
+        let mut workspaces: Vec<_> = (0..workspaces).map(|_| Workspace::new(self.frame)).collect();
         for round in 0..rounds {
             if round > 0 || !has_lamps {
                 self.find_edges();
             }
-            for (channel, [rounds, steps]) in self.channels.iter_mut().zip(&efforts) {
-                if round < *rounds {
-                    channel.improve((&self.edges, *steps), &mut workspace, progress)?;
+            let Self { channels, edges, .. } = &mut self;
+            let improve =
+                |channel: &mut Channel<'_>, [rounds, steps]: [usize; 2], workspace: &mut Workspace| {
+                    if round < rounds {
+                        channel.improve((edges, steps), workspace, progress)?;
+                    }
+                    bar.inc(1);
+                    Ok(())
+                };
+            match &mut workspaces[..] {
+                [workspace] => {
+                    let channels = channels.iter_mut().zip(&efforts);
+                    channels
+                        .into_iter()
+                        .try_for_each(|(channel, effort)| improve(channel, *effort, workspace))?;
                 }
-                bar.inc(1);
+                workspaces => {
+                    let channels = channels.par_iter_mut().zip(&efforts).zip(workspaces);
+                    channels.try_for_each(|((channel, effort), workspace)| {
+                        improve(channel, *effort, workspace)
+                    })?;
+                }
             }
         }
         bar.finish_and_clear();

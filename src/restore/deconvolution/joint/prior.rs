@@ -5,6 +5,8 @@ use rayon::prelude::*;
 
 use super::super::objective::sum_of_rows;
 use super::frame::row;
+use super::sums::{add_scaled, dot};
+use crate::kernels::vectorised;
 
 /// Relative difference of neighbours, root mean square over the colours, from which on it is taken for an edge:
 /// more than noise leaves of a surface, less than most outlines have.
@@ -48,11 +50,7 @@ impl Edges {
                 }
                 add_squares(edges, [row(x, y), row(x, next)], [here, below]);
             }
-            edges.iter_mut().for_each(|e| {
-                // (1 + r²)^(−¾) by square roots.
-                let root = (1.0 + *e * share).sqrt();
-                *e = 1.0 / (root * root.sqrt());
-            });
+            weights(edges, share);
         });
         let mean = mean(&edges);
         Self { plane: Some(edges), mean }
@@ -75,13 +73,30 @@ fn mean(edges: &Array2<f32>) -> f32 {
     (sum / edges.len() as f64) as f32
 }
 
-fn add_squares(sums: &mut [f32], [here, below]: [&[f32]; 2], [v, w]: [&[f32]; 2]) {
-    let last = here.len() - 1;
-    for x in 0..=last {
-        let next = (x + 1).min(last);
-        let along_x = (here[next] - here[x]) * v[x].max(v[next]);
-        let along_y = (below[x] - here[x]) * v[x].max(w[x]);
-        sums[x] += along_x * along_x + along_y * along_y;
+vectorised! {
+    /// Turns sums of squares, times `share`, to weights.
+    fn weights<'a>(edges: &'a mut [f32], share: f32) -> () {
+        edges.iter_mut().for_each(|e| {
+            // (1 + r²)^(−¾) by square roots.
+            let root = (1.0 + *e * share).sqrt();
+            *e = 1.0 / (root * root.sqrt());
+        });
+    }
+}
+
+vectorised! {
+    /// Adds the squares of a row's differences to its right and to the row below.
+    fn add_squares<'a>(sums: &'a mut [f32], rows: [&'a [f32]; 2], inverses: [&'a [f32]; 2]) -> () {
+        let ([here, below], [v, w]) = (rows, inverses);
+        let right = here[1..].iter().zip(&v[1..]);
+        for ((sum, (x, v)), (right, of_right)) in sums.iter_mut().zip(here.iter().zip(v)).zip(right) {
+            let along = (right - x) * v.max(*of_right);
+            *sum += along * along;
+        }
+        for ((sum, (x, v)), (below, w)) in sums.iter_mut().zip(here.iter().zip(v)).zip(below.iter().zip(w)) {
+            let along = (below - x) * v.max(*w);
+            *sum += along * along;
+        }
     }
 }
 
@@ -110,9 +125,10 @@ pub(super) struct Modest<'a> {
 }
 
 impl Prior<'_> {
-    /// Takes half the slope of the penalty at x from `out`.
-    pub(super) fn take_slope(&self, x: &Array2<f32>, out: &mut Array2<f32>) {
-        self.add_product(x, -1.0, out);
+    /// Takes half the slope of the penalty at x from `out`; `room` is as large.
+    pub(super) fn take_slope(&self, x: &Array2<f32>, (out, room): (&mut Array2<f32>, &mut Array2<f32>)) {
+        self.product(x, room);
+        add_scaled(out, -1.0, room);
         if let Some(Modest { brightness, level }) = self.lamps {
             let scale = self.weight * MODESTY * level;
             Zip::from(out).and(brightness).and(self.inverse_brightness).par_for_each(|out, n, v| {
@@ -123,77 +139,108 @@ impl Prior<'_> {
         }
     }
 
-    /// Adds `sign` times the matrix of the penalty times x.
-    pub(super) fn add_product(&self, x: &Array2<f32>, sign: f32, out: &mut Array2<f32>) {
+    /// Writes the matrix of the penalty times x; returns its inner product with x.
+    pub(super) fn product(&self, x: &Array2<f32>, out: &mut Array2<f32>) -> f64 {
         let ones = vec![1.0; x.ncols()];
-        let edge = |y: usize| self.edges.plane().map_or(&ones[..], |edges| row(edges, y));
-        let (height, scale) = (x.nrows(), sign * self.weight);
-        let v = self.inverse_brightness;
-        Zip::indexed(out.rows_mut()).par_for_each(|y, mut out| {
-            let out = out.as_slice_mut().expect("planes are contiguous");
-            along_row(out, row(x, y), row(v, y), edge(y), scale);
-            if y + 1 < height {
-                across(out, [row(x, y), row(x, y + 1)], [row(v, y), row(v, y + 1)], edge(y), scale);
-            }
-            if y > 0 {
-                across(out, [row(x, y), row(x, y - 1)], [row(v, y), row(v, y - 1)], edge(y - 1), scale);
-            }
-            if let Some(Modest { brightness, .. }) = self.lamps {
-                let places = out.iter_mut().zip(row(x, y)).zip(row(v, y)).zip(row(brightness, y));
-                places
-                    .filter(|(_, n)| **n <= 0.0)
-                    .for_each(|(((out, x), v), _)| *out += scale * MODESTY * v * v * x);
-            }
-        });
-    }
-
-    /// The inner product of x with the matrix of the penalty times x.
-    pub(super) fn energy(&self, x: &Array2<f32>) -> f64 {
-        let ones = vec![1.0; x.ncols()];
-        let (height, v) = (x.nrows(), self.inverse_brightness);
-        let energy = sum_of_rows(height, |y| {
-            let edges = self.edges.plane().map_or(&ones[..], |edges| row(edges, y));
-            let mut along = energy_along(row(x, y), row(v, y), edges);
-            if let Some(Modest { brightness, .. }) = self.lamps {
-                let places = row(x, y).iter().zip(row(v, y)).zip(row(brightness, y));
-                let squares = places.filter(|(_, n)| **n <= 0.0).map(|((x, v), _)| f64::from(x * v).powi(2));
-                along += f64::from(MODESTY) * squares.sum::<f64>();
-            }
-            if y + 1 == height {
-                return along;
-            }
-            along + energy_across([row(x, y), row(x, y + 1)], [row(v, y), row(v, y + 1)], edges)
-        });
-        f64::from(self.weight) * energy
+        let rows = out.axis_iter_mut(Axis(0)).into_par_iter().enumerate();
+        let energies = rows.map_init(
+            || Pulls::new(x.ncols()),
+            |pulls, (y, mut out)| {
+                let out = out.as_slice_mut().expect("planes are contiguous");
+                pull(self, pulls, (x, y), &ones, out)
+            },
+        );
+        energies.collect::<Vec<f64>>().into_iter().sum()
     }
 }
 
-/// `Σ e·v·v′·(x − x′)²` over the pairs of one row.
-fn energy_along(x: &[f32], v: &[f32], e: &[f32]) -> f64 {
-    let pairs = x.windows(2).zip(v.windows(2)).zip(e);
-    pairs.map(|((x, v), e)| f64::from(e * v[0] * v[1] * (x[0] - x[1]).powi(2))).sum()
-}
-
-/// `Σ e·v·v′·(x − x′)²` over the pairs of two rows.
-fn energy_across([x, below]: [&[f32]; 2], [v, w]: [&[f32]; 2], e: &[f32]) -> f64 {
-    let pairs = x.iter().zip(below).zip(v.iter().zip(w)).zip(e);
-    pairs.map(|(((x, below), (v, w)), e)| f64::from(e * v * w * (x - below).powi(2))).sum()
-}
-
-fn along_row(out: &mut [f32], x: &[f32], v: &[f32], e: &[f32], scale: f32) {
-    let mut before = 0.0;
-    let last = out.len() - 1;
-    for i in 0..last {
-        let pull = scale * e[i] * v[i] * v[i + 1] * (x[i] - x[i + 1]);
-        out[i] += pull - before;
-        before = pull;
+vectorised! {
+    /// Writes a row of the matrix of the penalty times x; returns its part of the inner product with x. Unknown edges are `ones`.
+    fn pull<'a>(prior: &'a Prior<'a>, pulls: &'a mut Pulls, place: (&'a Array2<f32>, usize), ones: &'a [f32], out: &'a mut [f32]) -> f64 {
+        let (x, y) = place;
+        let (v, weight) = (prior.inverse_brightness, prior.weight);
+        let edge = |y: usize| match &prior.edges.plane {
+            Some(edges) => row(edges, y),
+            None => ones,
+        };
+        let mut energy = pulls.along(out, row(x, y), row(v, y), (edge(y), weight));
+        if y + 1 < x.nrows() {
+            energy +=
+                pulls.across(out, [row(x, y), row(x, y + 1)], [row(v, y), row(v, y + 1)], (edge(y), weight));
+        }
+        if y > 0 {
+            // Its energy is that of the row above.
+            pulls.across(out, [row(x, y), row(x, y - 1)], [row(v, y), row(v, y - 1)], (edge(y - 1), weight));
+        }
+        if let Some(Modest { brightness, .. }) = prior.lamps {
+            energy += pulls.down(out, row(x, y), (row(v, y), row(brightness, y)), weight);
+        }
+        energy
     }
-    out[last] -= before;
 }
 
-fn across(out: &mut [f32], [here, there]: [&[f32]; 2], [v, w]: [&[f32]; 2], e: &[f32], scale: f32) {
-    for i in 0..out.len() {
-        out[i] += scale * e[i] * v[i] * w[i] * (here[i] - there[i]);
+/// What the pixels of a row are pulled with, and along which differences.
+struct Pulls {
+    pulls: Vec<f32>,
+    differences: Vec<f32>,
+}
+
+impl Pulls {
+    fn new(width: usize) -> Self {
+        Self { pulls: vec![0.0; width], differences: vec![0.0; width] }
+    }
+
+    /// Writes the pulls within a row; returns `scale·Σ e·v·v′·(x − x′)²`.
+    #[inline(always)]
+    fn along(&mut self, out: &mut [f32], x: &[f32], v: &[f32], (e, scale): (&[f32], f32)) -> f64 {
+        let last = out.len() - 1;
+        let Self { pulls, differences } = self;
+        let pairs = x.iter().zip(&x[1..]).zip(v.iter().zip(&v[1..])).zip(e);
+        for ((pull, difference), (((x, right), (v, of_right)), e)) in
+            pulls.iter_mut().zip(&mut *differences).zip(pairs)
+        {
+            *difference = x - right;
+            *pull = scale * e * v * of_right * *difference;
+        }
+        out[0] = if last > 0 { pulls[0] } else { 0.0 };
+        for ((out, pull), before) in out[1..].iter_mut().zip(&pulls[1..]).zip(&*pulls) {
+            *out = pull - before;
+        }
+        if last > 0 {
+            out[last] = -pulls[last - 1];
+        }
+        dot(&pulls[..last], &differences[..last])
+    }
+
+    /// Adds the pulls of another row; returns `scale·Σ e·v·w·(x − x′)²`.
+    #[inline(always)]
+    fn across(
+        &mut self,
+        out: &mut [f32],
+        [here, there]: [&[f32]; 2],
+        [v, w]: [&[f32]; 2],
+        (e, scale): (&[f32], f32),
+    ) -> f64 {
+        let Self { pulls, differences } = self;
+        let places = here.iter().zip(there).zip(v.iter().zip(w)).zip(e);
+        for ((pull, difference), (((here, there), (v, w)), e)) in
+            pulls.iter_mut().zip(&mut *differences).zip(places)
+        {
+            *difference = here - there;
+            *pull = scale * e * v * w * *difference;
+        }
+        out.iter_mut().zip(&*pulls).for_each(|(out, pull)| *out += pull);
+        dot(pulls, differences)
+    }
+
+    /// Adds the pulls of saturated pixels towards darkness; returns their `scale·m·Σ (v·x)²`.
+    #[inline(always)]
+    fn down(&mut self, out: &mut [f32], x: &[f32], (v, brightness): (&[f32], &[f32]), scale: f32) -> f64 {
+        for ((((pull, out), x), v), n) in self.pulls.iter_mut().zip(out).zip(x).zip(v).zip(brightness) {
+            *pull = if *n <= 0.0 { scale * MODESTY * v * v * x } else { 0.0 };
+            *out += *pull;
+        }
+        dot(&self.pulls, x)
     }
 }
 
@@ -217,14 +264,16 @@ mod tests {
         {
             let prior = Prior { weight: 0.3, edges: &edges, inverse_brightness: &inverse_brightness, lamps };
             let mut slope = Array2::from_elem(x.dim(), 1.0);
-            prior.take_slope(&x, &mut slope);
+            let mut room = Array2::zeros(x.dim());
+            prior.take_slope(&x, (&mut slope, &mut room));
             let along = ((1.0 - &slope) * &d).sum();
             let pulled = Zip::from(&brightness)
                 .and(&inverse_brightness)
                 .and(&d)
                 .fold(0.0, |sum, n, v, d| if *n <= 0.0 { sum + f64::from(v * v * d) } else { sum });
             let towards = lamps.map_or(0.0, |_| f64::from(0.3 * MODESTY * LEVEL) * pulled);
-            let half_quotient = (prior.energy(&(&x + &d)) - prior.energy(&(&x - &d))) / 4.0 - towards;
+            let mut energy = |x: Array2<f32>| prior.product(&x, &mut room);
+            let half_quotient = (energy(&x + &d) - energy(&x - &d)) / 4.0 - towards;
             assert!((f64::from(along) - half_quotient).abs() < 1e-4, "{along} {half_quotient}");
         }
     }

@@ -19,6 +19,7 @@ use super::frame::Frame;
 use crate::core::error::Result;
 use crate::core::image::CHANNELS;
 use crate::core::progress::Progress;
+use crate::kernels::vectorised;
 
 /// Side of a block: 16 restores 0.1 dB worse.
 const SIDE: usize = 8;
@@ -130,6 +131,7 @@ impl Padded {
         Self { planes, width }
     }
 
+    #[inline(always)]
     fn block(&self, plane: usize, y: usize, x: usize) -> Block {
         let start = y * self.width + x;
         let row = |row: usize| {
@@ -180,23 +182,13 @@ impl Pass<'_, '_> {
         let sharp = Padded::new(&sharp, first, padded_rows);
         // Blocks begin at even rows and columns of the frame, wherever strips do.
         for y in (0..rows + BEFORE).step_by(STEP) {
-            for x in (0..width + BEFORE).step_by(STEP) {
-                let (blocks, variances) = self.block([&pilot, &sharp], [y, x], top);
-                for c in 0..CHANNELS {
-                    let [colors, of_variance] = &mut sums;
-                    self.cosines.add(
-                        (&blocks[c], variances[c]),
-                        [&mut colors[c], &mut of_variance[c]],
-                        [y, x],
-                        [rows, width],
-                    );
-                }
-            }
+            add_blocks(self, [&pilot, &sharp], &mut sums, (y, top), [rows, width]);
         }
         sums
     }
 
     /// The filtered colours of a block and the means of their variances.
+    #[inline(always)]
     fn block(
         &self,
         [pilot, sharp]: [&Padded; 2],
@@ -233,10 +225,32 @@ impl Pass<'_, '_> {
     }
 
     /// The deviation of the capture's noise in the middle of a block, which begins so far after the first possible one.
+    #[inline(always)]
     fn noise(&self, channel: usize, place: [usize; 2]) -> f32 {
         let (height, width) = self.pilots[0].dim();
         let [y, x] = place.map(|at| (at + SIDE / 2).saturating_sub(BEFORE));
         self.channels[channel].noise_at([y.min(height - 1), x.min(width - 1)])
+    }
+}
+
+vectorised! {
+    /// Adds the blocks of a row y, from the left to the right, to the colours and their variances.
+    fn add_blocks<'a, 'b, 'c>(
+        pass: &'a Pass<'b, 'c>,
+        padded: [&'a Padded; 2],
+        sums: &'a mut [[Vec<f32>; CHANNELS]; 2],
+        at: (usize, usize),
+        size: [usize; 2],
+    ) -> () {
+        let (y, top) = at;
+        for x in (0..size[1] + BEFORE).step_by(STEP) {
+            let (blocks, variances) = pass.block(padded, [y, x], top);
+            for c in 0..CHANNELS {
+                let [colors, of_variance] = &mut *sums;
+                let place = [&mut colors[c][..], &mut of_variance[c][..]];
+                pass.cosines.add((&blocks[c], variances[c]), place, [y, x], size);
+            }
+        }
     }
 }
 
@@ -267,15 +281,18 @@ impl Cosines {
     }
 
     /// The coefficients of a block, by row and column of frequencies.
+    #[inline(always)]
     fn forward(&self, block: &Block) -> Block {
         product(&product(&self.rows, block), &self.columns)
     }
 
+    #[inline(always)]
     fn inverse(&self, coefficients: &Block) -> Block {
         product(&product(&self.columns, coefficients), &self.rows)
     }
 
     /// Adds a block and its variance under the window, where it lies in the strip.
+    #[inline(always)]
     fn add(
         &self,
         (block, variance): (&Block, f32),
@@ -299,6 +316,7 @@ impl Cosines {
 }
 
 /// The product of two blocks as matrices, row by row of the second: eight numbers at a time.
+#[inline(always)]
 fn product(left: &Block, right: &Block) -> Block {
     let mut out = [[0.0; SIDE]; SIDE];
     for (out, left) in out.iter_mut().zip(left) {

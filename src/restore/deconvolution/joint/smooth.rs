@@ -1,14 +1,18 @@
 //! Smooths planes by a bell that costs the same whatever its width, and what is made of that: local brightness, painted
 //! holes.
 
-use ndarray::{Array2, ArrayView2, Axis, Zip};
+use ndarray::{Array2, ArrayView2, ArrayViewMut2, Axis, Zip};
 use rayon::prelude::*;
+
+use super::frame::row;
+use super::sums::{LANES, Lanes};
+use crate::kernels::vectorised;
 
 /// Passes of a box; three are a cubic spline, within 3 % of a Gaussian.
 const PASSES: usize = 3;
 
-/// Columns that one thread smooths at a time: four cache lines.
-const STRIP: usize = 64;
+/// A place of a line, of lines that are smoothed side by side: as many as a cache line holds.
+pub(super) type Place = [f32; LANES];
 
 /// Standard deviations, in pixels, of the bells that fill holes, from the finest that reaches a pixel.
 const PAINTING_PX: [f32; 6] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
@@ -22,23 +26,144 @@ const LEAST_KNOWN: f32 = 0.05;
 /// Three boxes of 2r + 1 pixels have the variance `3·((2r + 1)² − 1)/12`; r is the one that is nearest to σ.
 pub(super) fn smooth(plane: &mut Array2<f32>, sigma_px: f32) {
     let radius = radius_of(sigma_px);
-    plane.axis_iter_mut(Axis(0)).into_par_iter().for_each_init(Vec::new, |line, mut row| {
-        let row = row.as_slice_mut().expect("planes are contiguous");
-        for _ in 0..PASSES {
-            line.clear();
-            line.extend_from_slice(row);
-            smooth_row(line, row, radius);
+    smooth_rows(plane, radius, |_, _| ());
+    plane.axis_chunks_iter_mut(Axis(1), LANES).into_par_iter().for_each_init(
+        Lines::default,
+        |lines, strip| {
+            smooth_columns(lines, strip, radius);
+        },
+    );
+}
+
+/// Smooths a plane whose rows `fill(y, row)` writes, as [`smooth`] does, and hands it on by strips of columns: `keep(x, smoothed,
+/// strip)` takes the rows of each, which begins at column x, to that of `out`. The sum of what it returns is returned.
+pub(super) fn smooth_into(
+    out: &mut Array2<f32>,
+    sigma_px: f32,
+    fill: impl Fn(usize, &mut [f32]) + Sync,
+    keep: impl Fn(usize, &[Place], ArrayViewMut2<'_, f32>) -> f64 + Sync,
+) -> f64 {
+    let radius = radius_of(sigma_px);
+    let mut smoothed = Array2::zeros(out.dim());
+    smooth_rows(&mut smoothed, radius, fill);
+    columns_into(&smoothed, out, radius, keep)
+}
+
+/// [`smooth_into`], of a plane whose rows are made of those of `out`.
+pub(super) fn smooth_beside(
+    out: &mut Array2<f32>,
+    sigma_px: f32,
+    fill: impl Fn(usize, &[f32], &mut [f32]) + Sync,
+    keep: impl Fn(usize, &[Place], ArrayViewMut2<'_, f32>) -> f64 + Sync,
+) -> f64 {
+    let radius = radius_of(sigma_px);
+    let mut smoothed = Array2::zeros(out.dim());
+    smooth_rows(&mut smoothed, radius, |y, samples| fill(y, row(out, y), samples));
+    columns_into(&smoothed, out, radius, keep)
+}
+
+/// Fills rows and smooths along them.
+fn smooth_rows(plane: &mut Array2<f32>, radius: usize, fill: impl Fn(usize, &mut [f32]) + Sync) {
+    let groups = plane.axis_chunks_iter_mut(Axis(0), LANES).into_par_iter().enumerate();
+    groups.for_each_init(Lines::default, |lines, (group, mut rows)| {
+        for (index, mut row) in rows.rows_mut().into_iter().enumerate() {
+            fill(group * LANES + index, row.as_slice_mut().expect("planes are contiguous"));
         }
+        smooth_along(lines, rows, radius);
     });
-    plane.axis_chunks_iter_mut(Axis(1), STRIP).into_par_iter().for_each(|mut strip| {
-        let mut from = strip.to_owned();
-        let mut to = from.clone();
-        for _ in 0..PASSES {
-            smooth_columns(from.view(), to.view_mut(), radius);
-            std::mem::swap(&mut from, &mut to);
+}
+
+/// Smooths along the columns of `plane`, and hands the rows of strips on.
+fn columns_into(
+    plane: &Array2<f32>,
+    out: &mut Array2<f32>,
+    radius: usize,
+    keep: impl Fn(usize, &[Place], ArrayViewMut2<'_, f32>) -> f64 + Sync,
+) -> f64 {
+    let strips = plane.axis_chunks_iter(Axis(1), LANES).into_par_iter();
+    let strips = strips.zip(out.axis_chunks_iter_mut(Axis(1), LANES)).enumerate();
+    let sums = strips.map_init(Lines::default, |lines, (strip, (from, out))| {
+        take_columns(lines, from, radius);
+        keep(strip * LANES, &lines.0[0], out)
+    });
+    sums.collect::<Vec<f64>>().into_iter().sum()
+}
+
+vectorised! {
+    /// Smooths along rows, at most as many as there are lanes.
+    fn smooth_along<'a>(lines: &'a mut Lines, rows: ArrayViewMut2<'a, f32>, radius: usize) -> () {
+        let mut rows = rows;
+        lines.smooth_rows(rows.view(), radius);
+        for (index, mut row) in rows.rows_mut().into_iter().enumerate() {
+            let row = row.as_slice_mut().expect("planes are contiguous");
+            row.iter_mut().zip(&lines.0[0]).for_each(|(out, place)| *out = place[index]);
         }
-        strip.assign(&from);
-    });
+    }
+}
+
+vectorised! {
+    /// Smooths along columns, at most as many as there are lanes.
+    fn smooth_columns<'a>(lines: &'a mut Lines, strip: ArrayViewMut2<'a, f32>, radius: usize) -> () {
+        let mut strip = strip;
+        lines.smooth_columns(strip.view(), radius);
+        for (mut row, places) in strip.rows_mut().into_iter().zip(&lines.0[0]) {
+            let row = row.as_slice_mut().expect("rows are contiguous");
+            row.iter_mut().zip(places).for_each(|(out, place)| *out = *place);
+        }
+    }
+}
+
+vectorised! {
+    /// As [`smooth_columns`]; the result stays among the lines.
+    fn take_columns<'a>(lines: &'a mut Lines, columns: ArrayView2<'a, f32>, radius: usize) -> () {
+        lines.smooth_columns(columns, radius);
+    }
+}
+
+/// Lines that are smoothed side by side, and room for as many.
+#[derive(Default)]
+struct Lines([Vec<Place>; 2]);
+
+impl Lines {
+    /// Takes rows in and smooths them.
+    #[inline(always)]
+    fn smooth_rows(&mut self, rows: ArrayView2<'_, f32>, radius: usize) {
+        let [places, _] = &mut self.0;
+        places.clear();
+        places.resize(rows.ncols(), [0.0; LANES]);
+        for (index, row) in rows.rows().into_iter().enumerate() {
+            let row = row.to_slice().expect("rows are contiguous");
+            places.iter_mut().zip(row).for_each(|(place, value)| place[index] = *value);
+        }
+        self.smooth(radius);
+    }
+
+    /// Takes columns in and smooths them.
+    #[inline(always)]
+    fn smooth_columns(&mut self, columns: ArrayView2<'_, f32>, radius: usize) {
+        let [places, _] = &mut self.0;
+        places.clear();
+        places.extend(columns.rows().into_iter().map(|row| {
+            let row = row.to_slice().expect("rows are contiguous");
+            let mut place = [0.0; LANES];
+            match row.first_chunk() {
+                Some(whole) => place = *whole,
+                None => place[..row.len()].copy_from_slice(row),
+            }
+            place
+        }));
+        self.smooth(radius);
+    }
+
+    #[inline(always)]
+    fn smooth(&mut self, radius: usize) {
+        let [places, room] = &mut self.0;
+        room.resize(places.len(), [0.0; LANES]);
+        for _ in 0..PASSES {
+            smooth_lines(places, room, radius);
+            std::mem::swap(places, room);
+        }
+    }
 }
 
 /// The local mean with a bell of `sigma_px`, of those pixels alone that lie in the plane.
@@ -80,45 +205,29 @@ fn radius_of(sigma_px: f32) -> usize {
 
 /// What a line of ones is smoothed to.
 fn coverage(length: usize, sigma_px: f32) -> Vec<f32> {
-    let mut ones = vec![1.0; length];
-    for _ in 0..PASSES {
-        let before = ones.clone();
-        smooth_row(&before, &mut ones, radius_of(sigma_px));
-    }
-    ones
+    let (ones, mut lines) = (Array2::ones((1, length)), Lines::default());
+    lines.smooth_rows(ones.view(), radius_of(sigma_px));
+    lines.0[0].iter().map(|place| place[0]).collect()
 }
 
-fn smooth_row(before: &[f32], row: &mut [f32], radius: usize) {
-    let length = before.len();
+/// Smooths lines by one box.
+#[inline(always)]
+fn smooth_lines(before: &[Place], after: &mut [Place], radius: usize) {
     let scale = scale_of(radius);
-    let mut sum: f64 = before.iter().take(radius).map(|v| f64::from(*v)).sum();
-    for (x, out) in row.iter_mut().enumerate() {
-        if let Some(entering) = before.get(x + radius) {
-            sum += f64::from(*entering);
-        }
-        if x > radius && x - radius <= length {
-            sum -= f64::from(before[x - radius - 1]);
-        }
-        *out = narrow(sum * scale);
-    }
-}
-
-fn smooth_columns(before: ArrayView2<'_, f32>, mut strip: ndarray::ArrayViewMut2<'_, f32>, radius: usize) {
-    let height = before.nrows();
-    let scale = scale_of(radius);
-    let mut sums = vec![0.0; before.ncols()];
-    let add = |sums: &mut [f64], y: usize, sign: f64| {
-        sums.iter_mut().zip(before.row(y)).for_each(|(sum, value)| *sum += sign * f64::from(*value));
+    let mut sums: Lanes = [0.0; LANES];
+    let add = |sums: &mut Lanes, place: &Place| {
+        sums.iter_mut().zip(place).for_each(|(sum, value)| *sum += f64::from(*value));
     };
-    (0..radius.min(height)).for_each(|y| add(&mut sums, y, 1.0));
-    for y in 0..height {
-        if y + radius < height {
-            add(&mut sums, y + radius, 1.0);
+    before.iter().take(radius).for_each(|place| add(&mut sums, place));
+    for (at, after) in after.iter_mut().enumerate() {
+        if let Some(entering) = before.get(at + radius) {
+            add(&mut sums, entering);
         }
-        if y > radius {
-            add(&mut sums, y - radius - 1, -1.0);
+        if at > radius {
+            let leaving = &before[at - radius - 1];
+            sums.iter_mut().zip(leaving).for_each(|(sum, value)| *sum -= f64::from(*value));
         }
-        strip.row_mut(y).iter_mut().zip(&sums).for_each(|(out, sum)| *out = narrow(sum * scale));
+        after.iter_mut().zip(&sums).for_each(|(after, sum)| *after = narrow(sum * scale));
     }
 }
 

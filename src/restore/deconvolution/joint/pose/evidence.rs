@@ -2,7 +2,7 @@
 
 use ndarray::{Array2, Zip, s};
 
-use super::super::conjugate::inner;
+use super::super::sums::inner;
 use super::Pose2;
 
 /// The side of the blocks whose errors count as independent, in pixels.

@@ -2,8 +2,8 @@
 
 use ndarray::{Array2, Zip};
 
-use super::super::conjugate::inner;
 use super::super::frame::Blur;
+use super::super::sums::{add_scaled, inner};
 use super::scene::Scene;
 use crate::core::error::Result;
 use crate::core::progress::Progress;
@@ -94,10 +94,10 @@ impl<'a> LampFit<'a> {
                 break;
             }
             let length = narrow(slope / curvature);
-            light.scaled_add(length, &direction);
-            residual.scaled_add(-length, &image);
+            add_scaled(light, length, &direction);
+            add_scaled(residual, -length, &image);
             scene.high_pass.back(blur, residual, &mut gradient);
-            let turned = inverse * &gradient;
+            let turned = Zip::from(inverse).and(&gradient).par_map_collect(|p, g| p * g);
             let next = inner(&gradient, &turned);
             let kept = narrow(next / slope);
             Zip::from(&mut direction).and(&turned).par_for_each(|d, z| *d = z + kept * *d);

@@ -23,8 +23,8 @@ use std::fmt;
 
 use ndarray::Array2;
 
-use super::conjugate::inner;
 use super::frame::Blur;
+use super::sums::inner;
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, LinearImage};

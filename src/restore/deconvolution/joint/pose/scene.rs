@@ -1,18 +1,18 @@
 //! What a capture tells of the PSF's pose: lamps, and the flare around them.
 
-use ndarray::{Array2, ArrayView2, s};
+use ndarray::{Array2, ArrayView2, Zip, s};
 
 use super::super::super::Border;
-use super::super::conjugate::inner;
 use super::super::flare::grown;
 use super::super::frame::{Blur, Frame};
 use super::super::high_pass::HighPass;
 use super::super::smooth::local_mean;
+use super::super::sums::{add_scaled, inner};
 use crate::core::fft::TransformPrecision;
 use crate::core::saturation::saturated_from;
 
-/// The largest side of the part of a capture that is looked at.
-const LARGEST_PX: usize = 800;
+/// The largest side of the part of a capture that is looked at: 800 tells the pose of no more captures, and takes a third longer.
+const LARGEST_PX: usize = 704;
 
 /// Pixels around lamps that are not believed.
 const GUARD_PX: usize = 2;
@@ -82,7 +82,9 @@ impl Scene {
 
     /// `w·h(y − A x)`.
     pub(super) fn left(&self, blur: &Blur<'_>, light: &Array2<f32>) -> Array2<f32> {
-        &self.target - &self.seen(blur, light)
+        let mut left = self.seen(blur, light);
+        Zip::from(&mut left).and(&self.target).par_for_each(|left, target| *left = target - *left);
+        left
     }
 
     /// Makes pixels count by what is `left` unexplained around them.
@@ -95,7 +97,7 @@ impl Scene {
     pub(super) fn project_out(plane: &mut Array2<f32>, columns: &[Array2<f32>]) {
         for column in columns {
             let part = narrow(inner(column, plane));
-            plane.scaled_add(-part, column);
+            add_scaled(plane, -part, column);
         }
     }
 }
