@@ -191,8 +191,7 @@ impl<'a> Given<'a> {
             let clipped = saturated.iter().filter(|saturated| **saturated).count();
             clipped as f64 >= LEAST_CLIPPED * saturated.len() as f64
         };
-        let is_large = lamps::is_large(frame);
-        if !(0..CHANNELS).any(|channel| is_photograph(channel) && (is_large || much_is_clipped(channel))) {
+        if !(0..CHANNELS).any(|channel| is_photograph(channel) && much_is_clipped(channel)) {
             return Ok(None);
         }
         let Some(half) = Half::of(self.image, self.psf, &self.saturated)? else { return Ok(None) };
