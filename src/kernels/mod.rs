@@ -10,7 +10,7 @@
 //!   too few, by the `direct` kernel elsewhere; [`convolution`] also has its gradients.
 //! - [`res_block`], [`up_convolution`], [`dynamic_filter`], [`modulation`]: the network's blocks, forward and backward.
 //! - [`stream`]: whole networks, a few rows at a time, in memory planned beforehand.
-//! - [`vectorised`]: loops of other modules, compiled for the vectors in use.
+//! - `vectorised`: loops of other modules, compiled for the vectors in use.
 //! - `ahead`: memory asked for while products are computed.
 //!
 //! # Why unsafe, and where
