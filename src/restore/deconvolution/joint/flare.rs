@@ -21,8 +21,8 @@ const ROUNDS: usize = 3;
 const STEPS: usize = 8;
 
 /// Steps of the first round after which gathering is given up unless this part of the misfit of spread light is left at most: of 186
-/// channels for which all rounds would leave more than [`GATHERED`], 185 are told so, of 149 others eleven, nearly all of which have
-/// light between the two.
+/// channels for which all rounds would leave more than [`GATHERED`], 185 are told so, and of 149 others eleven wrongly. By that one
+/// studio has 1.3 dB less, another 2.0 and a sky 2.4 dB more.
 const TRIAL_STEPS: usize = 4;
 const PROMISING: f64 = 0.99;
 

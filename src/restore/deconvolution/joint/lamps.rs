@@ -23,11 +23,11 @@ const MOST_MEASURED: f64 = 0.042;
 const MOST_MEASURED_REDUCED: f64 = 0.03;
 
 /// How much more of the misfit light found at half the resolution may leave than light that was spread at full: the fit clings to the
-/// scene's detail, and what it makes of that needs three times as many steps. A workshop gains 7 dB by it, a sky 2.
+/// scene's detail, and what it makes of that needs more steps. A workshop gains 7 dB by it.
 const SPREAD_CREDIT: f64 = 1.03;
 
-/// Samples of transforms beyond which light that is known from lower resolutions is not measured again: more than those of a
-/// photograph of 800 × 800 pixels. Eleven of these are restored 0.1 dB worse so on average, one night 1.2 dB, in two thirds of the time.
+/// Samples of transforms beyond which light that is known from lower resolutions is not measured again, which would take most of the
+/// time: more than those of a photograph of 800 × 800 pixels. Eleven of these are restored 0.1 dB worse so on average, one night 1.2 dB.
 const LARGE_SAMPLES: usize = 2_000_000;
 
 /// The part of the largest curvature that a lamp's pixel has at least; 10⁻¹² restores the same.
