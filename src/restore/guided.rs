@@ -14,7 +14,7 @@ use super::levels::{find_levels, suited_curve, with_levels};
 use super::memory::MemoryPlan;
 use super::network::NetworkOperator;
 use super::planes::{PlaneConfig, planes_of};
-use super::restoration::{Restoration, psf_of};
+use super::restoration::Restoration;
 use super::{Pose, PoseConfig, PoseEstimate, find_pose};
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage};
@@ -109,7 +109,7 @@ impl Restoration {
         planes: &PlaneConfig,
         progress: &Progress,
     ) -> Result<(Cow<'_, Psf>, Option<PoseEstimate>)> {
-        let psf = psf_of(self.kernel())?;
+        let psf = self.kernel().needed_psf()?;
         if !self.guided_options().is_some_and(|options| options.finds_pose) {
             return Ok((Cow::Borrowed(psf), None));
         }

@@ -84,6 +84,14 @@ impl KernelKnowledge {
         }
     }
 
+    /// The PSF, which a deconvolution needs.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when it is not known.
+    pub(super) fn needed_psf(&self) -> Result<&Psf> {
+        self.psf().ok_or_else(|| Error::config("psf", "a deconvolution needs the PSF itself"))
+    }
+
     /// A code that a network could be told, to see whether it fits.
     pub(super) fn example(&self) -> Option<KernelCode> {
         match self {

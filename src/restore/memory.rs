@@ -2,10 +2,12 @@
 
 use std::fmt;
 
+use super::kernel::KernelKnowledge;
 use super::tiles::{Tiling, WindowOperator};
 use crate::core::bytes::format_bytes;
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
+use crate::network::Model;
 
 /// The memory that is taken where nothing else is said.
 const USUAL_BYTES: u64 = 2 << 30;
@@ -129,4 +131,17 @@ pub(super) fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> Resul
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     pool.map_err(|error| Error::Unsupported(format!("cannot start {threads} threads: {error}")))?
         .install(work)
+}
+
+/// Floats that are kept of every pixel of an image beside the image itself: planes, with them the capture before it was
+/// tone-mapped, and a code that changes.
+pub(super) fn floats_of_pixel(kernel: &KernelKnowledge, model: &Model) -> usize {
+    let planes = match model.architecture().planes().len() {
+        0 => 0,
+        planes => CHANNELS * (planes + 1),
+    };
+    match (kernel, model.architecture().code_len()) {
+        (KernelKnowledge::Field { .. }, Some(code)) => planes + code,
+        _ => planes,
+    }
 }

@@ -16,7 +16,7 @@ use super::guided::GuidedOptions;
 use super::highlights::{Highlights, blend_highlights};
 use super::kernel::KernelKnowledge;
 use super::levels::{find_levels, suited_curve, with_levels};
-use super::memory::{MemoryBudget, MemoryPlan, with_threads};
+use super::memory::{MemoryBudget, MemoryPlan, floats_of_pixel, with_threads};
 use super::network::{Conditioning, NetworkOperator};
 use super::notice::Notice;
 use super::pose::Pose;
@@ -134,7 +134,7 @@ impl Restoration {
         };
         options.finds_pose = false;
         if let Some(pose) = pose {
-            self.kernel = KernelKnowledge::of_psf(pose.apply(psf_of(&self.kernel)?)?);
+            self.kernel = KernelKnowledge::of_psf(pose.apply(self.kernel.needed_psf()?)?);
         }
         Ok(self)
     }
@@ -156,7 +156,7 @@ impl Restoration {
     /// # Errors
     /// [`Error::Config`] when the PSF is not known.
     pub fn by_deconvolution(config: DeconvolutionConfig, kernel: KernelKnowledge) -> Result<Self> {
-        psf_of(&kernel)?;
+        kernel.needed_psf()?;
         let x_max = config.saturation.into_iter().fold(0.0, f32::max);
         let curve = ToneCurve { alpha: config.alpha, x_max };
         let border = config.border;
@@ -326,7 +326,7 @@ impl Restoration {
     pub fn plan(&self, size: [usize; 2]) -> Result<MemoryPlan> {
         match &self.how {
             How::Network(model) => {
-                let pixel = self.floats_of_pixel(model) * size_of::<f32>();
+                let pixel = floats_of_pixel(&self.kernel, model) * size_of::<f32>();
                 let beside =
                     (pixel * size[0] * size[1]) as u64 + self.memory.others(size, self.kernel_bytes, 1);
                 let operator = NetworkOperator::new(model);
@@ -402,7 +402,7 @@ impl Restoration {
                     config.alpha
                 };
                 let config = DeconvolutionConfig { saturation, alpha, ..**config };
-                let restored = deconvolve(&image, psf_of(&self.kernel)?, &config, progress)?;
+                let restored = deconvolve(&image, self.kernel.needed_psf()?, &config, progress)?;
                 let level = saturation.map(saturated_from);
                 (AnyImage::Linear(blend_highlights(restored, &image, level, self.highlights)?), None)
             }
@@ -434,7 +434,7 @@ impl Restoration {
 
     /// Bytes that a deconvolution takes, and all else that is held meanwhile.
     fn deconvolution_bytes(&self, size: [usize; 2], config: &DeconvolutionConfig) -> Result<u64> {
-        let psf = psf_of(&self.kernel)?;
+        let psf = self.kernel.needed_psf()?;
         let of_psf = [psf.height(), psf.width()];
         // As the file, as the PSF, and as what it is prepared to.
         let kernel_bytes = 5 * (CHANNELS * size_of::<f32>() * of_psf[0] * of_psf[1]) as u64;
@@ -464,19 +464,6 @@ impl Restoration {
         })
     }
 
-    /// Floats that are kept of every pixel of an image beside the image itself: planes, with them the capture before it was
-    /// tone-mapped, and a code that changes.
-    fn floats_of_pixel(&self, model: &Model) -> usize {
-        let planes = match model.architecture().planes().len() {
-            0 => 0,
-            planes => CHANNELS * (planes + 1),
-        };
-        match (&self.kernel, model.architecture().code_len()) {
-            (KernelKnowledge::Field { .. }, Some(code)) => planes + code,
-            _ => planes,
-        }
-    }
-
     /// The irradiance at which each channel of a capture is saturated.
     fn saturation(&self, capture: &Capture) -> [f32; CHANNELS] {
         let usual = match &self.how {
@@ -501,8 +488,4 @@ impl Restoration {
         let shared = (&*self.halvings, progress);
         with_threads(plan.threads, || restore_halving(image, tiling, &operator, shared))
     }
-}
-
-pub(super) fn psf_of(kernel: &KernelKnowledge) -> Result<&Psf> {
-    kernel.psf().ok_or_else(|| Error::config("psf", "a deconvolution needs the PSF itself"))
 }

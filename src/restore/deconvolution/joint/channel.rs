@@ -178,6 +178,11 @@ impl<'a> Channel<'a> {
         }
     }
 
+    /// Whether pixels are the means of blocks.
+    pub(super) fn is_reduced(&self) -> bool {
+        self.known.is_reduced
+    }
+
     /// Whether pixels are saturated.
     pub(super) fn has_lamps(&self) -> bool {
         self.lamps.is_some()

@@ -160,7 +160,7 @@ impl<'a> Given<'a> {
             true => given.into_par_iter().map(channel).collect(),
             false => given.into_iter().map(channel).collect(),
         };
-        Ok(Colors { frame, channels: channels?, edges: Edges::unknown(), is_reduced })
+        Ok(Colors { frame, channels: channels?, edges: Edges::unknown() })
     }
 
     /// The noise of all channels, if there are lamps.
@@ -209,8 +209,6 @@ struct Colors<'a> {
     frame: &'a Frame,
     channels: Vec<Channel<'a>>,
     edges: Edges,
-    /// Whether pixels are the means of blocks: planes are small then, and channels are worked on side by side.
-    is_reduced: bool,
 }
 
 impl<'a> Colors<'a> {
@@ -243,7 +241,9 @@ impl<'a> Colors<'a> {
         let efforts: Vec<[usize; 2]> = self.channels.iter().map(Channel::effort).collect();
         let rounds = efforts.iter().map(|[rounds, _]| *rounds).max().unwrap_or(0);
         let bar = progress.bar((CHANNELS * rounds) as u64, "rounds of deconvolution");
-        let workspaces = if self.is_reduced { CHANNELS } else { 1 };
+        // Where pixels are the means of blocks, planes are small, and channels are worked on side by side.
+        let is_reduced = self.channels.iter().all(Channel::is_reduced);
+        let workspaces = if is_reduced { CHANNELS } else { 1 };
         let mut workspaces: Vec<_> = (0..workspaces).map(|_| Workspace::new(self.frame)).collect();
         for round in 0..rounds {
             if round > 0 || !has_lamps {
