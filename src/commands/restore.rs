@@ -138,7 +138,8 @@ pub(crate) struct RestoreArgs {
     /// Write half floats, in formats that have them
     #[arg(long)]
     half: bool,
-    /// Irradiance that the tone mapping maps to one half [default: that of the model's training, else 0.25]
+    /// Irradiance that the tone mapping maps to one half [default: that of the model's training, else 0.25; without a method, and
+    /// for joint, of captures in much larger or smaller units, as counts of a sensor, about twice the median of their green light]
     #[arg(long, value_name = "A")]
     alpha: Option<f32>,
     /// Irradiance at which the capture, fused of all its exposures, saturates [default: what its file says; for the guided network
