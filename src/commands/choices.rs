@@ -11,6 +11,7 @@ use udc::io::DomainTag;
 use udc::network::Precision;
 use udc::restore::Highlights;
 use udc::restore::deconvolution::Method;
+use udc::scenes::natural::NaturalKind;
 
 /// The values that a flag takes: the name of each, the value, and what it means where the name does not tell.
 #[derive(Clone, Copy, Debug)]
@@ -46,6 +47,18 @@ pub(crate) const LIGHT_DOMAINS: Choices<DomainTag> = Choices(&[LINEAR, SRGB]);
 
 /// What is written.
 pub(crate) const OUTPUT_DOMAINS: Choices<DomainTag> = Choices(&[LINEAR, TONE_MAPPED]);
+
+/// What painted scenes show.
+pub(crate) const SCENE_KINDS: Choices<NaturalKind> = Choices(&[
+    ("leaves", NaturalKind::Leaves, "Dead leaves of power-law sizes, evenly lit"),
+    ("lit-leaves", NaturalKind::LitLeaves, "The same, dark below and light above"),
+    ("foliage", NaturalKind::Foliage, "Leaves of trees with gaps of bright sky"),
+    ("sky", NaturalKind::Sky, "A landscape, mostly with a sun"),
+    ("night", NaturalKind::Night, "A street at night"),
+    ("indoor", NaturalKind::Indoor, "A room with windows and lamps"),
+    ("page", NaturalKind::Page, "Pages of text and line patterns"),
+    ("glints", NaturalKind::Glints, "Many small highlights on gravel or water"),
+]);
 
 /// The parts of a dataset.
 pub(crate) const SPLITS: Choices<Split> =

@@ -4,13 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, Parser as _};
-use serde_json::json;
 
-use udc::core::provenance::Provenance;
 use udc::dataset::{Dataset, Split};
 use udc::io::{self, DomainTag, OwnedFolder, WriteOptions};
 use udc::network::GUIDED;
-use udc::scenes::{self, point_source};
+use udc::scenes::point_source;
 
 use super::choices::LIGHT_DOMAINS;
 use super::{Cli, Session, is_broken_pipe, text_of};
@@ -65,6 +63,9 @@ const QUICK: Extent = Extent {
 
 /// Pixels of a scene around the frame: as far as the PSF throws light.
 const MARGIN: usize = PSF_PX / 2;
+
+/// What the scenes show: lamps, a sun, windows and text more often than chance would have it.
+const KINDS: &str = "night,sky,indoor,page,foliage,glints";
 
 /// Side of the PSF; the panel's file asks the sensor for as much.
 const PSF_PX: usize = 129;
@@ -140,16 +141,10 @@ impl Demo<'_> {
 
     fn paint(&self) -> Result<()> {
         let Extent { scenes, frame_px, .. } = self.extent;
-        for scene in scenes::scenes(0, scenes, frame_px + 2 * MARGIN, self.seed)? {
-            let path = self.path(&format!("scenes/{}.exr", scene.name));
-            let origin = json!({ "scene": scene.name, "seed": self.seed, "margin": MARGIN });
-            let provenance = Some(Provenance::new("demo", &origin));
-            io::write_image(&path, &scene.image, &WriteOptions { provenance, ..WriteOptions::default() })?;
-        }
-        self.session.tell(format_args!(
-            "# {scenes} HDR scenes are painted, {MARGIN} pixels larger than the frame on each side"
-        ));
-        Ok(())
+        let [count, size, margin, seed] =
+            [scenes.to_string(), frame_px.to_string(), MARGIN.to_string(), self.seed.to_string()];
+        let paint = ["scenes", "-o", "@scenes", "--count", &count, "--seed", &seed, "--kinds", KINDS];
+        self.run(&[&paint[..], &["--size", &size, "--margin", &margin]].concat())
     }
 
     fn crop(&self, panoramas: &Path, domain: Option<DomainTag>) -> Result<()> {

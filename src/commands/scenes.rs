@@ -10,8 +10,9 @@ use serde_json::json;
 use udc::core::error::Error;
 use udc::core::shard::Shard;
 use udc::scenes::SceneSet;
+use udc::scenes::natural::NaturalKind;
 
-use super::choices::FLOAT_FORMATS;
+use super::choices::{FLOAT_FORMATS, SCENE_KINDS};
 use super::{Session, text_of};
 
 /// Paint HDR scenes with the statistics of natural images, in any number
@@ -22,6 +23,7 @@ use super::{Session, text_of};
 #[derive(Args, Debug)]
 #[command(after_help = "Examples:\n  udc scenes -o scenes --count 1000 --seed 1\n  \
     udc scenes -o scenes --count 1000 --seed 1 --size 512x768 --margin 200 --half\n  \
+    udc scenes -o scenes --count 20 --kinds night,sky --seed 1\n  \
     udc scenes -o scenes --count 100000 --seed 1 --shard 2/8")]
 pub(crate) struct ScenesArgs {
     /// Folder for the scenes, <kind>-s<seed>-<number>.<format>
@@ -33,6 +35,9 @@ pub(crate) struct ScenesArgs {
     /// Which sequence; those of two seeds have no scene in common
     #[arg(long, value_name = "S", default_value_t = 0)]
     seed: u64,
+    /// What the scenes show, one after another; without, all kinds at random, each with its share of the sequence
+    #[arg(long, value_name = "KIND,…", value_delimiter = ',', value_parser = SCENE_KINDS)]
+    kinds: Vec<NaturalKind>,
     /// Size in pixels: the side of a square, or height and width as 512x768
     #[arg(long, value_name = "SIZE", default_value = "512")]
     size: Size,
@@ -71,6 +76,7 @@ impl ScenesArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let set = SceneSet {
             seed: self.seed,
+            kinds: self.kinds,
             numbers: (0..self.count).skip(self.shard.index).step_by(self.shard.count).collect(),
             size: self.size.0,
             margin: self.margin,

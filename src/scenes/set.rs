@@ -23,6 +23,8 @@ pub const MOST_PIXELS: usize = 8192;
 pub struct SceneSet {
     /// Which of the endless sequences.
     pub seed: u64,
+    /// What the scenes show, in turn; none for all kinds, drawn by their shares.
+    pub kinds: Vec<NaturalKind>,
     /// The scenes' places in the sequence.
     pub numbers: Vec<usize>,
     /// Height and width in pixels, without any margin.
@@ -44,14 +46,14 @@ struct Origin {
     /// Of the sequence.
     seed: u64,
     number: usize,
-    /// Of the scene: what [`natural`](super::natural::natural) paints it of.
+    /// Of the scene: what [`paint_natural`] paints it of.
     scene_seed: u64,
     size: [usize; 2],
     /// The key by which `udc synth` finds it.
     margin: usize,
 }
 
-/// The seed of a scene of the endless sequence that belongs to a seed, for [`natural`](super::natural::natural).
+/// The seed of a scene of the endless sequence that belongs to a seed, for [`paint_natural`].
 ///
 /// Sequences of different seeds have no scene in common.
 pub fn scene_seed(seed: u64, number: usize) -> u64 {
@@ -104,7 +106,7 @@ impl SceneSet {
 
     fn write(&self, folder: &Path, number: usize) -> Result<()> {
         let scene_seed = scene_seed(self.seed, number);
-        let kind = NaturalKind::of_seed(scene_seed);
+        let kind = self.kind(number);
         let image = paint_natural(kind, scene_seed, self.size.map(|side| side + 2 * self.margin))?.image;
         let (seed, size, margin) = (self.seed, self.size, self.margin);
         let origin = Origin { kind: kind.name(), seed, number, scene_seed, size, margin };
@@ -114,13 +116,21 @@ impl SceneSet {
         io::write_image(&self.path(folder, number), &self.fit(image), &options)
     }
 
+    /// What a scene shows.
+    fn kind(&self, number: usize) -> NaturalKind {
+        match self.kinds.len() {
+            0 => NaturalKind::of_seed(scene_seed(self.seed, number)),
+            count => self.kinds[number % count],
+        }
+    }
+
     /// The image within the range of the numbers that it is written in.
     fn fit(&self, image: LinearImage) -> LinearImage {
         if self.half { image.map_in_place(|value| value.min(f16::MAX.to_f32())) } else { image }
     }
 
     fn path(&self, folder: &Path, number: usize) -> PathBuf {
-        let kind = NaturalKind::of_seed(scene_seed(self.seed, number)).name();
+        let kind = self.kind(number).name();
         // No `_`, which would make all of them views of one panorama to `udc synth`.
         folder.join(format!("{kind}-s{}-{number:05}.{}", self.seed, self.image_format))
     }
@@ -133,7 +143,16 @@ mod tests {
 
     fn set(numbers: std::ops::Range<usize>, half: bool) -> SceneSet {
         let numbers = numbers.collect();
-        SceneSet { seed: 5, numbers, size: [24, 32], margin: 4, image_format: "exr", half, overwrite: false }
+        SceneSet {
+            seed: 5,
+            kinds: Vec::new(),
+            numbers,
+            size: [24, 32],
+            margin: 4,
+            image_format: "exr",
+            half,
+            overwrite: false,
+        }
     }
 
     #[test]

@@ -69,3 +69,17 @@ fn refuses_sizes_that_are_none() {
     assert!(refused("8x900", 1).contains("16 to 8192 pixels"));
     assert!(!scratch.path().join("scenes").exists());
 }
+
+#[test]
+fn shows_what_is_asked_for_in_turn() {
+    let scratch = tempfile::tempdir().unwrap();
+    let paint = ["scenes", "--count", "3", "--size", "24", "-o", "scenes"];
+    succeed(scratch.path(), &[&paint[..], &["--kinds", "night,page"]].concat());
+    let painted = files(&scratch.path().join("scenes"));
+    let names: Vec<_> = painted.iter().map(|path| path.file_stem().unwrap().to_str().unwrap()).collect();
+    assert_eq!(names, ["night-s0-00000", "night-s0-00002", "page-s0-00001"]);
+    let provenance = io::read_provenance(&painted[2]).unwrap().unwrap();
+    assert_eq!(provenance.config["kind"], "page");
+    let refused = fail(scratch.path(), &[&paint[..], &["--kinds", "day"]].concat(), 2);
+    assert!(refused.contains("lit-leaves"), "{refused}");
+}

@@ -1,8 +1,8 @@
 //! Puts what is painted so far out of focus.
 
 use super::film::Film;
+use super::light::Rgb;
 use crate::core::image::CHANNELS;
-use crate::scenes::canvas::Rgb;
 
 /// Passes of a running mean: two make a tent, as smooth as a defocused background needs to be.
 const PASSES: usize = 2;

@@ -3,13 +3,12 @@
 use super::draw::Draw;
 use super::film::{Film, Point};
 use super::grain::Grain;
-use super::light::luminance;
+use super::light::{Rgb, luminance, scale};
 use super::outline;
 use super::surface::Surface;
 use crate::core::error::Result;
 use crate::core::image::LinearImage;
 use crate::core::rng::Rng;
-use crate::scenes::canvas::{Rgb, scale};
 
 /// The brightest light of a scene.
 pub(super) const BRIGHTEST: f32 = 1e6;

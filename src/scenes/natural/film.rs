@@ -4,10 +4,9 @@
 
 use ndarray::Array3;
 
-use super::light::luminance;
+use super::light::{Rgb, luminance};
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage};
-use crate::scenes::canvas::Rgb;
 
 /// A position: x and y in pixels.
 pub(super) type Point = [f32; 2];

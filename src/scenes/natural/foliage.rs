@@ -6,11 +6,10 @@ use super::blur::defocus;
 use super::draw::Draw;
 use super::easel::Easel;
 use super::film::Point;
-use super::light::{blend, hue};
+use super::light::{Rgb, blend, hue, scale};
 use super::outline;
 use super::sky::{Sun, branch, heavens};
 use super::surface::Surface;
-use crate::scenes::canvas::{Rgb, scale};
 
 /// Irradiance of a leaf in the shade, in units of which the exposure makes mid-tones.
 const SHADE: f32 = 0.1;

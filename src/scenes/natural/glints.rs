@@ -3,10 +3,9 @@
 use super::draw::{Draw, mean_disc_area};
 use super::easel::Easel;
 use super::leaves::daylight;
-use super::light::{Palette, glowing};
+use super::light::{Palette, Rgb, glowing, scale};
 use super::outline;
 use super::surface::Surface;
-use crate::scenes::canvas::{Rgb, scale};
 
 pub(super) fn paint(easel: &mut Easel) {
     let light = daylight(&mut easel.draw);

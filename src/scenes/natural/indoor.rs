@@ -3,10 +3,9 @@
 use super::draw::Draw;
 use super::easel::{CLIPPING, Easel};
 use super::lettering::{Alphabet, Type};
-use super::light::{glowing, hue, luminance, reflectance, tint};
+use super::light::{Rgb, glowing, hue, luminance, reflectance, scale, tint};
 use super::outline;
 use super::surface::Surface;
-use crate::scenes::canvas::{Rgb, scale};
 
 /// `[left, top, right, bottom]` in pixels.
 type Box = [f32; 4];

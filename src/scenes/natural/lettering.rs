@@ -3,8 +3,8 @@
 use super::draw::Draw;
 use super::easel::Easel;
 use super::film::Point;
+use super::light::Rgb;
 use super::outline;
-use crate::scenes::canvas::Rgb;
 
 /// Width of a letter's cell, in heights.
 const ADVANCE: f32 = 0.68;

@@ -1,7 +1,6 @@
 //! Colours of light and of the things that it falls on, as relative irradiance of red, green and blue.
 
 use super::draw::Draw;
-use crate::scenes::canvas::{Rgb, scale};
 
 /// Wavelengths that stand for the three channels.
 const WAVELENGTHS_NM: [f32; CHANNELS] = [600.0, 540.0, 460.0];
@@ -9,6 +8,9 @@ const CHANNELS: usize = crate::core::image::CHANNELS;
 
 /// Second constant of radiation, h·c/k_B in nm·K.
 const RADIATION_NM_K: f32 = 1.438_777e7;
+
+/// Relative irradiance of red, green and blue.
+pub(super) type Rgb = [f32; CHANNELS];
 
 /// The Rec. 709 luminance of a linear colour.
 pub(super) fn luminance([red, green, blue]: &Rgb) -> f32 {
@@ -23,6 +25,11 @@ pub(super) fn glowing(temperature_k: f32, white_k: f32) -> Rgb {
     let radiance = |nm: f32, kelvin: f32| 1.0 / (RADIATION_NM_K / (nm * kelvin)).exp_m1();
     let ratio = WAVELENGTHS_NM.map(|nm| radiance(nm, temperature_k) / radiance(nm, white_k));
     scale(&ratio, 1.0 / luminance(&ratio))
+}
+
+/// Multiplies a colour by a factor.
+pub(super) fn scale(colour: &Rgb, factor: f32) -> Rgb {
+    colour.map(|value| value * factor)
 }
 
 /// Multiplies two colours: a light and what it falls on.

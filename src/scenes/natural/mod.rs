@@ -28,9 +28,18 @@ mod tests;
 use rand::RngExt as _;
 
 use self::easel::Easel;
-use super::PaintedScene;
 use crate::core::error::{Error, Result};
+use crate::core::image::LinearImage;
 use crate::core::rng;
+
+/// A painted scene and its name, which is unique among those of its size.
+#[derive(Clone, Debug)]
+pub struct PaintedScene {
+    /// Its kind and its seed.
+    pub name: String,
+    /// The scene's light.
+    pub image: LinearImage,
+}
 
 /// What a natural scene shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

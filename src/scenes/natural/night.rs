@@ -4,10 +4,9 @@ use super::draw::Draw;
 use super::easel::Easel;
 use super::film::Point;
 use super::lettering::{Alphabet, Type};
-use super::light::{glowing, hue, luminance, tint};
+use super::light::{Rgb, glowing, hue, luminance, scale, tint};
 use super::outline;
 use super::surface::Surface;
-use crate::scenes::canvas::{Rgb, scale};
 
 /// A lamp and the light that it throws on what is around it.
 struct Lamp {

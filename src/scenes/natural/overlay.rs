@@ -3,10 +3,9 @@
 use super::easel::Easel;
 use super::glints::{share_of_pixels, sprinkle};
 use super::lettering::{Alphabet, Type};
-use super::light::{glowing, hue};
+use super::light::{glowing, hue, scale};
 use super::outline;
 use super::sky::branch;
-use crate::scenes::canvas::scale;
 
 /// Adds some of them, or none.
 pub(super) fn add(easel: &mut Easel) {

@@ -4,10 +4,9 @@ use super::easel::Easel;
 use super::film::Point;
 use super::leaves::daylight;
 use super::lettering::{Alphabet, Type};
-use super::light::{blend, hue, reflectance, tint};
+use super::light::{Rgb, blend, hue, reflectance, scale, tint};
 use super::outline;
 use super::surface::Surface;
-use crate::scenes::canvas::{Rgb, scale};
 
 /// A sheet of paper: its centre, half sides, direction and colours.
 struct Sheet {

@@ -5,10 +5,9 @@ use std::f32::consts::TAU;
 use super::draw::{Draw, mean_disc_area};
 use super::easel::{BRIGHTEST, Easel};
 use super::film::Point;
-use super::light::{blend, glowing, hue, luminance, tint};
+use super::light::{Rgb, blend, glowing, hue, luminance, scale, tint};
 use super::outline;
 use super::surface::Surface;
-use crate::scenes::canvas::{Rgb, scale};
 
 /// The sun in a picture.
 #[derive(Clone, Copy, Debug)]

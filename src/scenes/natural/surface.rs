@@ -3,8 +3,7 @@
 use super::draw::Draw;
 use super::film::Point;
 use super::grain::Grain;
-use super::light::blend;
-use crate::scenes::canvas::{Rgb, scale};
+use super::light::{Rgb, blend, scale};
 
 /// A regular pattern of two colours.
 #[derive(Clone, Copy, Debug)]
