@@ -336,8 +336,8 @@ impl<'a> Run<'a> {
         let angle = angle.map(|angle| json!({ "angle-deg": angle.angle_deg, "lead-nats": angle.lead }));
         let brightest: Vec<_> = restored.lamps.iter().take(TOLD_LAMPS).collect();
         let found = json!({
-            "lamps": brightest, "lamps-in-all": restored.lamps.len(), "saturation": restored.levels, "pose": pose,
-            "angle": angle,
+            "lamps": brightest, "lamps-in-all": restored.lamps.len(), "lamps-outside": restored.lamps_outside,
+            "saturation": restored.levels, "pose": pose, "angle": angle,
         });
         self.session.found(&job.name(), found);
         if let Some([red, green, blue]) = restored.levels {
@@ -364,6 +364,9 @@ impl<'a> Run<'a> {
         }
         if let Some(more) = restored.lamps.len().checked_sub(TOLD_LAMPS).filter(|more| *more > 0) {
             self.session.detail(format_args!("{}: {more} fainter lamps", job.name()));
+        }
+        for lamp in &restored.lamps_outside {
+            self.session.detail(format_args!("{}: {lamp}", job.name()));
         }
     }
 
@@ -412,9 +415,16 @@ impl<'a> Run<'a> {
 
     fn write_light(&self, job: &Job, restored: Restored, domain: DomainTag) -> error::Result<()> {
         let mut provenance = self.provenance(job)?;
+        let mut found = Map::new();
         if !restored.lamps.is_empty() {
             let brightest: Vec<_> = restored.lamps.iter().take(TOLD_LAMPS).collect();
-            provenance = provenance.with_found(json!({ "lamps": brightest }));
+            found.insert("lamps".to_owned(), json!(brightest));
+        }
+        if !restored.lamps_outside.is_empty() {
+            found.insert("lamps-outside".to_owned(), json!(restored.lamps_outside));
+        }
+        if !found.is_empty() {
+            provenance = provenance.with_found(found.into());
         }
         let options = WriteOptions { provenance: Some(provenance), ..self.options() };
         let lost = restored.info.as_ref().and_then(|info| what_is_lost(&job.output, info));

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{FoundAngle, Lamp, PoseEstimate};
+use super::{FoundAngle, Lamp, LampOutside, PoseEstimate};
 use crate::capture::{Developed, Pictures, SCENE_BRACKET, Told, names_of};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
@@ -34,6 +34,8 @@ pub struct Restored {
     pub curve: ToneCurve,
     /// The lamps whose light was measured by their flare, brightest first.
     pub lamps: Vec<Lamp>,
+    /// The lamps outside of the frame whose flare was taken away, the most visible first.
+    pub lamps_outside: Vec<LampOutside>,
     /// What saturates each channel, where that was found in the capture.
     pub levels: Option<[f32; CHANNELS]>,
     /// What seems to saturate each channel by the capture's brightest pixels, where nobody said so and the method took a level that

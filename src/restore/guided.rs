@@ -6,7 +6,7 @@ use ndarray::{Array3, Zip};
 use serde::Serialize;
 
 use super::capture::{Capture, Restored};
-use super::deconvolution::solve;
+use super::deconvolution::{Relieved, solve, without_lamps_outside};
 use super::guard::{Guard, Left};
 use super::highlights::blend_highlights;
 use super::lamps::find_lamps;
@@ -69,6 +69,11 @@ impl Restoration {
         let planes = PlaneConfig { curve, border: self.border(), saturation, noise: self.noise_curve() };
         let (psf, pose) = self.posed_psf(&image, &planes, progress)?;
         let psf = &*psf;
+        let relieved = without_lamps_outside(&image, psf, &planes.deconvolution(), &progress.without_bars())?;
+        let (image, lamps_outside) = match relieved {
+            Some(Relieved { image, lamps }) => (image, lamps),
+            None => (image, Vec::new()),
+        };
         let solution = solve(&image, psf, &planes.deconvolution(), progress)?;
         let lamps = find_lamps(&image, &solution.scene, saturation);
         let options = self.guided_options();
@@ -99,7 +104,18 @@ impl Restoration {
         let clips = found.filter(|_| !options.is_some_and(|options| options.true_highlights));
         let info = with_levels(info, clips);
         let (curve, levels, doubted_levels) = (told, found, None);
-        Ok(Restored { image, info, angle, curve, lamps, levels, doubted_levels, pose, smaller_windows })
+        Ok(Restored {
+            image,
+            info,
+            angle,
+            curve,
+            lamps,
+            lamps_outside,
+            levels,
+            doubted_levels,
+            pose,
+            smaller_windows,
+        })
     }
 
     /// The PSF as the panel stands in a capture, and its pose where the capture tells another than that of the PSF.

@@ -409,7 +409,19 @@ impl Restoration {
         };
         let info = with_levels(info, levels);
         let (lamps, pose) = (Vec::new(), None);
-        Ok(Restored { image, info, angle, curve, lamps, levels, doubted_levels, pose, smaller_windows })
+        let lamps_outside = Vec::new();
+        Ok(Restored {
+            image,
+            info,
+            angle,
+            curve,
+            lamps,
+            lamps_outside,
+            levels,
+            doubted_levels,
+            pose,
+            smaller_windows,
+        })
     }
 
     /// The method with every setting resolved, for provenance; its files are told by their contents.

@@ -19,6 +19,7 @@ mod wiener;
 mod wiener_orieux;
 
 pub use joint::Solution;
+pub use joint::beyond::{LampOutside, Relieved, without_lamps_outside};
 pub(super) use joint::pose::write_pose_in_words;
 pub use joint::pose::{PoseConfig, PoseEstimate, find_pose};
 use ndarray::{Array2, Array3, ArrayView2, Axis};
@@ -183,6 +184,8 @@ pub fn deconvolve(
 ) -> Result<LinearImage> {
     config.validate()?;
     if config.method == Method::Joint {
+        let relieved = without_lamps_outside(image, psf, config, progress)?;
+        let image = relieved.as_ref().map_or(image, |relieved| &relieved.image);
         return joint::restore(image, psf, config, progress);
     }
     let bar = progress.bar(CHANNELS as u64, "channels deconvolved");

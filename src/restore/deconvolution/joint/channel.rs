@@ -142,7 +142,10 @@ impl<'a> Channel<'a> {
                 is_interpolated,
                 is_reduced,
             };
-            let (lamps, scene) = saturated.measure(&blur, &mut brightness, progress)?;
+            let (lamps, mut scene) = saturated.measure(&blur, &mut brightness, progress)?;
+            if noise.middle() <= NOISE_FREE {
+                frame.cap_surrounding(&mut scene);
+            }
             return Ok(Self { frame, known, scene, brightness, lamps: Some(lamps), noise });
         }
         let scene = match (noise.middle() <= NOISE_FREE, frame.has_surrounding()) {

@@ -1,17 +1,15 @@
 //! Measures the light that the sensor clipped by the flare that it throws over the rest of the frame.
 
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, ArrayView2};
 
-use super::frame::{Blur, row};
-use super::high_pass::HighPass;
-use super::sums::{add_scaled, dot, inner};
+use super::fit::{Fit, Places};
+use super::frame::Blur;
 use crate::core::error::Result;
 use crate::core::progress::Progress;
-use crate::kernels::vectorised;
 
-/// Standard deviation of the high pass, in pixels: what is smoother is taken for the scene, what is finer for the spikes of
-/// flare.
-const HIGH_PASS_PX: f32 = 6.0;
+/// The light above the level that pixels count as at least, over the level: it lets those shine that were dark before; a tenth
+/// and ten times as much restore the same.
+const LEAST_LIGHT: f32 = 1e-3;
 
 /// Steps of the conjugate gradients that spread light: 12 fit noise, and restore frames with lamps 0.05 dB worse.
 const FIRST_STEPS: usize = 6;
@@ -30,20 +28,6 @@ const PROMISING: f64 = 0.99;
 /// softboxes 0.3 to 0.98 is left; of ceilings, shops and windows 0.98 to 1, and what the light of most of them gains by more steps is
 /// the scene's own glow around them: a workshop loses 3 dB by it.
 const GATHERED: f64 = 0.985;
-
-/// The light above the level that pixels count as at least, over the level: it lets those shine that were dark before; a tenth
-/// and ten times as much restore the same.
-const LEAST_LIGHT: f32 = 1e-3;
-
-/// Pixels around saturated ones that are not believed either: interpolated values, and the steepest flare.
-const GUARD_PX: usize = 2;
-
-/// The part of the largest curvature that each pixel has at least: below, light is told by rounding alone (10⁻⁷ squared,
-/// with the 10² of brightness to spare).
-const LEAST_CURVATURE: f32 = 1e-12;
-
-/// The steepness that ends the iteration: there is nothing left to explain.
-const LEAST_SLOPE: f64 = 1e-12;
 
 /// A channel of a capture, and which of its pixels are saturated. All planes are of the frame's size.
 pub(super) struct Clipped<'a> {
@@ -65,19 +49,11 @@ pub(super) struct Measured {
     pub(super) is_gathered: bool,
 }
 
-/// The least squares whose solution is the light.
-struct Fit<'c, 'a> {
-    clipped: &'c Clipped<'a>,
-    high_pass: HighPass,
-}
-
 impl Clipped<'_> {
     /// Finds the light of saturated pixels.
     ///
     /// # Equation
-    /// Minimises `|w·h(y − A(level·S + s))|²` over s ≥ 0 in S: w relative to the brightness, h the high pass
-    /// `r − G(M r)/G(M)` over the believed pixels M. A high pass that is not normalised by M would leak the saturated core into
-    /// its surroundings, and find a third of the light.
+    /// Minimises `|w·h(y − A(level·S + s))|²` over s ≥ 0 in S, as [`Fit`] has it.
     ///
     /// # Method
     /// Conjugate gradients with the exact diagonal of AᵀW²A spread light over all pixels that gain by some; then rounds
@@ -85,22 +61,22 @@ impl Clipped<'_> {
     /// light, so that a sun keeps its few pixels, and the many that its glare saturates lose theirs. Steps of one size for all
     /// miss 2 to 20 dB of the flare of suns. Where gathering explains little more, the light is left spread.
     pub(super) fn measure(&self, progress: &Progress) -> Result<Measured> {
-        let fit = Fit::new(self);
+        let fit = self.fit();
         let mut light = self.saturated.mapv(|saturated| if saturated { self.level } else { 0.0 });
-        fit.improve(&mut light, (FIRST_STEPS, |slope| fit.inverse_curvature(slope)), progress)?;
+        fit.spread(&mut light, FIRST_STEPS, progress)?;
         let spread = light.clone();
         let of_spread = fit.misfit(&spread);
         let mut steps = STEPS;
         for round in 0..ROUNDS {
-            let inverse = fit.inverse_majoriser(&light);
+            let gathering = fit.gathering(&light);
             if round == 0 {
-                fit.improve(&mut light, (TRIAL_STEPS, |_| inverse.clone()), progress)?;
+                fit.gather(&mut light, (TRIAL_STEPS, &gathering), progress)?;
                 if fit.misfit(&light) > PROMISING * of_spread {
                     return Ok(Measured { light: spread, is_gathered: false });
                 }
                 steps -= TRIAL_STEPS;
             }
-            fit.improve(&mut light, (std::mem::replace(&mut steps, STEPS), |_| inverse), progress)?;
+            fit.gather(&mut light, (std::mem::replace(&mut steps, STEPS), &gathering), progress)?;
         }
         let is_gathered = fit.misfit(&light) < GATHERED * of_spread;
         Ok(Measured { light: if is_gathered { light } else { spread }, is_gathered })
@@ -108,153 +84,14 @@ impl Clipped<'_> {
 
     /// What a light of saturated pixels, the level included, leaves of that sum of squares.
     pub(super) fn misfit(&self, light: &Array2<f32>) -> f64 {
-        Fit::new(self).misfit(light)
-    }
-}
-
-impl<'c, 'a> Fit<'c, 'a> {
-    fn new(clipped: &'c Clipped<'a>) -> Self {
-        let around = grown(clipped.saturated, GUARD_PX);
-        let known = Zip::from(&around).par_map_collect(|around| if *around { 0.0 } else { 1.0 });
-        Self { clipped, high_pass: HighPass::new(known, clipped.brightness, HIGH_PASS_PX) }
+        self.fit().misfit(light)
     }
 
-    /// `w·h(y − A x)` of a light x, and the sum of its squares.
-    fn residual(&self, light: &Array2<f32>) -> (Array2<f32>, f64) {
-        let mut residual = Array2::zeros(light.dim());
-        self.clipped.blur.apply(light, &mut residual);
-        Zip::from(&mut residual).and(self.clipped.capture).par_for_each(|r, y| *r = y.max(0.0) - *r);
-        let misfit = self.high_pass.pass(&mut residual);
-        (residual, misfit)
+    fn fit(&self) -> Fit<'_> {
+        let Self { blur, squared, capture, saturated, brightness, level } = *self;
+        let places = Places { may_shine: saturated, at_least: level, seed: LEAST_LIGHT * level };
+        Fit::new([blur, squared], (capture, saturated, brightness), places)
     }
-
-    fn misfit(&self, light: &Array2<f32>) -> f64 {
-        self.residual(light).1
-    }
-
-    /// Takes some steps with one preconditioner, which may depend on the slope at the first; light stays above the level.
-    fn improve(
-        &self,
-        light: &mut Array2<f32>,
-        (steps, preconditioner): (usize, impl FnOnce(&Array2<f32>) -> Array2<f32>),
-        progress: &Progress,
-    ) -> Result<()> {
-        let blur = self.clipped.blur;
-        let mut residual = self.residual(light).0;
-        let mut turned = Array2::zeros(light.dim());
-        self.high_pass.back(blur, &residual, &mut turned);
-        let inverse = preconditioner(&turned);
-        let mut direction = &inverse * &turned;
-        let mut slope = inner(&turned, &direction);
-        let mut image = Array2::zeros(light.dim());
-        for step in 1..=steps {
-            progress.check()?;
-            blur.apply(&direction, &mut image);
-            let curvature = self.high_pass.pass(&mut image);
-            if !(slope > LEAST_SLOPE && curvature > 0.0) {
-                break;
-            }
-            let length = narrow(slope / curvature);
-            if step == steps {
-                add_scaled(light, length, &direction);
-                break;
-            }
-            add_scaled(&mut residual, -length, &image);
-            let turn = |y: usize, gradient: &[f32], out: &mut [f32]| turn(out, gradient, row(&inverse, y));
-            let next = self.high_pass.back_into(blur, &residual, (&mut turned, turn));
-            let kept = narrow(next / slope);
-            Zip::from(&mut *light).and(&mut direction).and(&turned).par_for_each(|light, d, z| {
-                *light += length * *d;
-                *d = z + kept * *d;
-            });
-            slope = next;
-        }
-        let level = self.clipped.level;
-        Zip::from(light).and(self.clipped.saturated).par_for_each(|light, saturated| {
-            if *saturated {
-                *light = light.max(level);
-            }
-        });
-        Ok(())
-    }
-
-    /// The inverse of the diagonal of AᵀW²A, which is the correlation of w² with k², at the pixels that gain by some light.
-    fn inverse_curvature(&self, slope: &Array2<f32>) -> Array2<f32> {
-        let Clipped { squared, saturated, .. } = self.clipped;
-        let weights = &self.high_pass.weights;
-        let mut inverse = inverse_diagonal(squared, &(weights * weights), saturated, LEAST_CURVATURE);
-        Zip::from(&mut inverse).and(slope).par_for_each(|inverse, slope| {
-            if *slope <= 0.0 {
-                *inverse = 0.0;
-            }
-        });
-        inverse
-    }
-
-    /// `s/(AᵀW²A s)` of the light s above the level, at saturated pixels.
-    fn inverse_majoriser(&self, light: &Array2<f32>) -> Array2<f32> {
-        let Clipped { blur, saturated, level, .. } = self.clipped;
-        let above = Zip::from(light).and(*saturated).par_map_collect(|light, saturated| {
-            if *saturated { light - level + LEAST_LIGHT * level } else { 0.0 }
-        });
-        let mut image = Array2::zeros(light.dim());
-        blur.apply(&above, &mut image);
-        Zip::from(&mut image).and(&self.high_pass.weights).par_for_each(|image, w| *image *= w * w);
-        let mut curvature = Array2::zeros(light.dim());
-        blur.transpose(&image, &mut curvature);
-        let most = curvature.iter().fold(0.0, |most: f32, value| most.max(*value));
-        let least = (LEAST_CURVATURE * most).max(f32::MIN_POSITIVE);
-        Zip::from(&above).and(&curvature).par_map_collect(|above, c| above / c.max(least))
-    }
-}
-
-vectorised! {
-    /// Writes a row of the gradient times what is known of the inverse; returns its part of their inner product.
-    fn turn<'a>(out: &'a mut [f32], gradient: &'a [f32], inverse: &'a [f32]) -> f64 {
-        out.iter_mut().zip(gradient).zip(inverse).for_each(|((z, g), p)| *z = p * g);
-        dot(out, gradient)
-    }
-}
-
-/// The inverse of the diagonal of AᵀWA at saturated pixels, zero elsewhere; curvatures count as `least` of the largest at
-/// least. `squared` is A with the squares of the PSF.
-pub(super) fn inverse_diagonal(
-    squared: &Blur<'_>,
-    weights: &Array2<f32>,
-    saturated: &Array2<bool>,
-    least: f32,
-) -> Array2<f32> {
-    let mut diagonal = Array2::zeros(weights.dim());
-    squared.transpose(weights, &mut diagonal);
-    let most = diagonal.iter().fold(0.0, |most: f32, value| most.max(*value));
-    let least = (least * most).max(f32::MIN_POSITIVE);
-    Zip::from(&mut diagonal).and(saturated).par_for_each(|value, saturated| {
-        *value = if *saturated { 1.0 / value.max(least) } else { 0.0 };
-    });
-    diagonal
-}
-
-/// A set with the pixels that are at most so many steps along rows and columns away.
-pub(super) fn grown(set: &Array2<bool>, steps: usize) -> Array2<bool> {
-    let mut grown = set.clone();
-    let (height, width) = set.dim();
-    for _ in 0..steps {
-        let before = grown.clone();
-        let has = |y: usize, x: usize| before[[y, x]];
-        Zip::indexed(&mut grown).par_for_each(|(y, x), member| {
-            *member = *member
-                || (y > 0 && has(y - 1, x))
-                || (y + 1 < height && has(y + 1, x))
-                || (x > 0 && has(y, x - 1))
-                || (x + 1 < width && has(y, x + 1));
-        });
-    }
-    grown
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "planes are of 32 bits")]
-fn narrow(value: f64) -> f32 {
-    value as f32
 }
 
 #[cfg(test)]
@@ -327,13 +164,5 @@ mod tests {
             let part = light.slice(ndarray::s![30..32, 36..38]).sum() / light.sum();
             assert!(part > 0.4, "{part}");
         });
-    }
-
-    #[test]
-    fn a_set_grows_by_steps_along_rows_and_columns() {
-        let mut set = Array2::from_elem((5, 7), false);
-        set[[0, 3]] = true;
-        let found = grown(&set, 2);
-        assert!(found.indexed_iter().all(|((y, x), member)| *member == (y + x.abs_diff(3) <= 2)), "{found}");
     }
 }

@@ -3,7 +3,8 @@
 use ndarray::{Array2, ArrayView2, Zip};
 
 use super::coarse;
-use super::flare::{Clipped, Measured, grown, inverse_diagonal};
+use super::fit::{grown, inverse_diagonal};
+use super::flare::{Clipped, Measured};
 use super::frame::{Blur, Frame};
 use super::prior::Modest;
 use super::smooth::{local_mean, paint};

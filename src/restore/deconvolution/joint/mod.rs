@@ -16,9 +16,11 @@
 //!
 //! Transforms are of 32 bits: on captures with suns 10⁴ times above saturation, those of 64 bits restore the same to 0.01 dB.
 
+pub(super) mod beyond;
 mod channel;
 mod coarse;
 mod conjugate;
+mod fit;
 mod flare;
 mod frame;
 mod high_pass;

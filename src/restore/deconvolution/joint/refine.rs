@@ -14,7 +14,7 @@ use ndarray::{Array2, Array3, ArrayView2, Axis, Zip};
 use rayon::prelude::*;
 
 use super::channel::Channel;
-use super::flare::grown;
+use super::fit::grown;
 use super::frame::Frame;
 use crate::core::error::Result;
 use crate::core::image::CHANNELS;

@@ -1,7 +1,7 @@
 use super::*;
 use crate::core::rng;
 use crate::core::tone::ToneCurve;
-use crate::restore::deconvolution::{Border, Method, deconvolve};
+use crate::restore::deconvolution::{Border, LampOutside, Method, deconvolve, without_lamps_outside};
 use ndarray::Array2;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -98,6 +98,55 @@ fn light_from_outside_of_noise_free_captures_costs_no_more_than_by_constrained()
     };
     let (joint, constrained) = (of(Method::Joint), of(Method::Constrained));
     assert!(joint > constrained - 0.1, "{joint}, constrained {constrained}");
+}
+
+/// The capture of a room and of a sun of 4 pixels beyond its left border, what the room alone would be captured as, and the room.
+fn room_and_sun_outside(sun: f32, sigma: f32) -> [LinearImage; 3] {
+    const CUT: usize = 16;
+    let whole = |sun: f32| {
+        let mut whole = room(1.0).into_planes();
+        for (channel, mut plane) in whole.outer_iter_mut().enumerate() {
+            plane.slice_mut(ndarray::s![30..32, 10..12]).fill(sun * (1.0 + 0.1 * channel as f32));
+        }
+        LinearImage::from_planes(whole).unwrap()
+    };
+    let seen = |sun: f32| capture(&whole(sun), sigma, 16.0);
+    [seen(sun), seen(0.3), whole(0.3)].map(|image| image.crop(0, CUT, SIZE, SIZE - CUT))
+}
+
+#[test]
+fn finds_a_sun_beyond_the_border_and_takes_its_flare_away() {
+    let config = config(Method::Joint, Border::Smooth, 16.0);
+    for sigma in [0.0, 0.01] {
+        let [seen, alone, _] = room_and_sun_outside(3000.0, sigma);
+        let found = without_lamps_outside(&seen, &psf(), &config, &Progress::default()).unwrap().unwrap();
+        let [LampOutside { position: [y, x], pixels, light }] = found.lamps[..] else {
+            panic!("{:?}", found.lamps)
+        };
+        assert!((y - 30.5).abs() < 0.5 && (x + 5.5).abs() < 0.5 && pixels < 20, "{:?}", found.lamps);
+        for (channel, light) in light.into_iter().enumerate() {
+            let truth = 4.0 * 3000.0 * (1.0 + 0.1 * channel as f64);
+            assert!((light / truth - 1.0).abs() < 0.05, "{channel}: {light} of {truth}");
+        }
+        let [before, after] = [&seen, &found.image].map(|image| psnr(image, &alone, 16.0));
+        assert!(after > before + 15.0, "{before} dB, then {after} dB");
+    }
+}
+
+#[test]
+fn takes_nothing_away_where_no_lamp_beyond_the_border_is_told_by_its_flare() {
+    let of = |capture: &LinearImage, border| {
+        let config = config(Method::Joint, border, 16.0);
+        without_lamps_outside(capture, &psf(), &config, &Progress::default()).unwrap()
+    };
+    for sigma in [0.0, 0.01] {
+        let [lit, alone, scene] = room_and_sun_outside(3000.0, sigma);
+        assert!(of(&alone, Border::Smooth).is_none());
+        assert!(of(&scene, Border::Smooth).is_none());
+        // Beyond that border it is dark.
+        assert!(of(&lit, Border::Zero).is_none());
+        assert!(of(&capture(&room(3000.0), sigma, 16.0), Border::Smooth).is_none());
+    }
 }
 
 /// In darkness all that is not explained is in the residual.

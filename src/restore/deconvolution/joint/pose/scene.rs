@@ -3,7 +3,7 @@
 use ndarray::{Array2, ArrayView2, Zip, s};
 
 use super::super::super::Border;
-use super::super::flare::grown;
+use super::super::fit::grown;
 use super::super::frame::{Blur, Frame};
 use super::super::high_pass::HighPass;
 use super::super::smooth::local_mean;

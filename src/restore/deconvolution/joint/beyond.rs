@@ -1,0 +1,476 @@
+//! Lamps beyond the border: their light is not in the frame, but their flare is.
+//!
+//! The diffraction orders of a sun just outside of the frame fall into it, a field of coloured dots that a deconvolution has to
+//! take for scene. Fitted to the light of all surroundings, flare finds such a sun, and thousands of weak sources beside it that
+//! explain the scene's own detail. Few pixels that explain much of all colours are believed, and nothing else.
+
+use std::fmt;
+
+use ndarray::{Array2, Array3, ArrayView2, Axis, Zip};
+use serde::Serialize;
+
+use super::super::{Border, DeconvolutionConfig};
+use super::channel::NEAR_PX;
+use super::coarse::Half;
+use super::fit::{Fit, Places, grown};
+use super::frame::{Blur, Frame};
+use super::smooth::{local_mean, paint};
+use crate::core::error::Result;
+use crate::core::fft::TransformPrecision;
+use crate::core::image::{CHANNELS, LinearImage};
+use crate::core::progress::Progress;
+use crate::core::psf::Psf;
+use crate::core::saturation::saturated_from;
+
+/// Samples of a transform up to which lamps are looked for, and up to which their light is measured: larger captures are halved.
+const SEARCHED_SAMPLES: usize = 250_000;
+const MEASURED_SAMPLES: usize = 2_000_000;
+
+/// Steps in which light spreads over the surroundings, and the rounds in which it gathers with the steps of each.
+const FIRST_STEPS: usize = 6;
+const ROUNDS: usize = 3;
+const STEPS: usize = 8;
+
+/// The part of the misfit of green that spread light leaves at most where it is worth to go on.
+const PROMISING: f64 = 0.85;
+
+/// The part of the most visible pixel's flare that others need to be kept.
+const VISIBLE: f32 = 0.2;
+
+/// Pixels that all lamps have at most, in all colours together, where they are looked for. Suns have 4 to 25; what explains the
+/// scene's detail has 50 and more in one of the colours.
+const MOST_PX: usize = 100;
+
+/// Pixels of a lamp around its brightest, along rows and columns, where it is looked for.
+const LAMP_PX: usize = 8;
+
+/// The parts of the misfit that a lamp leaves at most, the geometric mean of the colours and that of each: suns leave a mean of 0.14
+/// to 0.83, what is none 0.89 and more.
+const EXPLAINED: f64 = 0.85;
+const EXPLAINED_OF_EACH: f64 = 0.97;
+
+/// Lamps that are looked for, one after another.
+const MOST_LAMPS: usize = 4;
+
+/// What surroundings shine with at least as light gathers, over α and over the brightest.
+const SEEDS: [f32; 2] = [4e-3, 1e-3];
+
+/// The part of the light of saturation from which flare alone is taken to saturate a pixel.
+const SATURATING: f32 = 0.5;
+
+/// A lamp outside of the frame.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct LampOutside {
+    /// Row and column of the middle of its light, the frame's first pixel being 0.
+    pub position: [f64; 2],
+    /// Pixels that shine.
+    pub pixels: usize,
+    /// The sum of its light in each channel.
+    pub light: [f64; CHANNELS],
+}
+
+impl fmt::Display for LampOutside {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [y, x] = self.position;
+        let [red, green, blue] = self.light;
+        write!(
+            f,
+            "lamp outside of the frame, at row {y:.0}, column {x:.0}: {red:.0}, {green:.0} and {blue:.0} of light in red, green and \
+             blue"
+        )
+    }
+}
+
+/// A capture without the flare of lamps outside of it.
+#[derive(Clone, Debug)]
+pub struct Relieved {
+    /// The capture; where that flare saturated it, painted like what is around.
+    pub image: LinearImage,
+    /// The lamps, the most visible first.
+    pub lamps: Vec<LampOutside>,
+}
+
+/// Takes the flare of lamps outside of the frame away, if there are any that explain much of the capture.
+///
+/// # Method
+/// At a low resolution, light of all surroundings is fitted to the fine detail of each colour, as [`Fit`] has it; the pixels whose
+/// flare is seen best are kept, and fitted alone. If they are few and explain much in all colours, their light is measured at a
+/// higher resolution, and their flare is taken from the capture.
+///
+/// # Errors
+/// [`Error::Shape`](crate::core::error::Error::Shape) for a PSF that does not suit the image, and
+/// [`Error::Interrupted`](crate::core::error::Error::Interrupted).
+pub fn without_lamps_outside(
+    image: &LinearImage,
+    psf: &Psf,
+    config: &DeconvolutionConfig,
+    progress: &Progress,
+) -> Result<Option<Relieved>> {
+    if config.border != Border::Smooth {
+        return Ok(None);
+    }
+    let mut relieved: Option<Relieved> = None;
+    for _ in 0..MOST_LAMPS {
+        let full = View::new(relieved.as_ref().map_or(image, |relieved| &relieved.image), psf, config);
+        let Some(measured) = full.measure(config.alpha, progress)? else { break };
+        let (image, lamp) = (full.without(&full.flare(&measured)?, config)?, full.lamp(&measured));
+        let mut lamps = relieved.map_or_else(Vec::new, |relieved| relieved.lamps);
+        lamps.push(lamp);
+        relieved = Some(Relieved { image, lamps });
+    }
+    Ok(relieved)
+}
+
+/// A channel of a capture.
+struct Known<'a> {
+    capture: ArrayView2<'a, f32>,
+    saturated: &'a Array2<bool>,
+    /// A, and A with the squares of the PSF.
+    blurs: [Blur<'a>; 2],
+    brightness: Array2<f32>,
+    /// The misfit of darkness.
+    before: f64,
+}
+
+impl Known<'_> {
+    fn fit<'s>(&'s self, places: Places<'s>) -> Fit<'s> {
+        let [blur, squared] = &self.blurs;
+        Fit::new([blur, squared], (self.capture, self.saturated, self.brightness.view()), places)
+    }
+
+    /// The light of the surroundings that explains most, if few pixels do.
+    fn suspect(
+        &self,
+        surroundings: &Array2<bool>,
+        seed: f32,
+        progress: &Progress,
+    ) -> Result<Option<Array2<f32>>> {
+        let fit = self.fit(Places { may_shine: surroundings, at_least: 0.0, seed });
+        let mut light = Array2::zeros(surroundings.dim());
+        fit.spread(&mut light, FIRST_STEPS, progress)?;
+        if fit.misfit(&light) > PROMISING * self.before {
+            return Ok(None);
+        }
+        fit.gather_in_rounds(&mut light, (ROUNDS, STEPS), progress)?;
+        keep_visible(&mut light, &fit.visibility());
+        let shining = light.iter().filter(|light| **light > 0.0).count();
+        Ok((shining <= MOST_PX).then_some(light))
+    }
+}
+
+/// A capture at some resolution.
+struct View {
+    image: LinearImage,
+    psf: Psf,
+    frame: Frame,
+    /// Of each channel.
+    saturated: Vec<Array2<bool>>,
+}
+
+/// Light around a frame, of each channel, on planes.
+type Light = Vec<Array2<f32>>;
+
+impl View {
+    fn new(image: &LinearImage, psf: &Psf, config: &DeconvolutionConfig) -> Self {
+        let saturated = |channel: usize| {
+            let from = saturated_from(config.saturation[channel]);
+            Zip::from(image.channel(channel)).par_map_collect(|y| *y >= from)
+        };
+        let saturated = (0..CHANNELS).map(saturated).collect();
+        Self {
+            image: image.clone(),
+            psf: psf.clone(),
+            frame: frame_around(image, psf, TransformPrecision::Single),
+            saturated,
+        }
+    }
+
+    fn half(&self) -> Result<Option<Self>> {
+        let Some(Half { image, psf, saturated }) = Half::of(&self.image, &self.psf, &self.saturated)? else {
+            return Ok(None);
+        };
+        let frame = frame_around(&image, &psf, TransformPrecision::Single);
+        Ok(Some(Self { image, psf, frame, saturated }))
+    }
+
+    /// The light of lamps around the frame, found at lower resolutions and measured at this one unless it is high.
+    fn measure(&self, alpha: f32, progress: &Progress) -> Result<Option<Light>> {
+        let samples = self.frame.transform_samples();
+        let coarse = match samples > SEARCHED_SAMPLES {
+            true => self.half()?,
+            false => None,
+        };
+        let Some(coarse) = coarse else { return self.search(alpha, progress) };
+        let Some(light) = coarse.measure(alpha, progress)? else { return Ok(None) };
+        let light = self.refined(&light, &coarse);
+        match samples > MEASURED_SAMPLES {
+            true => Ok(Some(light)),
+            false => self.improve(light, alpha, progress).map(Some),
+        }
+    }
+
+    /// Looks for a lamp in all surroundings.
+    fn search(&self, alpha: f32, progress: &Progress) -> Result<Option<Light>> {
+        // Most lamps are seen a thousand times fainter than they would be in the frame.
+        let frame = frame_around(&self.image, &self.psf, TransformPrecision::Double);
+        let surroundings = self.surroundings();
+        let mut suspects = Vec::with_capacity(CHANNELS);
+        // Most is told by green.
+        for channel in [1, 0, 2] {
+            let known = self.known(channel, &frame, alpha)?;
+            let Some(light) = known.suspect(&surroundings, SEEDS[0] * alpha, progress)? else {
+                return Ok(None);
+            };
+            suspects.push((channel, known, light));
+        }
+        let mut seen = self.frame.plane();
+        for (_, known, light) in &suspects {
+            let flare = light
+                * &known.fit(Places { may_shine: &surroundings, at_least: 0.0, seed: 0.0 }).visibility();
+            let most = brightest(&flare).max(f32::MIN_POSITIVE);
+            seen.zip_mut_with(&flare, |seen, flare| *seen += (flare / most).powi(2));
+        }
+        let may_shine = self.around_most(&seen, &surroundings);
+        let mut found = vec![self.frame.plane(); CHANNELS];
+        let mut left = 1.0;
+        for (channel, known, mut light) in suspects {
+            let fit = known.fit(Places { may_shine: &may_shine, at_least: 0.0, seed: SEEDS[0] * alpha });
+            light.zip_mut_with(&may_shine, |light, may_shine| {
+                if !*may_shine {
+                    *light = 0.0
+                }
+            });
+            fit.gather_in_rounds(&mut light, (ROUNDS - 1, STEPS), progress)?;
+            keep_visible(&mut light, &fit.visibility());
+            let shines = light.mapv(|light| light > 0.0);
+            let fit = known.fit(Places { may_shine: &shines, at_least: 0.0, seed: 0.0 });
+            fit.gather_in_rounds(&mut light, (ROUNDS - 1, STEPS), progress)?;
+            let left_of_channel = fit.misfit(&light) / known.before;
+            if left_of_channel > EXPLAINED_OF_EACH {
+                return Ok(None);
+            }
+            left *= left_of_channel;
+            found[channel] = light;
+        }
+        Ok((left <= EXPLAINED.powi(3)).then_some(found))
+    }
+
+    fn known<'a>(&'a self, channel: usize, frame: &'a Frame, alpha: f32) -> Result<Known<'a>> {
+        let psf = self.psf.channel(channel);
+        let blurs = [frame.blur(psf)?, frame.squared_blur(psf)?];
+        let brightness = self.brightness(channel, alpha);
+        let mut known = Known {
+            capture: self.image.channel(channel),
+            saturated: &self.saturated[channel],
+            blurs,
+            brightness,
+            before: 0.0,
+        };
+        let nowhere = Array2::default(self.frame.plane_size());
+        known.before =
+            known.fit(Places { may_shine: &nowhere, at_least: 0.0, seed: 0.0 }).misfit(&self.frame.plane());
+        Ok(known)
+    }
+
+    /// The surroundings that are near the pixel of most light.
+    fn around_most(&self, light: &Array2<f32>, surroundings: &Array2<bool>) -> Array2<bool> {
+        let [rows, columns] = [0, 1].map(|axis| self.axis(axis));
+        let (mut most, mut place) = (0.0, [0; 2]);
+        for ((y, x), light) in light.indexed_iter() {
+            if *light > most {
+                (most, place) = (*light, [rows.offset(y), columns.offset(x)]);
+            }
+        }
+        Zip::indexed(surroundings).par_map_collect(|(y, x), is_outside| {
+            let apart = rows.offset(y).abs_diff(place[0]).max(columns.offset(x).abs_diff(place[1]));
+            *is_outside && apart <= LAMP_PX
+        })
+    }
+
+    /// Measures light in and next to where it was found at half the resolution.
+    fn improve(&self, light: Light, alpha: f32, progress: &Progress) -> Result<Light> {
+        let mut may_shine = grown(&shining(&light), 2);
+        let surroundings = self.surroundings();
+        may_shine.zip_mut_with(&surroundings, |may_shine, is_outside| *may_shine &= *is_outside);
+        let improve = |(channel, mut light): (usize, Array2<f32>)| {
+            let known = self.known(channel, &self.frame, alpha)?;
+            let seed = SEEDS[1] * brightest(&light);
+            let fit = known.fit(Places { may_shine: &may_shine, at_least: 0.0, seed });
+            fit.gather_in_rounds(&mut light, (ROUNDS - 1, STEPS), progress)?;
+            Ok(light)
+        };
+        light.into_iter().enumerate().map(improve).collect()
+    }
+
+    /// Light that was found at half the resolution, each pixel's shared by the four of its block.
+    fn refined(&self, light: &Light, coarse: &Self) -> Light {
+        let of_axis = |axis: usize| -> Vec<Vec<usize>> {
+            let [fine, coarse] = [self, coarse].map(|view| view.axis(axis));
+            let places = 0..coarse.plane;
+            places
+                .map(|index| {
+                    let offset = 2 * coarse.offset(index);
+                    [offset, offset + 1].into_iter().filter_map(|offset| fine.index(offset)).collect()
+                })
+                .collect()
+        };
+        let [rows, columns] = [0, 1].map(of_axis);
+        let refine = |light: &Array2<f32>| {
+            let mut fine = self.frame.plane();
+            for ((y, x), light) in light.indexed_iter().filter(|(_, light)| **light > 0.0) {
+                for y in &rows[y] {
+                    for x in &columns[x] {
+                        fine[[*y, *x]] += light / 4.0;
+                    }
+                }
+            }
+            fine
+        };
+        light.iter().map(refine).collect()
+    }
+
+    fn flare(&self, light: &Light) -> Result<Vec<Array2<f32>>> {
+        let of_channel = |(channel, light): (usize, &Array2<f32>)| {
+            let mut flare = Array2::zeros(self.frame.size());
+            self.frame.blur(self.psf.channel(channel))?.apply(light, &mut flare);
+            Ok(flare)
+        };
+        light.iter().enumerate().map(of_channel).collect()
+    }
+
+    /// The capture without flare; where that alone saturates it, painted over.
+    fn without(&self, flare: &[Array2<f32>], config: &DeconvolutionConfig) -> Result<LinearImage> {
+        let mut planes = Array3::zeros(self.image.planes().dim());
+        for (channel, mut out) in planes.axis_iter_mut(Axis(0)).enumerate() {
+            let (capture, saturated) = (self.image.channel(channel), &self.saturated[channel]);
+            let level = config.saturation[channel];
+            let mut known = Array2::ones(saturated.dim());
+            let mut rest =
+                Zip::from(capture).and(&flare[channel]).and(saturated).and(&mut known).par_map_collect(
+                    |y, flare, saturated, known| match *saturated {
+                        true if *flare >= SATURATING * level => {
+                            *known = 0.0;
+                            0.0
+                        }
+                        true => *y,
+                        false => (y - flare).max(y.min(0.0)),
+                    },
+                );
+            if known.iter().any(|known| *known == 0.0) {
+                paint(&mut rest, &known);
+            }
+            out.assign(&rest);
+        }
+        LinearImage::from_planes(planes)
+    }
+
+    fn lamp(&self, light: &Light) -> LampOutside {
+        let mut lamp = LampOutside { position: [0.0; 2], pixels: 0, light: [0.0; CHANNELS] };
+        for (place, shines) in shining(light).indexed_iter() {
+            if !shines {
+                continue;
+            }
+            lamp.pixels += 1;
+            for (channel, light) in light.iter().enumerate() {
+                let light = f64::from(light[place]);
+                lamp.light[channel] += light;
+                for (axis, index) in [place.0, place.1].into_iter().enumerate() {
+                    lamp.position[axis] += light * self.axis(axis).offset(index) as f64;
+                }
+            }
+        }
+        let total: f64 = lamp.light.iter().sum();
+        lamp.position = lamp.position.map(|moment| moment / total.max(f64::MIN_POSITIVE));
+        lamp
+    }
+
+    /// The capture's local brightness and α.
+    fn brightness(&self, channel: usize, alpha: f32) -> Array2<f32> {
+        let mut brightness = local_mean(&self.image.channel(channel).to_owned(), NEAR_PX);
+        brightness.par_mapv_inplace(|mean| mean + alpha);
+        brightness
+    }
+
+    fn surroundings(&self) -> Array2<bool> {
+        let [height, width] = self.frame.size();
+        Array2::from_shape_fn(self.frame.plane_size(), |(y, x)| y >= height || x >= width)
+    }
+
+    fn axis(&self, axis: usize) -> PlaneAxis {
+        PlaneAxis { frame: self.frame.size()[axis], plane: self.frame.plane_size()[axis] }
+    }
+}
+
+/// An axis of a plane: behind the frame come its surroundings, those that follow it and those that precede it.
+#[derive(Clone, Copy)]
+struct PlaneAxis {
+    frame: usize,
+    plane: usize,
+}
+
+impl PlaneAxis {
+    /// The place of a sample, the frame's first being 0.
+    fn offset(self, index: usize) -> isize {
+        let following = (self.plane - self.frame).div_ceil(2);
+        if index < self.frame + following {
+            index.cast_signed()
+        } else {
+            index.cast_signed() - self.plane.cast_signed()
+        }
+    }
+
+    /// The sample of a place, if the plane has it.
+    fn index(self, offset: isize) -> Option<usize> {
+        let index = if offset < 0 { offset + self.plane.cast_signed() } else { offset };
+        usize::try_from(index).ok().filter(|index| *index < self.plane && self.offset(*index) == offset)
+    }
+}
+
+/// A frame with unknown surroundings.
+fn frame_around(image: &LinearImage, psf: &Psf, precision: TransformPrecision) -> Frame {
+    let (size, of_psf) = ([image.height(), image.width()], [psf.height(), psf.width()]);
+    Frame::new(size, of_psf, Border::Smooth, precision)
+}
+
+fn brightest(light: &Array2<f32>) -> f32 {
+    light.iter().fold(0.0, |most: f32, light| most.max(*light))
+}
+
+/// Takes away light that is seen much less than the rest.
+fn keep_visible(light: &mut Array2<f32>, visibility: &Array2<f32>) {
+    let flare = &*light * visibility;
+    let least = VISIBLE * brightest(&flare);
+    light.zip_mut_with(&flare, |light, flare| {
+        if *flare <= least {
+            *light = 0.0
+        }
+    });
+}
+
+/// Where there is light in some channel.
+fn shining(light: &Light) -> Array2<bool> {
+    let mut shining = Array2::default(light[0].dim());
+    for light in light {
+        shining.zip_mut_with(light, |shines, light| *shines |= *light > 0.0);
+    }
+    shining
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_of_a_plane_have_their_places_around_the_frame() {
+        for (frame, plane) in [(5, 5), (5, 9), (5, 10), (4, 7)] {
+            let axis = PlaneAxis { frame, plane };
+            let offsets: Vec<_> = (0..plane).map(|index| axis.offset(index)).collect();
+            assert_eq!(offsets[..frame], (0..frame.cast_signed()).collect::<Vec<_>>());
+            assert!(offsets.iter().enumerate().all(|(index, offset)| axis.index(*offset) == Some(index)));
+            let [before, after] = [offsets.iter().min(), offsets.iter().max()].map(|most| most.unwrap());
+            assert_eq!(after - before + 1, plane.cast_signed());
+            assert!(axis.index(before - 1).is_none() && axis.index(after + 1).is_none());
+        }
+    }
+}

@@ -1,0 +1,251 @@
+//! The least squares that tell the light of some places by the flare that it throws over a capture.
+
+use ndarray::{Array2, ArrayView2, Zip};
+
+use super::frame::{Blur, row};
+use super::high_pass::HighPass;
+use super::sums::{add_scaled, dot, inner};
+use crate::core::error::Result;
+use crate::core::progress::Progress;
+use crate::kernels::vectorised;
+
+/// Standard deviation of the high pass, in pixels: what is smoother is taken for the scene, what is finer for the spikes of
+/// flare.
+const HIGH_PASS_PX: f32 = 6.0;
+
+/// Pixels around saturated ones that are not believed either: interpolated values, and the steepest flare.
+const GUARD_PX: usize = 2;
+
+/// The part of the largest curvature that each pixel has at least: below, light is told by rounding alone (10⁻⁷ squared,
+/// with the 10² of brightness to spare).
+const LEAST_CURVATURE: f32 = 1e-12;
+
+/// The steepness that ends the iteration: there is nothing left to explain.
+const LEAST_SLOPE: f64 = 1e-12;
+
+/// Where light is looked for. Planes of light are of the size of `may_shine`: the frame, or a plane that goes on around it.
+#[derive(Clone, Copy)]
+pub(super) struct Places<'a> {
+    pub(super) may_shine: &'a Array2<bool>,
+    /// The light of those places at least.
+    pub(super) at_least: f32,
+    /// What is added to the light above that where it gathers, so that places can shine that were dark before.
+    pub(super) seed: f32,
+}
+
+/// Minimises `|w·h(y − A s)|²` over the light s of some places: w relative to the brightness, h the high pass `r − G(M r)/G(M)`
+/// over the believed pixels M. A high pass that is not normalised by M would leak the saturated core into its surroundings, and
+/// find a third of the light.
+pub(super) struct Fit<'a> {
+    blur: &'a Blur<'a>,
+    /// A with the squares of the PSF.
+    squared: &'a Blur<'a>,
+    /// y, of the frame's size.
+    capture: ArrayView2<'a, f32>,
+    places: Places<'a>,
+    high_pass: HighPass,
+}
+
+impl<'a> Fit<'a> {
+    /// Of a capture, which of its pixels are saturated, and its local brightness, all of the frame's size.
+    pub(super) fn new(
+        [blur, squared]: [&'a Blur<'a>; 2],
+        (capture, saturated, brightness): (ArrayView2<'a, f32>, &Array2<bool>, ArrayView2<'_, f32>),
+        places: Places<'a>,
+    ) -> Self {
+        let around = grown(saturated, GUARD_PX);
+        let known = Zip::from(&around).par_map_collect(|around| if *around { 0.0 } else { 1.0 });
+        Self { blur, squared, capture, places, high_pass: HighPass::new(known, brightness, HIGH_PASS_PX) }
+    }
+
+    /// The sum of squares.
+    pub(super) fn misfit(&self, light: &Array2<f32>) -> f64 {
+        self.residual(light).1
+    }
+
+    /// Spreads light over all places that gain by some: conjugate gradients with the exact diagonal of AᵀW²A.
+    pub(super) fn spread(&self, light: &mut Array2<f32>, steps: usize, progress: &Progress) -> Result<()> {
+        self.improve(light, (steps, |slope| self.inverse_curvature(slope)), progress)
+    }
+
+    /// Lets light gather: conjugate gradients preconditioned by [`gathering`](Self::gathering), by which steps are in proportion to
+    /// the light.
+    pub(super) fn gather(
+        &self,
+        light: &mut Array2<f32>,
+        (steps, gathering): (usize, &Array2<f32>),
+        progress: &Progress,
+    ) -> Result<()> {
+        self.improve(light, (steps, |_| gathering), progress)
+    }
+
+    /// Lets light gather in rounds of some steps.
+    pub(super) fn gather_in_rounds(
+        &self,
+        light: &mut Array2<f32>,
+        (rounds, steps): (usize, usize),
+        progress: &Progress,
+    ) -> Result<()> {
+        for _ in 0..rounds {
+            let gathering = self.gathering(light);
+            self.gather(light, (steps, &gathering), progress)?;
+        }
+        Ok(())
+    }
+
+    /// `s/(AᵀW²A s)` of the light s above the least (De Pierro 1995).
+    pub(super) fn gathering(&self, light: &Array2<f32>) -> Array2<f32> {
+        let Places { may_shine, at_least, seed } = self.places;
+        let above = Zip::from(light)
+            .and(may_shine)
+            .par_map_collect(|light, may_shine| if *may_shine { light - at_least + seed } else { 0.0 });
+        let mut image = Array2::zeros(self.capture.dim());
+        self.blur.apply(&above, &mut image);
+        Zip::from(&mut image).and(&self.high_pass.weights).par_for_each(|image, w| *image *= w * w);
+        let mut curvature = Array2::zeros(light.dim());
+        self.blur.transpose(&image, &mut curvature);
+        let most = curvature.iter().fold(0.0, |most: f32, value| most.max(*value));
+        let least = (LEAST_CURVATURE * most).max(f32::MIN_POSITIVE);
+        Zip::from(&above).and(&curvature).par_map_collect(|above, c| above / c.max(least))
+    }
+
+    /// The norm of the weighted flare of unit light at each place: how well it is seen.
+    pub(super) fn visibility(&self) -> Array2<f32> {
+        let weights = &self.high_pass.weights;
+        let mut squares = Array2::zeros(self.places.may_shine.dim());
+        self.squared.transpose(&(weights * weights), &mut squares);
+        squares.par_mapv_inplace(|square| square.max(0.0).sqrt());
+        squares
+    }
+
+    /// `w·h(y − A s)`, and the sum of its squares.
+    fn residual(&self, light: &Array2<f32>) -> (Array2<f32>, f64) {
+        let mut residual = Array2::zeros(self.capture.dim());
+        self.blur.apply(light, &mut residual);
+        Zip::from(&mut residual).and(self.capture).par_for_each(|r, y| *r = y.max(0.0) - *r);
+        let misfit = self.high_pass.pass(&mut residual);
+        (residual, misfit)
+    }
+
+    /// Takes some steps with one preconditioner, which may depend on the slope at the first.
+    fn improve<P: std::borrow::Borrow<Array2<f32>>>(
+        &self,
+        light: &mut Array2<f32>,
+        (steps, preconditioner): (usize, impl FnOnce(&Array2<f32>) -> P),
+        progress: &Progress,
+    ) -> Result<()> {
+        let blur = self.blur;
+        let mut residual = self.residual(light).0;
+        let mut turned = Array2::zeros(light.dim());
+        self.high_pass.back(blur, &residual, &mut turned);
+        let inverse = preconditioner(&turned);
+        let inverse = inverse.borrow();
+        let mut direction = inverse * &turned;
+        let mut slope = inner(&turned, &direction);
+        let mut image = Array2::zeros(self.capture.dim());
+        for step in 1..=steps {
+            progress.check()?;
+            blur.apply(&direction, &mut image);
+            let curvature = self.high_pass.pass(&mut image);
+            if !(slope > LEAST_SLOPE && curvature > 0.0) {
+                break;
+            }
+            let length = narrow(slope / curvature);
+            if step == steps {
+                add_scaled(light, length, &direction);
+                break;
+            }
+            add_scaled(&mut residual, -length, &image);
+            let turn = |y: usize, gradient: &[f32], out: &mut [f32]| turn(out, gradient, row(inverse, y));
+            let next = self.high_pass.back_into(blur, &residual, (&mut turned, turn));
+            let kept = narrow(next / slope);
+            Zip::from(&mut *light).and(&mut direction).and(&turned).par_for_each(|light, d, z| {
+                *light += length * *d;
+                *d = z + kept * *d;
+            });
+            slope = next;
+        }
+        let Places { may_shine, at_least, .. } = self.places;
+        Zip::from(light).and(may_shine).par_for_each(|light, may_shine| {
+            if *may_shine {
+                *light = light.max(at_least);
+            }
+        });
+        Ok(())
+    }
+
+    /// The inverse of the diagonal of AᵀW²A, which is the correlation of w² with k², at the places that gain by some light.
+    fn inverse_curvature(&self, slope: &Array2<f32>) -> Array2<f32> {
+        let weights = &self.high_pass.weights;
+        let places = self.places.may_shine;
+        let mut inverse = inverse_diagonal(self.squared, &(weights * weights), places, LEAST_CURVATURE);
+        Zip::from(&mut inverse).and(slope).par_for_each(|inverse, slope| {
+            if *slope <= 0.0 {
+                *inverse = 0.0;
+            }
+        });
+        inverse
+    }
+}
+
+vectorised! {
+    /// Writes a row of the gradient times what is known of the inverse; returns its part of their inner product.
+    fn turn<'a>(out: &'a mut [f32], gradient: &'a [f32], inverse: &'a [f32]) -> f64 {
+        out.iter_mut().zip(gradient).zip(inverse).for_each(|((z, g), p)| *z = p * g);
+        dot(out, gradient)
+    }
+}
+
+/// The inverse of the diagonal of AᵀWA at some places, zero elsewhere; curvatures count as `least` of the largest at least.
+/// `squared` is A with the squares of the PSF.
+pub(super) fn inverse_diagonal(
+    squared: &Blur<'_>,
+    weights: &Array2<f32>,
+    places: &Array2<bool>,
+    least: f32,
+) -> Array2<f32> {
+    let mut diagonal = Array2::zeros(places.dim());
+    squared.transpose(weights, &mut diagonal);
+    let most = diagonal.iter().fold(0.0, |most: f32, value| most.max(*value));
+    let least = (least * most).max(f32::MIN_POSITIVE);
+    Zip::from(&mut diagonal).and(places).par_for_each(|value, is_place| {
+        *value = if *is_place { 1.0 / value.max(least) } else { 0.0 };
+    });
+    diagonal
+}
+
+/// A set with the pixels that are at most so many steps along rows and columns away.
+pub(super) fn grown(set: &Array2<bool>, steps: usize) -> Array2<bool> {
+    let mut grown = set.clone();
+    let (height, width) = set.dim();
+    for _ in 0..steps {
+        let before = grown.clone();
+        let has = |y: usize, x: usize| before[[y, x]];
+        Zip::indexed(&mut grown).par_for_each(|(y, x), member| {
+            *member = *member
+                || (y > 0 && has(y - 1, x))
+                || (y + 1 < height && has(y + 1, x))
+                || (x > 0 && has(y, x - 1))
+                || (x + 1 < width && has(y, x + 1));
+        });
+    }
+    grown
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "planes are of 32 bits")]
+fn narrow(value: f64) -> f32 {
+    value as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_set_grows_by_steps_along_rows_and_columns() {
+        let mut set = Array2::from_elem((5, 7), false);
+        set[[0, 3]] = true;
+        let found = grown(&set, 2);
+        assert!(found.indexed_iter().all(|((y, x), member)| *member == (y + x.abs_diff(3) <= 2)), "{found}");
+    }
+}
