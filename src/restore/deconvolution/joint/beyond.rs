@@ -32,14 +32,13 @@ const FIRST_STEPS: usize = 6;
 const ROUNDS: usize = 3;
 const STEPS: usize = 8;
 
-/// The part of the misfit of green that spread light leaves at most where it is worth to go on.
+/// The part of the misfit of a colour that spread light leaves at most where it is worth to go on.
 const PROMISING: f64 = 0.85;
 
 /// The part of the most visible pixel's flare that others need to be kept.
 const VISIBLE: f32 = 0.2;
 
-/// Pixels that all lamps have at most, in all colours together, where they are looked for. Suns have 4 to 25; what explains the
-/// scene's detail has 50 and more in one of the colours.
+/// Pixels that light which explains much of a colour has at most: suns have 4 to 30.
 const MOST_PX: usize = 100;
 
 /// Pixels of a lamp around its brightest, along rows and columns, where it is looked for.
