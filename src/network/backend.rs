@@ -77,6 +77,25 @@ impl Backend {
         };
         Err(Error::config("precision", reason))
     }
+
+    /// Checks that gradients of crops with so many pixels in a batch are sums over all of them.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for a program that takes a GPU's place: Mesa's ends every loop after 65 535 rounds, and a gradient would
+    /// silently lack the rest.
+    pub fn check_batch(self, pixels: usize) -> Result<()> {
+        const MOST_ROUNDS: usize = 65_535;
+        match self {
+            Self::Gpu(gpu) if !gpu.is_card() && pixels > MOST_ROUNDS => Err(Error::config(
+                "data.batch",
+                format!(
+                    "{self} sums no more than {MOST_ROUNDS} numbers rightly, and the batch has {pixels} pixels; use --device cpu, \
+                     or a smaller data.batch or data.crop"
+                ),
+            )),
+            _ => Ok(()),
+        }
+    }
 }
 
 impl fmt::Display for Backend {

@@ -54,6 +54,11 @@ impl Gpu {
         list()[self.0].interface == CUDA
     }
 
+    /// Whether it is a card, and no program that computes as one.
+    pub(super) fn is_card(self) -> bool {
+        list()[self.0].is_card
+    }
+
     /// The device that computes without gradients.
     #[cfg_attr(
         not(any(feature = "gpu", feature = "cuda")),

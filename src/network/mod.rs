@@ -39,6 +39,7 @@ pub use family::Kind;
 pub use inputs::{InputTensors, Inputs, Plane, Planes};
 pub use model::{Model, Origin};
 pub use networks::Network;
+pub(crate) use operations::{largest_of_all, sum_of_all};
 pub use parameters::{Initialisation, Parameter, Parameters, TensorValues};
 pub use precision::Precision;
 pub use shipped::{GUIDED, shipped};

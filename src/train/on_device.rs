@@ -10,7 +10,7 @@ use super::config::OptimizerConfig;
 use super::optimizer::{Constants, Moments};
 use super::trainer::State;
 use crate::core::error::Result;
-use crate::network::{Network, Parameters, numbers_of};
+use crate::network::{Network, Parameters, largest_of_all, numbers_of, sum_of_all};
 
 /// What a step changes, on a device without gradients.
 #[derive(Clone, Debug)]
@@ -87,7 +87,7 @@ impl OnDevice {
         config: &OptimizerConfig,
         (iteration, rate): (u64, f64),
     ) -> Result<(Self, Told)> {
-        let squared = (gradients.clone() * gradients.clone()).sum();
+        let squared = sum_of_all(gradients.clone() * gradients.clone());
         let gradients = if config.clip_norm > 0.0 {
             let norm = squared.clone().sqrt().clamp_min(config.clip_norm);
             gradients * norm.recip().mul_scalar(config.clip_norm)
@@ -104,7 +104,7 @@ impl OnDevice {
         let take = (1.0 - config.ema_decay) as f32;
         let average =
             self.average.as_ref().map(|mean| mean.clone() + (weights.clone() - mean.clone()) * take);
-        let largest = average.iter().chain([&weights]).map(|flat| flat.clone().abs().max());
+        let largest = average.iter().chain([&weights]).map(|flat| largest_of_all(flat.clone().abs()));
         let told = Tensor::cat(iter::once(squared).chain(largest).collect(), 0);
         let told = numbers_of(told)?;
         let largest_weight = told[1..].iter().map(|w| f64::from(*w)).fold(0.0, worst);

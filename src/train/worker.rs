@@ -27,9 +27,10 @@ impl Worker {
     /// Reads what the loss needs.
     ///
     /// # Errors
-    /// Those of [`Loss::new`] and of [`Backend::check_training`].
+    /// Those of [`Loss::new`], of [`Backend::check_training`] and of [`Backend::check_batch`].
     pub(super) fn new(config: &TrainConfig, parameters: &Parameters, backend: Backend) -> Result<Self> {
         backend.check_training(config.precision)?;
+        backend.check_batch(config.data.batch * config.data.crop.pow(2))?;
         Ok(Self {
             backend,
             device: backend.device().autodiff(),

@@ -10,6 +10,7 @@ mod custom;
 mod enlarge;
 mod host;
 mod plain;
+mod sums;
 
 use burn::backend::Dispatch;
 use burn::backend::tensor::FloatTensor;
@@ -22,6 +23,7 @@ use enlarge::enlarging_tensors;
 use super::precision::Precision;
 
 pub(super) use enlarge::enlarging_weights;
+pub(crate) use sums::{largest_of_all, sum_of_all};
 
 /// Whether the kernels compute with a tensor: those of 32-bit floats in main memory; all others are given plain tensor
 /// operations, which compute with numbers like those they are given.
