@@ -73,7 +73,7 @@ fn noise(band: Detail, next: Detail, beyond: Option<Detail>) -> f64 {
 }
 
 impl Band {
-    /// The moduli of the detail, as large as that of white noise itself, of each place where the taps fit.
+    /// The detail, as large as white noise itself, of each place where the taps fit.
     fn details(&self, plane: &Array2<f32>) -> Option<Array2<f32>> {
         let taps = self.0;
         let (height, width) = plane.dim();
@@ -90,13 +90,14 @@ impl Band {
             }
             for (detail, window) in details.iter_mut().zip(column.windows(taps.len())) {
                 let sum: f32 = window.iter().zip(taps).map(|(value, tap)| value * tap).sum();
-                *detail = sum.abs() / scale;
+                *detail = sum / scale;
             }
         });
         Some(details)
     }
 
-    /// Gives the detail of each place where the taps fit to `visit`, with the place in their middle.
+    /// Gives the detail of each place where the taps fit to `visit`, as large as white noise itself, with the place in their
+    /// middle.
     pub(super) fn visit(&self, plane: &Array2<f32>, mut visit: impl FnMut((usize, usize), f32)) {
         let half = self.0.len() / 2;
         for ((y, x), detail) in self.details(plane).iter().flat_map(|details| details.indexed_iter()) {
@@ -107,7 +108,7 @@ impl Band {
     /// The robust standard deviation of the detail, as large as that of white noise itself; `None` for a plane that is
     /// smaller than the taps.
     fn spread(&self, plane: &Array2<f32>) -> Option<f64> {
-        let mut details = self.details(plane)?.into_raw_vec_and_offset().0;
+        let mut details = self.details(plane)?.mapv_into(f32::abs).into_raw_vec_and_offset().0;
         let middle = details.len() / 2;
         let (_, median, _) = details.select_nth_unstable_by(middle, f32::total_cmp);
         Some(f64::from(*median) / MEDIAN_OF_NORMAL)

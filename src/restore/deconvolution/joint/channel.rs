@@ -53,6 +53,10 @@ const REDUCED_ROUNDS: usize = 6;
 const REDUCED_STEPS: [usize; 2] = [3, 10];
 const REDUCED_WORK: usize = 20_000_000;
 
+/// Samples of transforms up to which photographs without lamps are given three rounds of two steps instead of two of one: 0.3 dB on
+/// scenes with much detail, 0.05 dB on others, a tenth of the time of 800 × 800 pixels.
+const SWIFT_SAMPLES: usize = 2_000_000;
+
 /// What is known of a channel from without.
 #[derive(Clone, Copy)]
 pub(super) struct Known<'a> {
@@ -62,6 +66,8 @@ pub(super) struct Known<'a> {
     /// Which channel it is.
     pub(super) channel: usize,
     pub(super) config: &'a DeconvolutionConfig,
+    /// Whether pixels may have been interpolated from others.
+    pub(super) is_interpolated: bool,
     /// Whether pixels are the means of blocks.
     pub(super) is_reduced: bool,
 }
@@ -120,7 +126,7 @@ impl<'a> Channel<'a> {
         progress: &Progress,
     ) -> Result<Self> {
         progress.check()?;
-        let Known { capture, psf, channel, config, is_reduced } = known;
+        let Known { capture, psf, channel, config, is_interpolated, is_reduced } = known;
         let (level, alpha) = (known.level(), config.alpha);
         let blur = frame.blur(psf)?;
         let noise = noise.unwrap_or_else(|| known.noise_level(&blur));
@@ -129,7 +135,8 @@ impl<'a> Channel<'a> {
         brightness.par_mapv_inplace(|mean| mean + alpha);
         if pixels.iter().any(|saturated| *saturated) {
             drop(surrounded);
-            let is_interpolated = !is_reduced && (noise.middle() > NOISE_FREE || frame.has_surrounding());
+            let is_computed = noise.middle() <= NOISE_FREE && !frame.has_surrounding();
+            let is_interpolated = is_interpolated && !is_computed;
             let darkness = DARKNESS * alpha;
             let saturated = Saturated {
                 frame,
@@ -143,18 +150,17 @@ impl<'a> Channel<'a> {
                 is_reduced,
             };
             let (lamps, mut scene) = saturated.measure(&blur, &mut brightness, progress)?;
-            if noise.middle() <= NOISE_FREE {
-                frame.cap_surrounding(&mut scene);
-            }
+            frame.cap_surrounding(&mut scene);
             return Ok(Self { frame, known, scene, brightness, lamps: Some(lamps), noise });
         }
-        let scene = match (noise.middle() <= NOISE_FREE, frame.has_surrounding()) {
+        let mut scene = match (noise.middle() <= NOISE_FREE, frame.has_surrounding()) {
             (true, false) => constrained::restore(capture, psf, config, channel, progress)?,
             (true, true) => surrounded.mapv_into(|light| light.max(0.0)),
             (false, _) => {
                 first_inverse(&blur, surrounded, &brightness, smoothness(SMOOTHNESS[0], noise.middle()))
             }
         };
+        frame.cap_surrounding(&mut scene);
         Ok(Self { frame, known, scene, brightness, lamps: None, noise })
     }
 
@@ -177,6 +183,7 @@ impl<'a> Channel<'a> {
             false if sigma <= NOISE_FREE && !self.frame.has_surrounding() => [0, 0],
             false if sigma <= NOISE_FREE => [3, 10],
             false if sigma < LOW_NOISE => [3, 8],
+            false if self.frame.transform_samples() <= SWIFT_SAMPLES => [3, 2],
             false => [2, 1],
         }
     }

@@ -1,8 +1,8 @@
 //! Measures the light that the sensor clipped by the flare that it throws over the rest of the frame.
 
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView2, Zip};
 
-use super::fit::{Fit, Places};
+use super::fit::{Fit, Places, grown};
 use super::frame::Blur;
 use crate::core::error::Result;
 use crate::core::progress::Progress;
@@ -28,6 +28,17 @@ const PROMISING: f64 = 0.99;
 /// softboxes 0.3 to 0.98 is left; of ceilings, shops and windows 0.98 to 1, and what the light of most of them gains by more steps is
 /// the scene's own glow around them: a workshop loses 3 dB by it.
 const GATHERED: f64 = 0.985;
+
+/// How much brighter than the capture flare may be, over the local brightness, before it counts as more than noise.
+const NOISE: f32 = 0.03;
+
+/// The mean of what is beyond, over the pixels that are not saturated, of light that is plausible, and the part of the misfit of
+/// light at the level below which light is believed for all that. Of suns up to 0.0013 is beyond, or hardly any misfit is left; windows
+/// little above saturation, of which a fit makes 5 to 20 times their light out of the scene's own haze, have 0.002 to 0.012 in one
+/// colour at least, and are restored 3 to 14 dB better from the level. Streets at night have up to 0.01 and as much misfit left: most
+/// of these lose nothing, one 2 dB.
+const PLAUSIBLE: f64 = 0.002;
+const CONVINCING: f64 = 0.8;
 
 /// A channel of a capture, and which of its pixels are saturated. All planes are of the frame's size.
 pub(super) struct Clipped<'a> {
@@ -60,9 +71,46 @@ impl Clipped<'_> {
     /// preconditioned by `s/(AᵀW²A s)` (De Pierro 1995), s the light before each, gather it: steps are in proportion to the
     /// light, so that a sun keeps its few pixels, and the many that its glare saturates lose theirs. Steps of one size for all
     /// miss 2 to 20 dB of the flare of suns. Where gathering explains little more, the light is left spread.
+    ///
+    /// Flare can't be brighter than the capture. Light that would throw such flare, and explains little of the rest, is not believed:
+    /// the level is taken.
     pub(super) fn measure(&self, progress: &Progress) -> Result<Measured> {
+        let measured = self.fitted(progress)?;
+        Ok(match self.is_believed(&measured.light) {
+            true => measured,
+            false => Measured { light: self.at_level(), is_gathered: false },
+        })
+    }
+
+    fn is_believed(&self, light: &Array2<f32>) -> bool {
+        self.overshoot(light) <= PLAUSIBLE || self.misfit(light) <= CONVINCING * self.misfit(&self.at_level())
+    }
+
+    /// The level at which they saturate for the light of all saturated pixels.
+    pub(super) fn at_level(&self) -> Array2<f32> {
+        self.saturated.mapv(|saturated| if saturated { self.level } else { 0.0 })
+    }
+
+    /// The mean, over pixels that are neither saturated nor next to such, of what flare is brighter than the capture.
+    fn overshoot(&self, light: &Array2<f32>) -> f64 {
+        let mut flare = Array2::zeros(self.capture.dim());
+        self.blur.apply(light, &mut flare);
+        let hidden = grown(self.saturated, 1);
+        let (mut beyond, mut pixels) = (0.0, 0_usize);
+        Zip::from(&flare).and(self.capture).and(&hidden).and(self.brightness).for_each(
+            |flare, y, hidden, n| {
+                if !*hidden {
+                    beyond += f64::from(((flare - y) / n - NOISE).max(0.0));
+                    pixels += 1;
+                }
+            },
+        );
+        beyond / pixels.max(1) as f64
+    }
+
+    fn fitted(&self, progress: &Progress) -> Result<Measured> {
         let fit = self.fit();
-        let mut light = self.saturated.mapv(|saturated| if saturated { self.level } else { 0.0 });
+        let mut light = self.at_level();
         fit.spread(&mut light, FIRST_STEPS, progress)?;
         let spread = light.clone();
         let of_spread = fit.misfit(&spread);
@@ -115,12 +163,16 @@ mod tests {
 
     impl Lamp {
         fn new(times_level: f32) -> Self {
-            let psf = panel_psf(65);
-            let frame = Frame::new([64, 64], [65, 65], Border::Zero, TransformPrecision::Single);
-            let scene = Array2::from_shape_fn((64, 64), |(y, x)| match (y, x) {
+            Self::of_scene(|y, x| match (y, x) {
                 (30..32, 36..38) => times_level * LEVEL,
                 _ => 0.2 + 0.05 * (y as f32 / 9.0).sin() * (x as f32 / 7.0).cos(),
-            });
+            })
+        }
+
+        fn of_scene(light: impl Fn(usize, usize) -> f32) -> Self {
+            let psf = panel_psf(65);
+            let frame = Frame::new([64, 64], [65, 65], Border::Zero, TransformPrecision::Single);
+            let scene = Array2::from_shape_fn((64, 64), |(y, x)| light(y, x));
             let mut capture = frame.plane();
             frame.blur(psf.view()).unwrap().apply(&scene, &mut capture);
             capture.mapv_inplace(|y| y.clamp(0.0, LEVEL));
@@ -151,6 +203,28 @@ mod tests {
             assert!(dark.map(|(light, _)| *light).all(|light| light == 0.0));
             let part = light.sum() / (4000.0 * LEVEL);
             assert!((part - 1.0).abs() < 0.05, "{part}");
+        });
+    }
+
+    /// A lamp's light is believed, and a window's a tenth above saturation; a hundred times as much would throw more flare than there
+    /// is.
+    #[test]
+    fn light_that_outshines_the_capture_is_not_believed() {
+        Lamp::new(1000.0).with(|clipped, _| {
+            let light = clipped.fitted(&Progress::default()).unwrap().light;
+            assert!(
+                clipped.is_believed(&light) && clipped.measure(&Progress::default()).unwrap().light == light
+            );
+        });
+        Lamp::of_scene(|y, x| match (y, x) {
+            (0..44, 4..22) if x != 12 && y != 20 => 1.1 * LEVEL,
+            _ => 0.6 + 0.3 * (y as f32 / 9.0).sin() * (x as f32 / 3.0).cos(),
+        })
+        .with(|clipped, count| {
+            assert!(count > 100, "{count} pixels are saturated");
+            let of_level = clipped.at_level();
+            assert!(clipped.is_believed(&of_level) && clipped.is_believed(&(&of_level * 1.1)));
+            assert!(!clipped.is_believed(&(&of_level * 100.0)));
         });
     }
 

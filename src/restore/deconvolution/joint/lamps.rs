@@ -103,10 +103,7 @@ impl Saturated<'_> {
         let clipped = Clipped { blur, squared, capture, saturated: &saturated, brightness: of_frame, level };
         let measured = || match is_measured {
             true => clipped.measure(progress),
-            false => Ok(Measured {
-                light: saturated.mapv(|saturated| if saturated { level } else { 0.0 }),
-                is_gathered: false,
-            }),
+            false => Ok(Measured { light: clipped.at_level(), is_gathered: false }),
         };
         let coarse = coarse.map(|scene| coarse::light(scene, &saturated, capture));
         let (light, has_coarse_light) = match coarse {

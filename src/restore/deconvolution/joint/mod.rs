@@ -24,6 +24,7 @@ mod fit;
 mod flare;
 mod frame;
 mod high_pass;
+mod interpolation;
 mod lamps;
 mod noise_level;
 pub(super) mod pose;
@@ -46,6 +47,7 @@ use crate::core::saturation::saturated_from;
 use channel::{Channel, Known, Workspace};
 use coarse::Half;
 use frame::Frame;
+use interpolation::is_interpolated;
 use noise_level::NoiseLevel;
 use prior::{Edges, InverseBrightness};
 use refine::{Refined, refine};
@@ -129,15 +131,18 @@ struct Given<'a> {
     config: &'a DeconvolutionConfig,
     /// Saturated pixels, of each channel.
     saturated: Vec<Array2<bool>>,
+    /// Whether pixels beside saturated ones may have been interpolated from them.
+    is_interpolated: bool,
     /// The noise at full resolution, where this one is reduced: below it, the means of blocks are not explained either.
     noise: Option<&'a [NoiseLevel]>,
 }
 
 impl<'a> Given<'a> {
     fn known(&self, channel: usize) -> Known<'a> {
-        let Self { image, psf, config, .. } = *self;
+        let Self { image, psf, config, is_interpolated, .. } = *self;
         let is_reduced = self.noise.is_some();
-        Known { capture: image.channel(channel), psf: psf.channel(channel), channel, config, is_reduced }
+        let (capture, psf) = (image.channel(channel), psf.channel(channel));
+        Known { capture, psf, channel, config, is_interpolated, is_reduced }
     }
 
     fn start(self, frame: &'a Frame, progress: &Progress) -> Result<Colors<'a>> {
@@ -200,7 +205,9 @@ impl<'a> Given<'a> {
         let Some(half) = Half::of(self.image, self.psf, &self.saturated)? else { return Ok(None) };
         let Half { image, psf, saturated } = half;
         let frame = frame_of(&image, &psf, self.config);
-        let given = Given { image: &image, psf: &psf, config: self.config, saturated, noise: Some(noise) };
+        let (image, psf) = (&image, &psf);
+        let given =
+            Given { image, psf, config: self.config, saturated, is_interpolated: false, noise: Some(noise) };
         let progress = progress.without_bars();
         Ok(Some(given.start(&frame, &progress)?.restore(&progress)?.scene()))
     }
@@ -230,12 +237,13 @@ impl<'a> Colors<'a> {
         config: &'a DeconvolutionConfig,
         progress: &Progress,
     ) -> Result<Self> {
-        let saturated = |channel: usize| {
-            let from = saturated_from(config.saturation[channel]);
-            Zip::from(image.channel(channel)).par_map_collect(|y| *y >= from)
-        };
-        let saturated = (0..CHANNELS).map(saturated).collect();
-        Given { image, psf, config, saturated, noise: None }.start(frame, progress)
+        let from = config.saturation.map(saturated_from);
+        let saturated =
+            |channel: usize| Zip::from(image.channel(channel)).par_map_collect(|y: &f32| *y >= from[channel]);
+        let saturated: Vec<_> = (0..CHANNELS).map(saturated).collect();
+        let has_lamps = saturated.iter().flatten().any(|saturated| *saturated);
+        let is_interpolated = has_lamps && is_interpolated(image, config.alpha, from);
+        Given { image, psf, config, saturated, is_interpolated, noise: None }.start(frame, progress)
     }
 
     fn restore(mut self, progress: &Progress) -> Result<Self> {

@@ -45,7 +45,7 @@ impl NoiseLevel {
                 band.visit(logarithm, |place, detail| {
                     if strip[place] < saturated_from {
                         let class = limits.partition_point(|(_, most)| *most < logarithm[place]);
-                        classes[class.min(limits.len() - 1)][index].push(detail);
+                        classes[class.min(limits.len() - 1)][index].push(detail.abs());
                     }
                 });
             }
@@ -107,17 +107,17 @@ const MEDIAN_OF_NORMAL: f64 = 0.6745;
 
 /// The strips that noise is estimated from, with `ln(y + α)`.
 fn logarithms(capture: ArrayView2<'_, f32>, alpha: f32) -> Vec<(ArrayView2<'_, f32>, Array2<f32>)> {
-    strips(capture.nrows(), capture.ncols())
+    strips(capture.dim(), MOST_PIXELS)
         .into_iter()
         .map(|rows| capture.slice_move(s![rows, ..]))
         .map(|strip| (strip, strip.mapv(|y| (y.max(0.0) + alpha).ln())))
         .collect()
 }
 
-/// The rows that noise is estimated from: all, or strips over the whole height.
-fn strips(height: usize, width: usize) -> Vec<Range<usize>> {
-    let count = (MOST_PIXELS / (STRIP_ROWS * width)).max(1);
-    if height * width <= MOST_PIXELS || count * STRIP_ROWS >= height {
+/// The rows that detail is looked at in: all, or strips over the whole height with so many pixels at most.
+pub(super) fn strips((height, width): (usize, usize), most: usize) -> Vec<Range<usize>> {
+    let count = (most / (STRIP_ROWS * width)).max(1);
+    if height * width <= most || count * STRIP_ROWS >= height {
         return std::iter::once(0..height).collect();
     }
     let strip = |index: usize| (2 * index + 1) * (height - STRIP_ROWS) / (2 * count);
@@ -151,7 +151,7 @@ fn steadied(knots: Vec<(f32, f32)>) -> Vec<(f32, f32)> {
     (0..knots.len()).map(|i| (knots[i].0, around(i))).collect()
 }
 
-fn median(values: &mut [f32]) -> Option<f32> {
+pub(super) fn median(values: &mut [f32]) -> Option<f32> {
     let middle = values.len() / 2;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
@@ -218,8 +218,8 @@ mod tests {
 
     #[test]
     fn strips_are_spread_over_the_height_and_few() {
-        assert!(strips(500, 1000).into_iter().eq(std::iter::once(0..500)));
-        let strips = strips(2448, 3264);
+        assert!(strips((500, 1000), MOST_PIXELS).into_iter().eq(std::iter::once(0..500)));
+        let strips = strips((2448, 3264), MOST_PIXELS);
         assert_eq!(strips.len() * STRIP_ROWS * 3264 / 100_000, 5);
         assert!(strips[0].start < 200 && strips.last().unwrap().end > 2248);
         assert!(strips.windows(2).all(|pair| pair[0].end <= pair[1].start));

@@ -70,6 +70,23 @@ fn psnr(a: &LinearImage, b: &LinearImage, most: f32) -> f64 {
     -10.0 * (sum / a.len() as f64).log10()
 }
 
+/// A window five pixels from the border, which would shine from beyond it too if the capture were taken to be mirrored there.
+#[test]
+fn a_window_near_the_border_is_not_mirrored_beyond_it() {
+    let light = |_: usize, y: usize, x: usize| match (y, x) {
+        (6..30, 20..76) => 14.0,
+        _ => 0.3 + 0.05 * ((y as f32 / 9.0).sin() + (x as f32 / 7.0).cos()),
+    };
+    let scene = image(light, [SIZE, SIZE]);
+    let seen = capture(&scene, 0.01, 500.0);
+    let restored =
+        deconvolve(&seen, &psf(), &config(Method::Joint, Border::Smooth, 500.0), &Progress::default())
+            .unwrap();
+    let between = |image: &LinearImage| image.planes().slice(ndarray::s![1, 0..5, 30..66]).mean().unwrap();
+    let [found, expected] = [&restored, &scene].map(between);
+    assert!((found / expected - 1.0).abs() < 0.1, "{found} of {expected}");
+}
+
 #[test]
 fn inverts_noise_free_captures_as_constrained_does() {
     let scene = room(100.0);
