@@ -150,7 +150,10 @@ impl<'a> Channel<'a> {
                 is_reduced,
             };
             let (lamps, mut scene) = saturated.measure(&blur, &mut brightness, progress)?;
-            frame.cap_surrounding(&mut scene);
+            match noise.middle() <= NOISE_FREE {
+                true => frame.cap_surrounding(&mut scene),
+                false => frame.cap_by_border(&mut scene),
+            }
             return Ok(Self { frame, known, scene, brightness, lamps: Some(lamps), noise });
         }
         let mut scene = match (noise.middle() <= NOISE_FREE, frame.has_surrounding()) {
@@ -160,7 +163,9 @@ impl<'a> Channel<'a> {
                 first_inverse(&blur, surrounded, &brightness, smoothness(SMOOTHNESS[0], noise.middle()))
             }
         };
-        frame.cap_surrounding(&mut scene);
+        if noise.middle() > NOISE_FREE {
+            frame.cap_by_border(&mut scene);
+        }
         Ok(Self { frame, known, scene, brightness, lamps: None, noise })
     }
 

@@ -66,13 +66,29 @@ impl Frame {
         border::extend(frame, self.plane_size(), Border::Smooth)
     }
 
+    /// Takes light around the frame down to what three quarters of the frame are darker than.
+    ///
+    /// For captures with lamps that have no noise: haze that is mirrored there, up to three times the light that there is, goes slowly
+    /// by steps. Of 60 views four sets gain 0.2 to 0.9 dB; 0.6 to 0.9 of the frame do the same. With a photograph's noise it changes
+    /// nothing.
+    pub(super) fn cap_surrounding(&self, plane: &mut Array2<f32>) {
+        let [height, width] = self.size;
+        let mut of_frame: Vec<f32> = self.cut(plane).iter().copied().collect();
+        let rank = (of_frame.len() - 1) * 3 / 4;
+        let (_, most, _) = of_frame.select_nth_unstable_by(rank, f32::total_cmp);
+        Zip::indexed(plane.rows_mut()).par_for_each(|y, mut row| {
+            let from = if y < height { width } else { 0 };
+            row.slice_mut(s![from..]).mapv_inplace(|light| light.min(*most));
+        });
+    }
+
     /// Takes light around the frame down to that of the border next to it, on either side.
     ///
     /// What goes on smoothly around a capture is mirrored there: a window a few pixels before the border shines from beyond it too,
     /// and what the rows between owe to its haze is taken away twice. Steps mend that slowly. Of 128 views 58 have no lamps: these
     /// are restored 0.9 dB better on average, four of them 3 to 13 dB, and none more than 0.2 dB worse; those with lamps 0.02 dB
-    /// better.
-    pub(super) fn cap_surrounding(&self, plane: &mut Array2<f32>) {
+    /// better. Where there is no noise, steps go far enough by themselves, and pages and skies lose 0.3 to 1 dB by it.
+    pub(super) fn cap_by_border(&self, plane: &mut Array2<f32>) {
         let [height, width] = self.size;
         if plane.dim() == (height, width) || height == 0 || width == 0 {
             return;
@@ -244,14 +260,28 @@ mod tests {
             plane.slice(s![64.., columns]).iter().copied().fold(0.0, f32::max)
         };
         assert!(largest(&plane, 0..30) > 7.0);
-        frame.cap_surrounding(&mut plane);
+        frame.cap_by_border(&mut plane);
         assert_eq!(frame.cut(&plane), light);
         assert!(largest(&plane, 0..30) < 0.6, "{}", largest(&plane, 0..30));
         assert!(largest(&plane, 45..60) > 9.0);
         let zero = Frame::new([64, 60], [33, 33], Border::Zero, TransformPrecision::Single);
         let mut plane = zero.surround(light.view());
         let before = plane.clone();
-        zero.cap_surrounding(&mut plane);
+        zero.cap_by_border(&mut plane);
         assert_eq!(frame.cut(&plane), frame.cut(&before));
+    }
+
+    #[test]
+    fn light_around_a_frame_is_capped_at_what_three_quarters_of_it_are_darker_than() {
+        let frame = Frame::new([3, 4], [5, 5], Border::Smooth, TransformPrecision::Single);
+        let mut plane = Array2::from_shape_fn(frame.plane_size(), |(y, x)| (4 * y + x) as f32);
+        let before = plane.clone();
+        frame.cap_surrounding(&mut plane);
+        assert!(plane.dim() > (3, 4), "{:?}", plane.dim());
+        for ((at, capped), before) in plane.indexed_iter().zip(&before) {
+            // Of the twelve values 0 to 11, 8 is above three quarters of the others.
+            let is_inside = at.0 < 3 && at.1 < 4;
+            assert_eq!(*capped, if is_inside { *before } else { before.min(8.0) }, "{at:?}");
+        }
     }
 }
