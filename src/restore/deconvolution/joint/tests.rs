@@ -70,21 +70,43 @@ fn psnr(a: &LinearImage, b: &LinearImage, most: f32) -> f64 {
     -10.0 * (sum / a.len() as f64).log10()
 }
 
-/// A window five pixels from the border, which would shine from beyond it too if the capture were taken to be mirrored there.
+/// A window five pixels from the border, which would shine from beyond it too if the capture were taken to be mirrored there, seen
+/// through a panel of much haze.
 #[test]
 fn a_window_near_the_border_is_not_mirrored_beyond_it() {
-    let light = |_: usize, y: usize, x: usize| match (y, x) {
-        (6..30, 20..76) => 14.0,
+    let (haze, mut rng) = (hazy_psf(65), rng::stream(6, "window"));
+    let light = Array2::from_shape_fn((SIZE, SIZE), |(y, x)| match (y, x) {
+        (6..40, 16..80) => 14.0,
         _ => 0.3 + 0.05 * ((y as f32 / 9.0).sin() + (x as f32 / 7.0).cos()),
+    });
+    let frame = Frame::new([SIZE, SIZE], [65, 65], Border::Zero, TransformPrecision::Double);
+    let mut seen = frame.plane();
+    frame.blur(haze.view()).unwrap().apply(&light, &mut seen);
+    seen.mapv_inplace(|y| {
+        let normal: f32 = StandardNormal.sample(&mut rng);
+        (y + 0.01 * (y + 0.25) * normal).max(0.0)
+    });
+    let seen = image(|_, y, x| seen[[y, x]], [SIZE, SIZE]);
+    let psf = Psf::from_energy(Array3::from_shape_fn((3, 65, 65), |(_, y, x)| haze[[y, x]])).unwrap();
+    let config = config(Method::Joint, Border::Smooth, 500.0);
+    let restored = deconvolve(&seen, &psf, &config, &Progress::default()).unwrap();
+    let between = ndarray::s![0..5, 30..66];
+    let found = restored.channel(1).slice(between).mean().unwrap();
+    let expected = light.slice(between).mean().unwrap();
+    assert!((found / expected - 1.0).abs() < 0.25, "{found} of {expected}");
+}
+
+/// A sharp core, and a third of the light in a wide halo.
+fn hazy_psf(side: usize) -> Array2<f32> {
+    let centre = (side / 2) as f32;
+    let of = |width: f32| {
+        let lobe = Array2::from_shape_fn((side, side), |(y, x)| {
+            (-(y as f32 - centre).hypot(x as f32 - centre) / width).exp()
+        });
+        let sum = lobe.sum();
+        lobe / sum
     };
-    let scene = image(light, [SIZE, SIZE]);
-    let seen = capture(&scene, 0.01, 500.0);
-    let restored =
-        deconvolve(&seen, &psf(), &config(Method::Joint, Border::Smooth, 500.0), &Progress::default())
-            .unwrap();
-    let between = |image: &LinearImage| image.planes().slice(ndarray::s![1, 0..5, 30..66]).mean().unwrap();
-    let [found, expected] = [&restored, &scene].map(between);
-    assert!((found / expected - 1.0).abs() < 0.1, "{found} of {expected}");
+    of(0.5) * 0.67 + of(8.0) * 0.33
 }
 
 #[test]
