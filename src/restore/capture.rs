@@ -146,6 +146,22 @@ impl From<ToneMappedImage> for Capture {
 }
 
 impl Restored {
+    /// A restored image of whose capture nothing was found.
+    pub(super) fn new(image: AnyImage, info: Option<CaptureInfo>, curve: ToneCurve) -> Self {
+        Self {
+            image,
+            info,
+            angle: None,
+            curve,
+            lamps: Vec::new(),
+            lamps_outside: Vec::new(),
+            levels: None,
+            doubted_levels: None,
+            pose: None,
+            smaller_windows: None,
+        }
+    }
+
     /// What to tell where the capture's brightest pixels seem to be clipped and the method took them for light as it is.
     pub fn doubt(&self) -> Option<String> {
         let [red, green, blue] = self.doubted_levels?;

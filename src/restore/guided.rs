@@ -103,19 +103,8 @@ impl Restoration {
         };
         let clips = found.filter(|_| !options.is_some_and(|options| options.true_highlights));
         let info = with_levels(info, clips);
-        let (curve, levels, doubted_levels) = (told, found, None);
-        Ok(Restored {
-            image,
-            info,
-            angle,
-            curve,
-            lamps,
-            lamps_outside,
-            levels,
-            doubted_levels,
-            pose,
-            smaller_windows,
-        })
+        let restored = Restored::new(image, info, told);
+        Ok(Restored { angle, lamps, lamps_outside, levels: found, pose, smaller_windows, ..restored })
     }
 
     /// The PSF as the panel stands in a capture, and its pose where the capture tells another than that of the PSF.

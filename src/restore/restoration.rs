@@ -408,20 +408,8 @@ impl Restoration {
             }
         };
         let info = with_levels(info, levels);
-        let (lamps, pose) = (Vec::new(), None);
-        let lamps_outside = Vec::new();
-        Ok(Restored {
-            image,
-            info,
-            angle,
-            curve,
-            lamps,
-            lamps_outside,
-            levels,
-            doubted_levels,
-            pose,
-            smaller_windows,
-        })
+        let found = Restored::new(image, info, curve);
+        Ok(Restored { angle, levels, doubted_levels, smaller_windows, ..found })
     }
 
     /// The method with every setting resolved, for provenance; its files are told by their contents.

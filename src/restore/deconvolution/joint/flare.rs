@@ -35,7 +35,7 @@ const NOISE: f32 = 0.03;
 /// The mean of what is beyond, over the pixels that are not saturated, of light that is plausible, and the part of the misfit of
 /// light at the level below which light is believed for all that. Of suns up to 0.0013 is beyond, or hardly any misfit is left; windows
 /// little above saturation, of which a fit makes 5 to 20 times their light out of the scene's own haze, have 0.002 to 0.012 in one
-/// colour at least, and are restored 3 to 14 dB better from the level. Streets at night have up to 0.01 and as much misfit left: most
+/// colour at least, and are restored 2 to 14 dB better from the level. Streets at night have up to 0.01 and as much misfit left: most
 /// of these lose nothing, one 2 dB.
 const PLAUSIBLE: f64 = 0.002;
 const CONVINCING: f64 = 0.8;
