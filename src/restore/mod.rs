@@ -4,6 +4,7 @@ mod angle;
 mod capture;
 mod config;
 pub mod deconvolution;
+mod deconvolved;
 mod estimate;
 mod field;
 mod guard;

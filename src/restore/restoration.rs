@@ -8,14 +8,11 @@ use serde_json::{Value, json};
 
 use super::angle::{FoundAngle, find_code};
 use super::capture::{Capture, Restored};
-use super::deconvolution::{
-    Border, DeconvolutionConfig, Method, NoiseCurve, deconvolution_bytes, deconvolve,
-};
+use super::deconvolution::{Border, DeconvolutionConfig, Method, NoiseCurve, deconvolution_bytes};
 use super::field::code_map;
 use super::guided::GuidedOptions;
 use super::highlights::{Highlights, blend_highlights};
 use super::kernel::KernelKnowledge;
-use super::levels::{find_levels, suited_curve, with_levels};
 use super::memory::{MemoryBudget, MemoryPlan, floats_of_pixel, with_threads};
 use super::network::{Conditioning, NetworkOperator};
 use super::notice::Notice;
@@ -23,7 +20,7 @@ use super::pose::Pose;
 use super::precision::{in_precision, precision_of};
 use super::tiles::restore_halving;
 use crate::core::error::{Error, Result};
-use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
+use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
@@ -296,6 +293,11 @@ impl Restoration {
         self.noise.as_ref().map(NoiseCurve::of)
     }
 
+    /// Whether a deconvolution looks for what saturates a capture that does not say it.
+    pub(super) fn asks_for_levels(&self) -> bool {
+        self.asks_for_levels
+    }
+
     /// What is done where captures are saturated.
     pub(super) fn highlights(&self) -> Highlights {
         self.highlights
@@ -369,47 +371,25 @@ impl Restoration {
             }
             _ => {}
         }
-        let mut saturation = self.saturation(&capture);
+        let saturation = self.saturation(&capture);
         let brightest = saturation.into_iter().fold(self.curve.x_max, f32::max);
         let curve = ToneCurve { x_max: brightest, ..self.curve };
-        let Capture { image, info } = capture;
-        let (mut levels, mut doubted_levels, mut smaller_windows) = (None, None, None);
-        let (image, angle) = match &self.how {
+        match &self.how {
             How::Network(model) => {
+                let Capture { image, info } = capture;
                 let image = image.into_tone_mapped(curve);
                 let (conditioning, angle) = self.conditioning(model, &image, saturation, progress)?;
                 let operator = NetworkOperator::new(model).told(conditioning)?;
-                let restored;
-                (restored, smaller_windows) = self.restore_windows(&image, &plan, operator, progress)?;
+                let (restored, smaller_windows) = self.restore_windows(&image, &plan, operator, progress)?;
                 let level = saturation.map(|white| curve.compress(saturated_from(white)));
-                (AnyImage::ToneMapped(blend_highlights(restored, &image, level, self.highlights)?), angle)
+                let restored = blend_highlights(restored, &image, level, self.highlights)?;
+                let restored = Restored::new(AnyImage::ToneMapped(restored), info, curve);
+                Ok(Restored { angle, smaller_windows, ..restored })
             }
             How::Deconvolution(config) => {
-                let image: LinearImage = image.into_linear(curve);
-                if self.asks_for_levels && info.as_ref().is_none_or(|info| info.saturation.is_none()) {
-                    let (found, count) = find_levels(&image, curve.x_max);
-                    match config.method {
-                        // Above all that there is.
-                        _ if count == 0 => saturation = found,
-                        Method::Joint => (saturation, levels) = (found, Some(found)),
-                        _ => doubted_levels = Some(found),
-                    }
-                }
-                let alpha = if self.asks_for_levels && config.method == Method::Joint {
-                    let told = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..curve };
-                    suited_curve(told, &image).alpha
-                } else {
-                    config.alpha
-                };
-                let config = DeconvolutionConfig { saturation, alpha, ..**config };
-                let restored = deconvolve(&image, self.kernel.needed_psf()?, &config, progress)?;
-                let level = saturation.map(saturated_from);
-                (AnyImage::Linear(blend_highlights(restored, &image, level, self.highlights)?), None)
+                self.restore_by_deconvolution(config, capture, (curve, saturation), progress)
             }
-        };
-        let info = with_levels(info, levels);
-        let found = Restored::new(image, info, curve);
-        Ok(Restored { angle, levels, doubted_levels, smaller_windows, ..found })
+        }
     }
 
     /// The method with every setting resolved, for provenance; its files are told by their contents.

@@ -93,6 +93,45 @@ fn the_psf_alone_restores_a_capture_and_finds_its_lamp_and_its_level() {
     assert!(scratch.path().join("photo.jpg").is_file());
 }
 
+/// Writes the capture of a wall with a sun six columns beyond the left border, behind a panel with many orders, and its PSF.
+fn write_sun_outside(folder: &Path) {
+    const CUT: usize = 16;
+    let orders = |y: usize, x: usize| {
+        let distance = (y as f32 - 32.0).hypot(x as f32 - 32.0);
+        let order = if y.is_multiple_of(8) && x.is_multiple_of(8) { 1e-3 } else { 1e-5 };
+        (-distance * distance / 0.8).exp() + order * (-distance / 12.0).exp()
+    };
+    let psf = Psf::from_energy(Array3::from_shape_fn((3, 65, 65), |(_, y, x)| orders(y, x))).unwrap();
+    let light = |(c, y, x): (usize, usize, usize)| match (y, x) {
+        (30..32, 10..12) => 3000.0,
+        _ => 0.2 + 0.05 * ((y as f32 / 9.0).sin() + (x as f32 / (7.0 + c as f32)).cos()),
+    };
+    let scene = LinearImage::from_planes(Array3::from_shape_fn((3, 96, 96), light)).unwrap();
+    let convolver = Convolver::new([96, 96], [65, 65], Boundary::Zero).unwrap();
+    let seen = convolver.convolve(&convolver.spectrum(&scene).unwrap(), &convolver.otf(&psf).unwrap());
+    let seen = LinearImage::from_planes(seen.mapv(|light| light.clamp(0.0, 16.0))).unwrap();
+    let capture = seen.crop(0, CUT, 96, 96 - CUT);
+    io::write_image(&folder.join("capture.exr"), &capture, &WriteOptions::default()).unwrap();
+    io::write_psf(&folder.join("psf.exr"), &psf, &WriteOptions::default()).unwrap();
+}
+
+#[test]
+fn a_sun_outside_of_the_frame_is_told_of_by_all_that_take_its_flare_away() {
+    let scratch = tempfile::tempdir().unwrap();
+    write_sun_outside(scratch.path());
+    for flags in [&[][..], &["--method", "joint"]] {
+        let call = ["restore", "capture.exr", "--psf", "psf.exr", "-o", "restored.exr", "-v", "--overwrite"];
+        let output = udc(scratch.path(), &[&call[..], flags].concat());
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{said}");
+        assert!(said.contains("lamp outside of the frame, at row 3"), "{said}");
+        let provenance = io::read_provenance(&scratch.path().join("restored.exr")).unwrap().unwrap();
+        let lamp = &provenance.found.unwrap()["lamps-outside"][0];
+        let at = |axis: usize| lamp["position"][axis].as_f64().unwrap();
+        assert!((at(0) - 30.5).abs() < 1.0 && (at(1) + 5.5).abs() < 1.0, "{lamp}");
+    }
+}
+
 /// A file that does not say where its sensor clipped.
 #[test]
 fn deconvolutions_notice_that_a_capture_is_clipped() {

@@ -183,9 +183,25 @@ pub fn deconvolve(
     progress: &Progress,
 ) -> Result<LinearImage> {
     config.validate()?;
+    let relieved = match config.method {
+        Method::Joint => without_lamps_outside(image, psf, config, progress)?,
+        _ => None,
+    };
+    invert(relieved.as_ref().map_or(image, |relieved| &relieved.image), psf, config, progress)
+}
+
+/// Estimates the scene as [`deconvolve`] does, of a capture that has no flare of lamps outside of it.
+///
+/// # Errors
+/// As [`deconvolve`].
+pub(super) fn invert(
+    image: &LinearImage,
+    psf: &Psf,
+    config: &DeconvolutionConfig,
+    progress: &Progress,
+) -> Result<LinearImage> {
+    config.validate()?;
     if config.method == Method::Joint {
-        let relieved = without_lamps_outside(image, psf, config, progress)?;
-        let image = relieved.as_ref().map_or(image, |relieved| &relieved.image);
         return joint::restore(image, psf, config, progress);
     }
     let bar = progress.bar(CHANNELS as u64, "channels deconvolved");

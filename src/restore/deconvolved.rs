@@ -1,0 +1,61 @@
+//! Restores a capture by inverting the convolution with its PSF.
+
+use super::capture::{Capture, Restored};
+use super::deconvolution::{DeconvolutionConfig, Method, Relieved, invert, without_lamps_outside};
+use super::highlights::blend_highlights;
+use super::lamps::find_lamps;
+use super::levels::{find_levels, suited_curve, with_levels};
+use super::restoration::Restoration;
+use crate::core::error::Result;
+use crate::core::image::{CHANNELS, LinearImage};
+use crate::core::progress::Progress;
+use crate::core::saturation::saturated_from;
+use crate::core::tone::ToneCurve;
+use crate::io::AnyImage;
+
+impl Restoration {
+    /// Restores a capture that saturates at `saturation`, as far as is told of it.
+    pub(super) fn restore_by_deconvolution(
+        &self,
+        config: &DeconvolutionConfig,
+        capture: Capture,
+        (curve, told): (ToneCurve, [f32; CHANNELS]),
+        progress: &Progress,
+    ) -> Result<Restored> {
+        let Capture { image, info } = capture;
+        let image: LinearImage = image.into_linear(curve);
+        let is_joint = config.method == Method::Joint;
+        let (mut saturation, mut levels, mut doubted_levels) = (told, None, None);
+        if self.asks_for_levels() && info.as_ref().is_none_or(|info| info.saturation.is_none()) {
+            let (found, count) = find_levels(&image, curve.x_max);
+            match count {
+                // Above all that there is.
+                0 => saturation = found,
+                _ if is_joint => (saturation, levels) = (found, Some(found)),
+                _ => doubted_levels = Some(found),
+            }
+        }
+        let alpha = if self.asks_for_levels() && is_joint {
+            let told = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..curve };
+            suited_curve(told, &image).alpha
+        } else {
+            config.alpha
+        };
+        let config = DeconvolutionConfig { saturation, alpha, ..*config };
+        let psf = self.kernel().needed_psf()?;
+        let relieved = match is_joint {
+            true => without_lamps_outside(&image, psf, &config, progress)?,
+            false => None,
+        };
+        let (seen, lamps_outside) = match &relieved {
+            Some(Relieved { image, lamps }) => (image, lamps.clone()),
+            None => (&image, Vec::new()),
+        };
+        let restored = invert(seen, psf, &config, progress)?;
+        let lamps = if is_joint { find_lamps(seen, &restored, saturation) } else { Vec::new() };
+        let level = saturation.map(saturated_from);
+        let image = AnyImage::Linear(blend_highlights(restored, &image, level, self.highlights())?);
+        let restored = Restored::new(image, with_levels(info, levels), curve);
+        Ok(Restored { lamps, lamps_outside, levels, doubted_levels, ..restored })
+    }
+}
