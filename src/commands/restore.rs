@@ -2,6 +2,7 @@
 
 mod estimate;
 mod files;
+mod found;
 mod kernel;
 mod method;
 
@@ -267,9 +268,6 @@ fn parse_pose(text: &str) -> Result<PoseSource, String> {
 /// these, and an image that is written, with its file.
 const QUEUED_FRAMES: u64 = 3;
 
-/// Lamps that are told of, and written to provenance: the brightest.
-const TOLD_LAMPS: usize = 16;
-
 /// The keys of a description under which the paths of a model and of a PSF stand.
 const MODEL: &str = "model";
 const PSF: &str = "psf";
@@ -319,55 +317,13 @@ impl<'a> Run<'a> {
             *said = line;
         }
         let restored = self.restoration.restore(capture, &self.progress)?;
-        self.tell_of_light(job, &restored);
+        found::tell(self.session, &job.name(), &restored);
         if let Some(angle) = &restored.angle {
             self.session.tell(format_args!("{}: {angle}", job.name()));
             let warning = angle.warning().map(|warning| format!("{}: {warning}", job.name()));
             warning.into_iter().for_each(|warning| self.session.warn(warning));
         }
         Ok(restored)
-    }
-
-    /// Tells what was found of the light of a capture.
-    fn tell_of_light(&self, job: &Job, restored: &Restored) {
-        let pose =
-            restored.pose.as_ref().map(|pose| json!({ "turn-deg": pose.turn_deg, "scale": pose.scale }));
-        let angle = restored.angle.as_ref();
-        let angle = angle.map(|angle| json!({ "angle-deg": angle.angle_deg, "lead-nats": angle.lead }));
-        let brightest: Vec<_> = restored.lamps.iter().take(TOLD_LAMPS).collect();
-        let found = json!({
-            "lamps": brightest, "lamps-in-all": restored.lamps.len(), "lamps-outside": restored.lamps_outside,
-            "saturation": restored.levels, "pose": pose, "angle": angle,
-        });
-        self.session.found(&job.name(), found);
-        if let Some([red, green, blue]) = restored.levels {
-            self.session.note(format_args!(
-                "{}: saturates at {red}, {green} and {blue} in red, green and blue, as its brightest pixels show; --x-max says \
-                 otherwise",
-                job.name()
-            ));
-        }
-        if let Some(doubt) = restored.doubt() {
-            self.session.warn(format_args!("{}: {doubt}", job.name()));
-        }
-        if let Some([height, width]) = restored.smaller_windows {
-            self.session.note(format_args!(
-                "{}: the device has memory for windows of {height} × {width} pixels, and no larger ones",
-                job.name()
-            ));
-        }
-        if let Some(pose) = &restored.pose {
-            self.session.note(format_args!("{}: the flare moves the PSF: {pose}", job.name()));
-        }
-        for lamp in restored.lamps.iter().take(TOLD_LAMPS) {
-            self.session.detail(format_args!("{}: {lamp}", job.name()));
-        }
-        if let Some(more) = restored.lamps.len().checked_sub(TOLD_LAMPS).filter(|more| *more > 0) {
-            self.session.detail(format_args!("{}: {more} fainter lamps", job.name()));
-        }
-        for lamp in &restored.lamps_outside {
-            self.session.detail(format_args!("{}: {lamp}", job.name()));
-        }
     }
 
     fn darks_sha256(&self) -> error::Result<Option<&[Option<String>]>> {
@@ -415,16 +371,8 @@ impl<'a> Run<'a> {
 
     fn write_light(&self, job: &Job, restored: Restored, domain: DomainTag) -> error::Result<()> {
         let mut provenance = self.provenance(job)?;
-        let mut found = Map::new();
-        if !restored.lamps.is_empty() {
-            let brightest: Vec<_> = restored.lamps.iter().take(TOLD_LAMPS).collect();
-            found.insert("lamps".to_owned(), json!(brightest));
-        }
-        if !restored.lamps_outside.is_empty() {
-            found.insert("lamps-outside".to_owned(), json!(restored.lamps_outside));
-        }
-        if !found.is_empty() {
-            provenance = provenance.with_found(found.into());
+        if let Some(found) = found::lasting(&restored) {
+            provenance = provenance.with_found(found);
         }
         let options = WriteOptions { provenance: Some(provenance), ..self.options() };
         let lost = restored.info.as_ref().and_then(|info| what_is_lost(&job.output, info));

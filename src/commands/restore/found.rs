@@ -1,0 +1,65 @@
+//! Tells what a restoration found in a capture: its light, its levels, the pose of its panel.
+
+use serde_json::{Map, Value, json};
+
+use udc::restore::{Lamp, Restored};
+
+use super::Session;
+
+/// Lamps that are told of: the brightest.
+const TOLD_LAMPS: usize = 16;
+
+/// Tells it of the capture of this name.
+pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
+    let Restored { lamps, lamps_outside, .. } = restored;
+    let pose = restored.pose.as_ref().map(|pose| json!({ "turn-deg": pose.turn_deg, "scale": pose.scale }));
+    let angle = restored.angle.as_ref();
+    let angle = angle.map(|angle| json!({ "angle-deg": angle.angle_deg, "lead-nats": angle.lead }));
+    let found = json!({
+        "lamps": brightest(lamps), "lamps-in-all": lamps.len(), "lamps-outside": lamps_outside,
+        "saturation": restored.levels, "pose": pose, "angle": angle,
+    });
+    session.found(name, found);
+    if let Some([red, green, blue]) = restored.levels {
+        session.note(format_args!(
+            "{name}: saturates at {red}, {green} and {blue} in red, green and blue, as its brightest pixels show; --x-max says \
+             otherwise"
+        ));
+    }
+    if let Some(doubt) = restored.doubt() {
+        session.warn(format_args!("{name}: {doubt}"));
+    }
+    if let Some([height, width]) = restored.smaller_windows {
+        session.note(format_args!(
+            "{name}: the device has memory for windows of {height} × {width} pixels, and no larger ones"
+        ));
+    }
+    if let Some(pose) = &restored.pose {
+        session.note(format_args!("{name}: the flare moves the PSF: {pose}"));
+    }
+    for lamp in brightest(lamps) {
+        session.detail(format_args!("{name}: {lamp}"));
+    }
+    if let Some(more) = lamps.len().checked_sub(TOLD_LAMPS).filter(|more| *more > 0) {
+        session.detail(format_args!("{name}: {more} fainter lamps"));
+    }
+    for lamp in lamps_outside {
+        session.detail(format_args!("{name}: {lamp}"));
+    }
+}
+
+/// What stays with the image, in its provenance, if anything does.
+pub(super) fn lasting(restored: &Restored) -> Option<Value> {
+    let mut found = Map::new();
+    if !restored.lamps.is_empty() {
+        found.insert("lamps".to_owned(), json!(brightest(&restored.lamps)));
+    }
+    if !restored.lamps_outside.is_empty() {
+        found.insert("lamps-outside".to_owned(), json!(restored.lamps_outside));
+    }
+    (!found.is_empty()).then(|| found.into())
+}
+
+fn brightest(lamps: &[Lamp]) -> &[Lamp] {
+    &lamps[..lamps.len().min(TOLD_LAMPS)]
+}
