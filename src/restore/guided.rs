@@ -78,18 +78,21 @@ impl Restoration {
         let lamps = find_lamps(&image, &solution.scene, saturation);
         let options = self.guided_options();
         let light = options.filter(|options| options.true_highlights).map(|_| solution.scene.clone());
-        let left = Left::of(solution.residual.view());
+        let (left, is_measured) = (Left::of(solution.residual.view()), solution.is_measured);
         let mut planes = planes_of(model.architecture().planes(), (&image, psf), Some(solution), &planes)?;
         let tone_mapped = curve.tone_map(&image);
         let (conditioning, angle) = self.conditioning(model, &tone_mapped, saturation, progress)?;
         let operator = NetworkOperator::new(model).told(conditioning)?.with_planes(&planes);
         let (mut restored, smaller_windows) = self.restore_windows(&tone_mapped, plan, operator, progress)?;
-        let [deconvolved, outside] = [Plane::Deconvolved, Plane::Outside].map(|plane| planes.take(plane));
+        let [deconvolved, outside, deviation] =
+            [Plane::Deconvolved, Plane::Outside, Plane::Noise].map(|plane| planes.take(plane));
         drop(planes);
         if let (Some(options), Some(deconvolved)) = (options, deconvolved) {
-            let outside = outside.as_ref();
+            // What lamps leave is more than is told.
+            let is_told = is_measured && lamps.is_empty() && lamps_outside.is_empty();
+            let (outside, deviation) = (outside.as_ref(), deviation.as_ref().filter(|_| is_told));
             let (left, border) = (&left, self.border());
-            let guard = Guard { capture: &image, psf, outside, left, border, curve, saturation };
+            let guard = Guard { capture: &image, psf, outside, deviation, left, border, curve, saturation };
             restored = guard.refine(&deconvolved, restored, options.refine)?;
         }
         let level = saturation.map(|white| curve.compress(saturated_from(white)));

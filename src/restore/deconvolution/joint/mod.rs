@@ -67,6 +67,9 @@ pub struct Solution {
     pub residual: Array3<f32>,
     /// The standard deviation of the noise of `log(capture + α)` in each channel, where it is of middling brightness.
     pub relative_noise: [f32; CHANNELS],
+    /// Whether the noise shows that pixels were measured: it is white, and that of one colour tells nothing of another's. Neither is
+    /// so of demosaiced captures, and nothing is shown by captures without noise.
+    pub is_measured: bool,
 }
 
 /// Estimates the scene of which `image` is the convolution with `psf`, clipped at `config.saturation`.
@@ -99,8 +102,11 @@ pub(super) fn solve(
         Some(Refined { scene, deviation }) => (scene, deviation),
         None => (colors.scene(), colors.deviation()?),
     };
+    let is_noisy = colors.channels.iter().any(Channel::is_noisy);
+    let is_measured =
+        is_noisy && !is_interpolated(image, config.alpha, config.saturation.map(saturated_from));
     let residual = colors.residual(&scene)?;
-    Ok(Solution { scene: LinearImage::from_planes(scene)?, deviation, residual, relative_noise })
+    Ok(Solution { scene: LinearImage::from_planes(scene)?, deviation, residual, relative_noise, is_measured })
 }
 
 fn frame_of(image: &LinearImage, psf: &Psf, config: &DeconvolutionConfig) -> Frame {
