@@ -4,6 +4,11 @@ mod commands;
 
 use std::process::ExitCode;
 
+use udc::kernels::LargePages;
+
+#[global_allocator]
+static ALLOCATOR: LargePages = LargePages;
+
 fn main() -> ExitCode {
     let cli = commands::Cli::from_arguments();
     match cli.run() {

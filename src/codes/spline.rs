@@ -46,15 +46,22 @@ impl CubicSpline {
         };
         let coefficients = self.coefficients.as_slice().expect("coefficients are C-contiguous");
         let mut value = 0.0;
-        for (row, row_weight) in rows.indices.into_iter().zip(rows.weights) {
-            let line = &coefficients[row * width..(row + 1) * width];
-            let along: f64 = columns
-                .indices
-                .iter()
-                .zip(&columns.weights)
-                .map(|(&column, weight)| line[column] * weight)
-                .sum();
-            value += row_weight * along;
+        match (rows.first, columns.first) {
+            (Some(top), Some(left)) => {
+                for (row, row_weight) in rows.weights.into_iter().enumerate() {
+                    let line = &coefficients[(top + row) * width + left..][..TAPS];
+                    let [a, b, c, d] = columns.weights;
+                    value += row_weight * (line[0] * a + line[1] * b + line[2] * c + line[3] * d);
+                }
+            }
+            _ => {
+                let columns_of_taps = columns.mirrored(width);
+                for (row, row_weight) in rows.mirrored(height).into_iter().zip(rows.weights) {
+                    let line = &coefficients[row * width..][..width];
+                    let along = columns_of_taps.iter().zip(&columns.weights);
+                    value += row_weight * along.map(|(column, weight)| line[*column] * weight).sum::<f64>();
+                }
+            }
         }
         value
     }
@@ -62,7 +69,10 @@ impl CubicSpline {
 
 /// The coefficients that a position touches along one axis, and how much of each.
 struct Support {
-    indices: [usize; TAPS],
+    /// The sample before the position.
+    before: usize,
+    /// The first coefficient, where all of them lie within the plane.
+    first: Option<usize>,
     weights: [f64; TAPS],
 }
 
@@ -73,12 +83,13 @@ impl Support {
         clippy::cast_sign_loss,
         reason = "the position was found to lie between 0 and the length of an array"
     )]
+    #[inline]
     fn at(position: f64, length: usize) -> Option<Self> {
         if !(position >= 0.0 && position <= (length - 1) as f64) {
             return None;
         }
-        let first = position as usize;
-        let t = position - first as f64;
+        let before = position as usize;
+        let t = position - before as f64;
         let u = 1.0 - t;
         let weights = [
             u * u * u / 6.0,
@@ -86,12 +97,13 @@ impl Support {
             (4.0 - 6.0 * u * u + 3.0 * u * u * u) / 6.0,
             t * t * t / 6.0,
         ];
-        let indices = if first >= 1 && first + 2 < length {
-            [first - 1, first, first + 1, first + 2]
-        } else {
-            std::array::from_fn(|tap| mirror(first as i64 + tap as i64 - 1, length))
-        };
-        Some(Self { indices, weights })
+        let first = before.checked_sub(1).filter(|first| first + TAPS <= length);
+        Some(Self { before, first, weights })
+    }
+
+    /// The coefficients, mirrored where they lie outside.
+    fn mirrored(&self, length: usize) -> [usize; TAPS] {
+        std::array::from_fn(|tap| mirror(self.before as i64 + tap as i64 - 1, length))
     }
 }
 

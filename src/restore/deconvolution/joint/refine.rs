@@ -49,6 +49,13 @@ const COLORS: [[f32; CHANNELS]; CHANNELS] = [
     [0.408_248_3, -0.816_496_6, 0.408_248_3],
 ];
 
+/// Blocks that are worked on side by side; steps of two columns make them neighbours among the even and among the odd ones.
+const LANES: usize = 16;
+
+/// A number of each of those blocks.
+type Lanes = [f32; LANES];
+
+/// The coefficients of a block, or what each is multiplied by.
 type Block = [[f32; SIDE]; SIDE];
 
 /// A scene, and the standard deviation of its error, `[3, height, width]`.
@@ -105,41 +112,60 @@ struct Pass<'a, 'c> {
     cosines: Cosines,
 }
 
-/// Three planes of rows of a strip and around it, colours apart.
-struct Padded {
-    planes: [Vec<f32>; CHANNELS],
-    width: usize,
+/// How rows of a strip lie in memory: first the even columns, then the odd ones, mirrored at the frame's border.
+#[derive(Clone, Copy)]
+struct Layout {
+    /// Blocks beside each other, with those that fill the last lanes.
+    blocks: usize,
+    /// Even columns, as many as odd ones: those of the blocks, in whole lanes.
+    half: usize,
 }
 
-impl Padded {
-    /// Rows `first..first + rows` and the columns of the frame and around it, mirrored at its border.
-    fn new(from: &[ArrayView2<'_, f32>], first: isize, rows: usize) -> Self {
-        let (height, of_frame) = from[0].dim();
-        let width = of_frame + BEFORE + SIDE;
-        let mut planes: [Vec<f32>; CHANNELS] = std::array::from_fn(|_| vec![0.0; rows * width]);
-        let columns: Vec<usize> =
-            (0..width).map(|x| mirrored(x.cast_signed() - BEFORE.cast_signed(), of_frame)).collect();
-        for row in 0..rows {
-            let y = mirrored(first + row.cast_signed(), height);
-            for (x, &column) in columns.iter().enumerate() {
-                let rgb: [f32; CHANNELS] = std::array::from_fn(|channel| from[channel][[y, column]]);
-                for (plane, color) in planes.iter_mut().zip(&COLORS) {
-                    plane[row * width + x] = color[0] * rgb[0] + color[1] * rgb[1] + color[2] * rgb[2];
-                }
-            }
-        }
-        Self { planes, width }
+impl Layout {
+    fn new(width: usize) -> Self {
+        let blocks = (width + BEFORE).div_ceil(STEP).next_multiple_of(LANES);
+        Self { blocks, half: blocks + LANES }
     }
 
-    #[inline(always)]
-    fn block(&self, plane: usize, y: usize, x: usize) -> Block {
-        let start = y * self.width + x;
-        let row = |row: usize| {
-            let start = start + row * self.width;
-            self.planes[plane][start..start + SIDE].try_into().expect("a row has the block's side")
-        };
-        std::array::from_fn(row)
+    /// Numbers of a row.
+    fn stride(self) -> usize {
+        2 * self.half
     }
+
+    /// The frame's columns in a row, those before and after it included.
+    fn columns(self) -> impl Iterator<Item = isize> {
+        let both = (0..self.half).map(|at| 2 * at).chain((0..self.half).map(|at| 2 * at + 1));
+        both.map(|column| column.cast_signed() - BEFORE.cast_signed())
+    }
+}
+
+/// Planes of rows, colours apart.
+type Planes = [Vec<f32>; CHANNELS];
+
+fn planes(len: usize) -> Planes {
+    std::array::from_fn(|_| vec![0.0; len])
+}
+
+/// The rows `first..first + rows` of a frame, mirrored at its border, as brightness and differences.
+fn padded(from: &[ArrayView2<'_, f32>], layout: Layout, first: isize, rows: usize) -> Planes {
+    let (height, width) = from[0].dim();
+    let mut padded = planes(rows * layout.stride());
+    let columns: Vec<usize> = layout.columns().map(|column| mirrored(column, width)).collect();
+    let mut of_row = planes(width);
+    for row in 0..rows {
+        let y = mirrored(first + row.cast_signed(), height);
+        for (of_row, plane) in of_row.iter_mut().zip(from) {
+            of_row.iter_mut().zip(plane.row(y)).for_each(|(to, from)| *to = *from);
+        }
+        let [red, green, blue] = &of_row;
+        for (plane, weights) in padded.iter_mut().zip(&COLORS) {
+            let to = &mut plane[row * layout.stride()..][..layout.stride()];
+            for (to, &x) in to.iter_mut().zip(&columns) {
+                *to = weights[0] * red[x] + weights[1] * green[x] + weights[2] * blue[x];
+            }
+        }
+    }
+    padded
 }
 
 /// The index that a mirror at the first and at the last one shows.
@@ -149,22 +175,50 @@ fn mirrored(index: isize, length: usize) -> usize {
     index.min(period - index).cast_unsigned().min(length - 1)
 }
 
+/// What a row of blocks is filtered in.
+struct Room {
+    /// Cosines along columns of the pilot and of what is filtered, by frequency and column.
+    along_columns: [Vec<f32>; 2],
+    /// What the filtered blocks add up to, by frequency along columns and by column, and their variance.
+    filtered: Vec<f32>,
+    variance: Vec<f32>,
+    /// The variance of each channel's noise in each block.
+    noises: Planes,
+}
+
+impl Room {
+    fn new(layout: Layout) -> Self {
+        let block_row = || vec![0.0; SIDE * layout.stride()];
+        Self {
+            along_columns: [block_row(), block_row()],
+            filtered: block_row(),
+            variance: vec![0.0; layout.stride()],
+            noises: planes(layout.blocks),
+        }
+    }
+}
+
 impl Pass<'_, '_> {
     /// Writes the filtered scene and the variance of its error.
     fn run(&self, scene: &mut Array3<f32>, variance: &mut Array3<f32>) {
+        let layout = Layout::new(scene.dim().2);
+        let squares = COLORS.map(|color| color.map(|weight| weight * weight));
         let strips = scene.axis_chunks_iter_mut(Axis(1), STRIP).into_par_iter();
         let strips = strips.zip(variance.axis_chunks_iter_mut(Axis(1), STRIP)).enumerate();
         strips.for_each(|(index, (mut scene, mut variance))| {
-            let (_, rows, width) = scene.dim();
-            let [colors, variances] = self.strip(index * STRIP, rows, width);
-            for y in 0..rows {
-                for x in 0..width {
-                    let at = y * width + x;
-                    for channel in 0..CHANNELS {
-                        scene[[channel, y, x]] =
-                            (0..CHANNELS).map(|c| COLORS[c][channel] * colors[c][at]).sum();
-                        variance[[channel, y, x]] =
-                            (0..CHANNELS).map(|c| COLORS[c][channel].powi(2) * variances[c][at]).sum();
+            let rows = scene.dim().1;
+            let [colors, variances] = self.strip(index * STRIP, rows, layout);
+            let mut mixed = vec![0.0; layout.stride()];
+            for (out, from, weights) in
+                [(&mut scene, &colors, &COLORS), (&mut variance, &variances, &squares)]
+            {
+                for (channel, mut plane) in out.outer_iter_mut().enumerate() {
+                    for (y, mut row) in plane.outer_iter_mut().enumerate() {
+                        let of_row = |color: usize| &from[color][y * layout.stride()..][..layout.stride()];
+                        let weights = std::array::from_fn(|color| weights[color][channel]);
+                        mix(&mut mixed, std::array::from_fn(of_row), weights);
+                        let row = row.as_slice_mut().expect("planes are contiguous");
+                        interleave(row, &mixed, layout);
                     }
                 }
             }
@@ -172,193 +226,257 @@ impl Pass<'_, '_> {
     }
 
     /// The colours, apart, and their variances in the rows `top..top + rows`.
-    fn strip(&self, top: usize, rows: usize, width: usize) -> [[Vec<f32>; CHANNELS]; 2] {
-        let mut sums: [[Vec<f32>; CHANNELS]; 2] =
-            std::array::from_fn(|_| std::array::from_fn(|_| vec![0.0; rows * width]));
+    fn strip(&self, top: usize, rows: usize, layout: Layout) -> [Planes; 2] {
         let first = top.cast_signed() - BEFORE.cast_signed();
         let padded_rows = rows + BEFORE + SIDE;
-        let pilot = Padded::new(&self.pilots, first, padded_rows);
         let sharp: Vec<ArrayView2<'_, f32>> = self.sharp.iter().map(|plane| plane.view()).collect();
-        let sharp = Padded::new(&sharp, first, padded_rows);
+        let from = [&self.pilots, &sharp].map(|from| padded(from, layout, first, padded_rows));
+        let mut sums = [planes(rows * layout.stride()), planes(rows * layout.stride())];
+        let mut room = Room::new(layout);
         // Blocks begin at even rows and columns of the frame, wherever strips do.
         for y in (0..rows + BEFORE).step_by(STEP) {
-            add_blocks(self, [&pilot, &sharp], &mut sums, (y, top), [rows, width]);
+            self.write_noises(top + y, &mut room.noises);
+            for color in 0..CHANNELS {
+                let from = [&from[0][color][..], &from[1][color]].map(|plane| &plane[y * layout.stride()..]);
+                let sums = sums.each_mut().map(|planes| &mut planes[color][..]);
+                add_blocks((self, color), layout, from, &mut room, (y, sums));
+            }
         }
         sums
     }
 
-    /// The filtered colours of a block and the means of their variances.
-    #[inline(always)]
-    fn block(
-        &self,
-        [pilot, sharp]: [&Padded; 2],
-        [y, x]: [usize; 2],
-        top: usize,
-    ) -> ([Block; CHANNELS], [f32; CHANNELS]) {
-        let noises: [f32; CHANNELS] =
-            std::array::from_fn(|channel| self.noise(channel, [top + y, x]).powi(2));
-        let mut variances = [0.0; CHANNELS];
-        let blocks = std::array::from_fn(|color| {
-            let pilot = self.cosines.forward(&pilot.block(color, y, x));
-            let mut filtered = self.cosines.forward(&sharp.block(color, y, x));
-            let weights: [f32; CHANNELS] =
-                std::array::from_fn(|channel| COLORS[color][channel].powi(2) * noises[channel]);
-            let mut sum = [0.0_f32; SIDE];
-            for row in 0..SIDE {
-                let [red, green, blue]: [&[f32; SIDE]; CHANNELS] =
-                    std::array::from_fn(|channel| &self.bands[channel][row]);
-                for column in 0..SIDE {
-                    let noise =
-                        weights[0] * red[column] + weights[1] * green[column] + weights[2] * blue[column];
-                    let power = pilot[row][column] * pilot[row][column];
-                    let gain = power / (power + CAUTION * noise + f32::MIN_POSITIVE);
-                    filtered[row][column] *= gain;
-                    sum[column] += gain * noise;
-                }
-            }
-            #[expect(clippy::cast_precision_loss, reason = "64 coefficients")]
-            let count = (SIDE * SIDE) as f32;
-            variances[color] = sum.iter().sum::<f32>() / count;
-            self.cosines.inverse(&filtered)
-        });
-        (blocks, variances)
-    }
-
-    /// The deviation of the capture's noise in the middle of a block, which begins so far after the first possible one.
-    #[inline(always)]
-    fn noise(&self, channel: usize, place: [usize; 2]) -> f32 {
+    /// Writes the variance of each channel's noise in the middles of the blocks of a row that begins so far after the first possible
+    /// one.
+    fn write_noises(&self, y: usize, noises: &mut Planes) {
         let (height, width) = self.pilots[0].dim();
-        let [y, x] = place.map(|at| (at + SIDE / 2).saturating_sub(BEFORE));
-        self.channels[channel].noise_at([y.min(height - 1), x.min(width - 1)])
-    }
-}
-
-vectorised! {
-    /// Adds the blocks of a row y, from the left to the right, to the colours and their variances.
-    fn add_blocks<'a, 'b, 'c>(
-        pass: &'a Pass<'b, 'c>,
-        padded: [&'a Padded; 2],
-        sums: &'a mut [[Vec<f32>; CHANNELS]; 2],
-        at: (usize, usize),
-        size: [usize; 2],
-    ) -> () {
-        let (y, top) = at;
-        for x in (0..size[1] + BEFORE).step_by(STEP) {
-            let (blocks, variances) = pass.block(padded, [y, x], top);
-            for c in 0..CHANNELS {
-                let [colors, of_variance] = &mut *sums;
-                let place = [&mut colors[c][..], &mut of_variance[c][..]];
-                pass.cosines.add((&blocks[c], variances[c]), place, [y, x], size);
+        let middle = |at: usize, length: usize| (at + SIDE / 2).saturating_sub(BEFORE).min(length - 1);
+        for (noises, channel) in noises.iter_mut().zip(self.channels) {
+            for (block, noise) in noises.iter_mut().enumerate() {
+                *noise = channel.noise_at([middle(y, height), middle(STEP * block, width)]).powi(2);
             }
         }
     }
 }
 
-/// The cosines of a block, and the window under which blocks are averaged.
+vectorised! {
+    /// Writes the weighted sum of three rows.
+    fn mix<'a>(out: &'a mut [f32], rows: [&'a [f32]; CHANNELS], weights: [f32; CHANNELS]) -> () {
+        let [first, second, third] = rows;
+        for (((out, first), second), third) in out.iter_mut().zip(first).zip(second).zip(third) {
+            *out = weights[0] * first + weights[1] * second + weights[2] * third;
+        }
+    }
+}
+
+/// Takes a row of the frame from its even and odd columns.
+fn interleave(row: &mut [f32], from: &[f32], layout: Layout) {
+    let (even, odd) = (&from[BEFORE / 2..layout.half], &from[layout.half + BEFORE / 2..]);
+    for ((out, even), odd) in row.chunks_mut(2).zip(even).zip(odd) {
+        out[0] = *even;
+        if let Some(out) = out.get_mut(1) {
+            *out = *odd;
+        }
+    }
+}
+
+vectorised! {
+    /// Adds the filtered blocks of a row, of one colour, to rows of sums: the colour and its variance, of which the first is so many
+    /// rows after that of the blocks.
+    fn add_blocks<'a, 'b, 'c>(
+        of: (&'a Pass<'b, 'c>, usize),
+        layout: Layout,
+        from: [&'a [f32]; 2],
+        room: &'a mut Room,
+        to: (usize, [&'a mut [f32]; 2]),
+    ) -> () {
+        let ((pass, color), (y, [colors, variances])) = (of, to);
+        let Room { along_columns, filtered, variance, noises } = room;
+        let (cosines, stride) = (&pass.cosines, layout.stride());
+        for (out, from) in along_columns.iter_mut().zip(from) {
+            for at in (0..stride).step_by(LANES) {
+                let coefficients = cosines.forward(&lanes(from, |row| row * stride + at));
+                for (u, coefficient) in coefficients.iter().enumerate() {
+                    out[u * stride + at..][..LANES].copy_from_slice(coefficient);
+                }
+            }
+        }
+        filtered.fill(0.0);
+        variance.fill(0.0);
+        for first in (0..layout.blocks).step_by(LANES) {
+            let mut weights = [[0.0; LANES]; CHANNELS];
+            for (channel, (weights, noises)) in weights.iter_mut().zip(&*noises).enumerate() {
+                let square = COLORS[color][channel] * COLORS[color][channel];
+                add_times(weights, square, &lane(noises, first));
+            }
+            let mut left = [0.0; LANES];
+            for u in 0..SIDE {
+                // Columns of the block, among the even and the odd ones.
+                let place = |x: usize| u * stride + (x % 2) * layout.half + first + x / 2;
+                // Not by a closure, which would not be inlined.
+                let pilot = cosines.forward(&lanes(&along_columns[0], place));
+                let mut sharp = cosines.forward(&lanes(&along_columns[1], place));
+                for v in 0..SIDE {
+                    let mut noise = [0.0; LANES];
+                    for (weights, bands) in weights.iter().zip(pass.bands) {
+                        add_times(&mut noise, bands[u][v], weights);
+                    }
+                    filter(&mut sharp[v], &pilot[v], &noise, &mut left);
+                }
+                for (x, value) in cosines.inverse(&sharp).iter().enumerate() {
+                    add_at(filtered, place(x), cosines.window[x], value);
+                }
+            }
+            for x in 0..SIDE {
+                let place = (x % 2) * layout.half + first + x / 2;
+                add_at(variance, place, cosines.window[x] / COEFFICIENTS, &left);
+            }
+        }
+        for at in (0..stride).step_by(LANES) {
+            let values = cosines.inverse(&lanes(filtered, |u| u * stride + at));
+            let of_variance = lane(variance, at);
+            for (row, value) in values.iter().enumerate() {
+                let Some(row_of_sums) = (y + row).checked_sub(BEFORE) else { continue };
+                let place = row_of_sums * stride + at;
+                if place < colors.len() {
+                    add_at(colors, place, cosines.window[row], value);
+                    add_at(variances, place, cosines.window[row], &of_variance);
+                }
+            }
+        }
+    }
+}
+
+/// The coefficients of a block.
+#[expect(clippy::cast_precision_loss, reason = "64 coefficients")]
+const COEFFICIENTS: f32 = (SIDE * SIDE) as f32;
+
+#[inline(always)]
+fn lane(from: &[f32], at: usize) -> Lanes {
+    from[at..at + LANES].try_into().expect("lanes have one length")
+}
+
+#[inline(always)]
+fn lanes(from: &[f32], place: impl Fn(usize) -> usize) -> [Lanes; SIDE] {
+    let mut lanes = [[0.0; LANES]; SIDE];
+    for (index, to) in lanes.iter_mut().enumerate() {
+        *to = lane(from, place(index));
+    }
+    lanes
+}
+
+#[inline(always)]
+fn add_times(sum: &mut Lanes, factor: f32, values: &Lanes) {
+    for (sum, value) in sum.iter_mut().zip(values) {
+        *sum += factor * value;
+    }
+}
+
+#[inline(always)]
+fn add_at(sums: &mut [f32], at: usize, factor: f32, values: &Lanes) {
+    for (sum, value) in sums[at..at + LANES].iter_mut().zip(values) {
+        *sum += factor * value;
+    }
+}
+
+/// Filters a coefficient with noise of a variance, and adds to the variance of what is left.
+#[inline(always)]
+fn filter(coefficient: &mut Lanes, pilot: &Lanes, noise: &Lanes, left: &mut Lanes) {
+    for (((value, pilot), noise), left) in coefficient.iter_mut().zip(pilot).zip(noise).zip(left) {
+        let power = pilot * pilot;
+        let gain = power / (power + CAUTION * noise + f32::MIN_POSITIVE);
+        *value *= gain;
+        *left += gain * noise;
+    }
+}
+
+/// The cosines of a block's side, and the window under which blocks are averaged.
 struct Cosines {
-    rows: Block,
-    columns: Block,
-    window: Block,
+    /// The first half of each cosine, by frequency: the second is the same, of the opposite sign where the frequency is odd.
+    halves: [[f32; SIDE / 2]; SIDE],
+    window: [f32; SIDE],
 }
 
 impl Cosines {
+    #[expect(clippy::cast_precision_loss, reason = "indices of a block")]
     fn new() -> Self {
-        #[expect(clippy::cast_precision_loss, reason = "indices of a block")]
         let cosine = |u: usize, x: usize| {
             let scale = if u == 0 { 1.0 } else { std::f32::consts::SQRT_2 };
             scale * (std::f32::consts::PI * u as f32 * (x as f32 + 0.5) / SIDE as f32).cos()
                 / (SIDE as f32).sqrt()
         };
         // Von Hann's, without the zeros at its ends; blocks two pixels apart add up to the same everywhere.
-        #[expect(clippy::cast_precision_loss, reason = "indices of a block")]
         let bell = |x: usize| (std::f32::consts::PI * (x as f32 + 1.0) / (SIDE as f32 + 1.0)).sin().powi(2);
         let sum: f32 = (0..SIDE).step_by(STEP).map(bell).sum();
         Self {
-            rows: std::array::from_fn(|u| std::array::from_fn(|x| cosine(u, x))),
-            columns: std::array::from_fn(|x| std::array::from_fn(|u| cosine(u, x))),
-            window: std::array::from_fn(|y| std::array::from_fn(|x| bell(y) * bell(x) / (sum * sum))),
+            halves: std::array::from_fn(|u| std::array::from_fn(|x| cosine(u, x))),
+            window: std::array::from_fn(|x| bell(x) / sum),
         }
     }
 
-    /// The coefficients of a block, by row and column of frequencies.
+    /// The coefficients of the samples of a side.
     #[inline(always)]
-    fn forward(&self, block: &Block) -> Block {
-        product(&product(&self.rows, block), &self.columns)
-    }
-
-    #[inline(always)]
-    fn inverse(&self, coefficients: &Block) -> Block {
-        product(&product(&self.columns, coefficients), &self.rows)
-    }
-
-    /// Adds a block and its variance under the window, where it lies in the strip.
-    #[inline(always)]
-    fn add(
-        &self,
-        (block, variance): (&Block, f32),
-        [colors, variances]: [&mut [f32]; 2],
-        [y, x]: [usize; 2],
-        [rows, width]: [usize; 2],
-    ) {
-        let first = BEFORE.saturating_sub(x);
-        let last = SIDE.min(width + BEFORE - x);
-        for (row, (block, window)) in block.iter().zip(&self.window).enumerate() {
-            let Some(at) = (y + row).checked_sub(BEFORE).filter(|at| *at < rows) else { continue };
-            let start = at * width + x + first - BEFORE;
-            let to = colors[start..].iter_mut().zip(&mut variances[start..]);
-            let from = block[first..last].iter().zip(&window[first..last]);
-            for ((color, of_variance), (value, weight)) in to.zip(from) {
-                *color += weight * value;
-                *of_variance += weight * variance;
+    fn forward(&self, samples: &[Lanes; SIDE]) -> [Lanes; SIDE] {
+        let mut out = [[0.0; LANES]; SIDE];
+        for x in 0..SIDE / 2 {
+            let [mut sum, mut difference] = [samples[x]; 2];
+            add_times(&mut sum, 1.0, &samples[SIDE - 1 - x]);
+            add_times(&mut difference, -1.0, &samples[SIDE - 1 - x]);
+            for u in 0..SIDE {
+                add_times(&mut out[u], self.halves[u][x], if u % 2 == 0 { &sum } else { &difference });
             }
         }
+        out
     }
-}
 
-/// The product of two blocks as matrices, row by row of the second: eight numbers at a time.
-#[inline(always)]
-fn product(left: &Block, right: &Block) -> Block {
-    let mut out = [[0.0; SIDE]; SIDE];
-    for (out, left) in out.iter_mut().zip(left) {
-        for (left, right) in left.iter().zip(right) {
-            for (out, right) in out.iter_mut().zip(right) {
-                *out += left * right;
+    /// The samples of a side of its coefficients.
+    #[inline(always)]
+    fn inverse(&self, coefficients: &[Lanes; SIDE]) -> [Lanes; SIDE] {
+        let mut out = [[0.0; LANES]; SIDE];
+        for x in 0..SIDE / 2 {
+            let [mut even, mut odd] = [[0.0; LANES]; 2];
+            for u in 0..SIDE {
+                add_times(if u % 2 == 0 { &mut even } else { &mut odd }, self.halves[u][x], &coefficients[u]);
             }
+            out[x] = even;
+            out[SIDE - 1 - x] = even;
+            add_times(&mut out[x], 1.0, &odd);
+            add_times(&mut out[SIDE - 1 - x], -1.0, &odd);
         }
+        out
     }
-    out
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn block() -> Block {
-        std::array::from_fn(|y| std::array::from_fn(|x| ((y * 31 + x * 17) % 23) as f32 / 23.0))
+    /// Other numbers in each lane.
+    fn samples() -> [Lanes; SIDE] {
+        std::array::from_fn(|x| std::array::from_fn(|lane| ((x * 31 + lane * 17) % 23) as f32 / 23.0))
     }
 
     #[test]
     fn cosines_return_and_keep_the_power() {
-        let (cosines, block) = (Cosines::new(), block());
-        let coefficients = cosines.forward(&block);
-        let power = |block: &Block| block.iter().flatten().map(|v| v * v).sum::<f32>();
-        assert!((power(&coefficients) / power(&block) - 1.0).abs() < 1e-5);
-        let mean = block.iter().flatten().sum::<f32>() / 8.0;
-        assert!((coefficients[0][0] - mean).abs() < 1e-5, "{} {mean}", coefficients[0][0]);
+        let (cosines, samples) = (Cosines::new(), samples());
+        let coefficients = cosines.forward(&samples);
         let back = cosines.inverse(&coefficients);
-        assert!(back.iter().flatten().zip(block.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-6));
+        for lane in 0..LANES {
+            let power = |values: &[Lanes; SIDE]| values.iter().map(|v| v[lane] * v[lane]).sum::<f32>();
+            assert!((power(&coefficients) / power(&samples) - 1.0).abs() < 1e-5);
+            let mean = samples.iter().map(|v| v[lane]).sum::<f32>() / 8f32.sqrt();
+            assert!((coefficients[0][lane] - mean).abs() < 1e-5, "{} {mean}", coefficients[0][lane]);
+        }
+        assert!(back.iter().flatten().zip(samples.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-6));
     }
 
     #[test]
-    fn a_row_of_cosines_is_one_column_of_coefficients() {
+    fn a_cosine_is_one_coefficient() {
         let cosines = Cosines::new();
-        let wave: Block = std::array::from_fn(|_| cosines.rows[3]);
-        let coefficients = cosines.forward(&wave);
-        for (u, row) in coefficients.iter().enumerate() {
-            for (v, value) in row.iter().enumerate() {
-                let expected = if (u, v) == (0, 3) { 8f32.sqrt() } else { 0.0 };
-                assert!((value - expected).abs() < 1e-5, "{u} {v}: {value}");
-            }
+        let wave = |x: usize| (std::f32::consts::PI * 3.0 * (x as f32 + 0.5) / 8.0).cos() / 2.0;
+        let coefficients = cosines.forward(&std::array::from_fn(|x| [wave(x); LANES]));
+        for (u, values) in coefficients.iter().enumerate() {
+            let expected = if u == 3 { 1.0 } else { 0.0 };
+            assert!(values.iter().all(|value| (value - expected).abs() < 1e-5), "{u}: {values:?}");
         }
     }
 
@@ -380,23 +498,26 @@ mod tests {
         assert!((-9..9).all(|index| mirrored(index, 2) == usize::from(index % 2 != 0)));
     }
 
-    /// Blocks under their windows add up to the image, whatever the size of the frame and the strip.
+    /// Without noise all blocks pass, and under their windows they add up to the image, whatever the size of the frame and the strip.
     #[test]
-    fn windows_add_up_to_one() {
-        let cosines = Cosines::new();
-        let (rows, width) = (11, 14);
-        let (mut colors, mut variances) = (vec![0.0; rows * width], vec![0.0; rows * width]);
-        for y in (0..rows + BEFORE).step_by(STEP) {
-            for x in (0..width + BEFORE).step_by(STEP) {
-                cosines.add(
-                    (&[[1.0; SIDE]; SIDE], 2.0),
-                    [&mut colors, &mut variances],
-                    [y, x],
-                    [rows, width],
-                );
+    fn blocks_without_noise_add_up_to_the_image() {
+        for (height, width) in [(1, 1), (2, 3), (11, 14), (67, 45)] {
+            let planes: Vec<_> = (0..CHANNELS)
+                .map(|c| {
+                    Array2::from_shape_fn((height, width), |(y, x)| {
+                        ((y * 7 + x * 5 + c * 3) % 11) as f32 - 3.0
+                    })
+                })
+                .collect();
+            let pilots = planes.iter().map(|plane| plane.view()).collect();
+            let bands = [[[1.0; SIDE]; SIDE]; CHANNELS];
+            let pass = Pass { channels: &[], pilots, sharp: &planes, bands: &bands, cosines: Cosines::new() };
+            let [mut scene, mut variance] = [(); 2].map(|()| Array3::ones((CHANNELS, height, width)));
+            pass.run(&mut scene, &mut variance);
+            for (plane, found) in planes.iter().zip(scene.outer_iter()) {
+                assert!(plane.iter().zip(&found).all(|(a, b)| (a - b).abs() < 1e-5), "{height} × {width}");
             }
+            assert!(variance.iter().all(|variance| *variance == 0.0));
         }
-        assert!(colors.iter().all(|v| (v - 1.0).abs() < 1e-5), "{colors:?}");
-        assert!(variances.iter().all(|v| (v - 2.0).abs() < 1e-5));
     }
 }

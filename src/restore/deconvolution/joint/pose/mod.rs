@@ -193,6 +193,15 @@ fn channel_of_lamps(capture: &LinearImage, config: &PoseConfig) -> usize {
     [0, 2, 1].into_iter().max_by_key(|channel| count(*channel)).unwrap_or(1)
 }
 
+/// A step after the one before it, shorter where it goes back: since pixels count by what the light leaves, and light follows the
+/// pose, whole steps swing around the best pose of some captures without an end.
+///
+/// # Equation
+/// `s·t/(t − s)` for a step s that turns back from t: the secant.
+fn turned_back(step: f64, before: f64) -> f64 {
+    if step * before < 0.0 { step * before / (before - step) } else { step }
+}
+
 /// A search in work.
 struct Search<'a> {
     scene: Scene,
@@ -201,7 +210,7 @@ struct Search<'a> {
     /// x.
     light: Array2<f32>,
     pose: Pose2,
-    /// The last step of the pose: large where the search ends before it has settled.
+    /// The last step that the pose was to take: large where the search ends before it has settled.
     step: Pose2,
 }
 
@@ -220,11 +229,14 @@ impl<'a> Search<'a> {
             return Ok(None);
         }
         self.try_poses()?;
+        let mut taken = [0.0; 2];
         for _ in 0..ROUNDS {
             self.weigh()?;
             self.step = self.best_step()?;
-            for (part, (step, longest)) in self.pose.iter_mut().zip(self.step.iter().zip(LONGEST)) {
-                *part += step.clamp(-longest, longest);
+            for part in 0..taken.len() {
+                let step = self.step[part].clamp(-LONGEST[part], LONGEST[part]);
+                taken[part] = turned_back(step, taken[part]);
+                self.pose[part] += taken[part];
             }
             if self.pose.iter().zip(FURTHEST).any(|(part, furthest)| part.is_nan() || part.abs() > furthest) {
                 return Ok(None);

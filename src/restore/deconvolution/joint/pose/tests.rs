@@ -123,3 +123,15 @@ fn refuses_a_saturation_that_is_no_light() {
     let error = find_pose(&image, &panel([0.0; 2]), &config, &Progress::default()).unwrap_err();
     assert!(error.to_string().contains("saturation"), "{error}");
 }
+
+/// Whole steps would swing about 0.3 from 0 to 0.6 and back, nine tenths as far each time.
+#[test]
+fn steps_that_turn_back_end_in_the_middle() {
+    let (mut place, mut step) = (0.0, 0.0);
+    for _ in 0..2 {
+        step = turned_back(1.9 * (0.3 - place), step);
+        place += step;
+    }
+    assert!((place - 0.3_f64).abs() < 1e-12, "{place}");
+    assert_eq!([turned_back(0.2, 0.5), turned_back(-0.2, -0.5), turned_back(0.2, 0.0)], [0.2, -0.2, 0.2]);
+}
