@@ -280,8 +280,8 @@ fn interleave(row: &mut [f32], from: &[f32], layout: Layout) {
 }
 
 vectorised! {
-    /// Adds the filtered blocks of a row, of one colour, to rows of sums: the colour and its variance, of which the first is so many
-    /// rows after that of the blocks.
+    /// Filters a row of blocks of one colour and adds them to the sums of that colour and of its variance, whose first row is the
+    /// block's row `BEFORE − y`.
     fn add_blocks<'a, 'b, 'c>(
         of: (&'a Pass<'b, 'c>, usize),
         layout: Layout,
@@ -421,8 +421,8 @@ impl Cosines {
             let [mut sum, mut difference] = [samples[x]; 2];
             add_times(&mut sum, 1.0, &samples[SIDE - 1 - x]);
             add_times(&mut difference, -1.0, &samples[SIDE - 1 - x]);
-            for u in 0..SIDE {
-                add_times(&mut out[u], self.halves[u][x], if u % 2 == 0 { &sum } else { &difference });
+            for (u, (out, halves)) in out.iter_mut().zip(&self.halves).enumerate() {
+                add_times(out, halves[x], if u % 2 == 0 { &sum } else { &difference });
             }
         }
         out
@@ -434,8 +434,8 @@ impl Cosines {
         let mut out = [[0.0; LANES]; SIDE];
         for x in 0..SIDE / 2 {
             let [mut even, mut odd] = [[0.0; LANES]; 2];
-            for u in 0..SIDE {
-                add_times(if u % 2 == 0 { &mut even } else { &mut odd }, self.halves[u][x], &coefficients[u]);
+            for (u, (values, halves)) in coefficients.iter().zip(&self.halves).enumerate() {
+                add_times(if u % 2 == 0 { &mut even } else { &mut odd }, halves[x], values);
             }
             out[x] = even;
             out[SIDE - 1 - x] = even;

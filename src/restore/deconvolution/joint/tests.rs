@@ -364,3 +364,24 @@ fn a_scene_without_noise_is_not_refined() {
     let mut colors = Colors::start(&frame, (&seen, &psf), &config, &Progress::default()).unwrap();
     assert!(colors.refined(&Progress::default()).unwrap().is_none());
 }
+
+/// Of a noisy capture the solution says that its pixels were measured, of a computed one and of one whose neighbours were averaged
+/// it does not: the guard of the network's corrections asks.
+#[test]
+fn a_solution_says_whether_pixels_were_measured() {
+    let is_measured = |capture: &LinearImage| {
+        let config = config(Method::Joint, Border::Zero, 16.0);
+        solve(capture, &psf(), &config, &Progress::default()).unwrap().is_measured
+    };
+    let noisy = capture(&room(1.0), 0.02, 16.0);
+    let averaged = image(
+        |c, y, x| {
+            let channel = noisy.channel(c);
+            0.5 * (channel[[y, x]] + channel[[(y + 1).min(SIZE - 1), x]])
+        },
+        [SIZE, SIZE],
+    );
+    assert!(is_measured(&noisy));
+    assert!(!is_measured(&averaged));
+    assert!(!is_measured(&capture(&room(1.0), 0.0, 16.0)));
+}
