@@ -1,6 +1,8 @@
 //! What a GPU computes, beside what the CPU computes; on any device that is found first, be it a program that takes a GPU's
 //! place. Where there is none, each test says so and passes.
 
+#![expect(clippy::print_stderr, reason = "what was skipped and what a long test has come to is told")]
+
 use std::fs;
 use std::path::Path;
 use std::process::Command;
