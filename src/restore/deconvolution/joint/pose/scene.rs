@@ -106,11 +106,11 @@ impl Scene {
 /// The light from which on pixels count as lamps that are not clipped.
 fn bright_from(channel: ArrayView2<'_, f32>) -> f32 {
     let mut values: Vec<f32> = channel.iter().copied().collect();
-    values.sort_unstable_by(f32::total_cmp);
     let last = values.len() - 1;
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a part of a length")]
     let lamps = (last as f64 * LAMP_SHARE) as usize;
-    values[last - lamps].max(LAMP_CONTRAST * values[last / 2])
+    let mut at = |rank: usize| *values.select_nth_unstable_by(rank, f32::total_cmp).1;
+    at(last - lamps).max(LAMP_CONTRAST * at(last / 2))
 }
 
 /// The corner of the part of the frame whose middle holds most lamps.
