@@ -12,7 +12,7 @@ const LARGE_PAGE: usize = 2 << 20;
 /// The system's allocator, which asks for large pages where a block has tens of megabytes: a program names it as its
 /// `#[global_allocator]`.
 ///
-/// Planes and spectra of large captures are read across their rows, a page for every few numbers; 3264 × 2448 pixels are
+/// Planes and spectra of large captures are read across their rows, a page for every few numbers; 8 megapixels are
 /// restored in a tenth less of the time. Where the system knows no such pages nothing changes.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LargePages;
