@@ -17,7 +17,7 @@ use udc::experiment::{
     files_of_evaluation, name_among,
 };
 use udc::io::DomainTag;
-use udc::network::Model;
+use udc::network::{Backend, Model};
 use udc::report::{self, picture};
 use udc::restore::{Highlights, Precision, in_precision};
 
@@ -91,7 +91,7 @@ pub(crate) struct EvalArgs {
     /// Join all parts, folders or files, to the results of one run
     #[arg(long, value_name = "PART", num_args = 1..)]
     #[arg(conflicts_with_all = ["shard", "metrics", "definition", "lpips_alexnet", "lpips_linear", "max_memory",
-        "allow_missing"])]
+        "allow_missing", "device"])]
     merge: Vec<PathBuf>,
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
@@ -159,10 +159,11 @@ impl EvalArgs {
         }
         let warn = |text: &str| session.warn(text);
         let listener = Listener { progress: &session.progress, warn: &warn };
-        let measuring = self.metrics.config(self.allow_missing)?;
+        let backend = self.device.find(session)?;
+        let measuring = self.metrics.config(self.allow_missing, backend)?;
         match (&self.restored, &self.gt) {
             (Some(restored), Some(gt)) => self.measure_folders((restored, gt), &measuring, listener, session),
-            _ => self.compare(measuring, listener, session),
+            _ => self.compare(measuring, backend, listener, session),
         }
     }
 
@@ -190,14 +191,20 @@ impl EvalArgs {
     }
 
     /// Measures restorations on datasets.
-    fn compare(&self, measuring: EvalConfig, listener: Listener<'_>, session: &Session) -> Result<()> {
+    fn compare(
+        &self,
+        measuring: EvalConfig,
+        backend: Backend,
+        listener: Listener<'_>,
+        session: &Session,
+    ) -> Result<()> {
         let roots = if self.dataset.is_empty() { &self.data } else { &self.dataset };
         let open = |root: &PathBuf| Ok((name_among(roots, root), Dataset::open(root)?));
         let datasets = roots.iter().map(open).collect::<Result<Vec<_>>>()?;
         for (_, dataset) in &datasets {
             session.warn_of_unfinished(dataset)?;
         }
-        let candidates = self.candidates(session)?;
+        let candidates = self.candidates(backend, session)?;
         let config = self.config(measuring);
         let experiment = Experiment::new(&datasets, &candidates, &config, listener)?;
         if self.dry_run.dry_run {
@@ -213,10 +220,9 @@ impl EvalArgs {
         self.write(&findings, ldr.as_deref(), outputs, session)
     }
 
-    fn candidates(&self, session: &Session) -> Result<Vec<Candidate>> {
+    fn candidates(&self, backend: Backend, session: &Session) -> Result<Vec<Candidate>> {
         let precisions = if self.precision.is_empty() { &[Precision::F32][..] } else { &self.precision };
         let mut models = Vec::new();
-        let backend = self.device.find(session)?;
         for path in &self.model {
             let model = Model::load(path)?.with_backend(backend);
             let name = name_among(&self.model, path);

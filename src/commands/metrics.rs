@@ -9,6 +9,7 @@ use clap::Args;
 use udc::core::metrics::{Metric, MetricDefinition};
 use udc::experiment::{EvalConfig, measures};
 use udc::io;
+use udc::network::Backend;
 
 use super::choices::Choices;
 
@@ -36,12 +37,13 @@ const DEFINITIONS: Choices<fn() -> MetricDefinition> =
     Choices(&[("released", MetricDefinition::released, ""), ("float", MetricDefinition::float, "")]);
 
 impl MetricArgs {
-    /// The metrics that were asked for, in the order of tables.
-    pub(super) fn config(&self, allow_missing: bool) -> Result<EvalConfig> {
+    /// The metrics that were asked for, in the order of tables; networks among them compute on `backend`.
+    pub(super) fn config(&self, allow_missing: bool, backend: Backend) -> Result<EvalConfig> {
         let is_asked = |metric: &Metric| self.metrics.contains(metric);
         let metrics: Vec<Metric> = Metric::ALL.into_iter().filter(is_asked).collect();
         let lpips = self.lpips_alexnet.as_deref().zip(self.lpips_linear.as_deref());
-        Ok(EvalConfig { metrics: measures(&metrics, lpips)?, definition: (self.definition)(), allow_missing })
+        let metrics = measures(&metrics, lpips, backend)?;
+        Ok(EvalConfig { metrics, definition: (self.definition)(), allow_missing })
     }
 
     /// SHA-256 of the files of weights, by the flags that name them.

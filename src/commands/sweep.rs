@@ -79,12 +79,13 @@ impl SweepArgs {
             (false, false) => EarlierRows::Refuse,
         };
         let entries = self.entries()?;
+        let backend = self.device.find_or(self.backend, session)?;
         let config = SweepConfig {
-            measuring: self.metrics.config(false)?,
+            measuring: self.metrics.config(false, backend)?,
             limit: self.limit,
             single: self.single,
             max_memory: self.max_memory,
-            backend: self.device.find_or(self.backend, session)?,
+            backend,
             earlier,
             shard: self.shard,
         };

@@ -101,11 +101,12 @@ impl TrainArgs {
         let set = TrainingSet::open(data, self.bank.as_deref(), &config)?;
         set.dataset().map_or(Ok(()), |dataset| session.warn_of_unfinished(dataset))?;
         session.detail(format!("{} parameters", config.architecture.parameters()));
+        let backends = self.backends(session)?;
         let training = Training {
             config: &config,
             set: &set,
-            measures: &validation_measures(&config.validation)?,
-            backends: self.backends(session)?,
+            measures: &validation_measures(&config.validation, backends.first())?,
+            backends,
             progress: &session.progress,
             warn: &|text| session.warn(text),
         };

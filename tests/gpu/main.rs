@@ -3,6 +3,9 @@
 
 #![expect(clippy::print_stderr, reason = "what was skipped and what a long test has come to is told")]
 
+#[path = "../common/perceptual_weights.rs"]
+mod perceptual_weights;
+
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -17,6 +20,7 @@ use udc::network::{
     Architecture, Backend, Condition, DeviceChoice, Initialisation, Inputs, Kind, Model, Origin, Parameters,
     Plane, Planes, Precision, Scales,
 };
+use udc::perceptual::Lpips;
 use udc::restore::{KernelKnowledge, Restoration};
 use udc::train::{InMemory, Patch, TrainConfig, Trainer};
 
@@ -125,6 +129,24 @@ fn tiles_are_the_whole_image() {
     let (whole, tiled) = (restore(restoration.clone()), restore(restoration.with_tile(Some(64))));
     let error = largest_difference(&whole, &tiled) / largest(&whole);
     assert!(error < 1e-5, "{error:e}");
+}
+
+#[test]
+fn lpips_is_that_of_the_cpu() {
+    let Some(backend) = device() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let [alexnet, linear] =
+        ["alexnet.safetensors", "linear.safetensors"].map(|name| folder.path().join(name));
+    perceptual_weights::write_alexnet(&alexnet);
+    perceptual_weights::write_linear(&linear);
+    let load = |backend| Lpips::load(&alexnet, &linear, backend).expect("weights");
+    let (on_cpu, on_gpu) = (load(Backend::default()), load(backend));
+    for size in [[31, 31], [64, 90]] {
+        let (a, b) = (image(1, size), image(2, size));
+        let distance = |lpips: &Lpips| lpips.distance(&a, &b).expect("images of one size");
+        let (expected, found) = (distance(&on_cpu), distance(&on_gpu));
+        assert!((found / expected - 1.0).abs() < 1e-4, "{size:?}: {found}, on the CPU {expected}");
+    }
 }
 
 fn data(side: usize) -> InMemory {

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use ndarray::Array3;
 use serde_json::Value;
 use udc::core::image::ToneMappedImage;
+use udc::network::Backend;
 use udc::perceptual::{FeatureDistance, Lpips, PerceptualLoss};
 
 use crate::discnet::npy;
@@ -44,7 +45,7 @@ fn lpips_is_that_of_pytorch() {
         (folder.path().join("alexnet.safetensors"), folder.path().join("linear.safetensors"));
     write_alexnet(&alexnet);
     write_linear(&linear);
-    let lpips = Lpips::load(&alexnet, &linear).unwrap();
+    let lpips = Lpips::load(&alexnet, &linear, Backend::default()).unwrap();
     let (x, y) = (image("x.npy"), image("y.npy"));
     assert_near(lpips.distance(&x, &y).unwrap(), case()["lpips_alex"].as_f64().unwrap(), 1e-4, "LPIPS");
     assert!(lpips.distance(&x, &x).unwrap().abs() < 1e-12);
@@ -52,7 +53,7 @@ fn lpips_is_that_of_pytorch() {
     assert!(message.contains("40 × 40"), "{message}");
     assert!(lpips.distance(&x.crop(0, 0, 30, 40), &y.crop(0, 0, 30, 40)).is_err());
     assert!(lpips.distance(&x.crop(0, 0, 31, 31), &y.crop(0, 0, 31, 31)).is_ok());
-    let message = Lpips::load(&linear, &alexnet).unwrap_err().to_string();
+    let message = Lpips::load(&linear, &alexnet, Backend::default()).unwrap_err().to_string();
     assert!(
         message.contains("features.0.weight") && message.contains("alexnet-owt-7be5be79.pth"),
         "{message}"
@@ -97,6 +98,6 @@ fn missing_weights_are_described() {
     for part in ["absent.pth", "no such file", "VGG-19", "vgg19-dcbb9e9d.pth", "features.34"] {
         assert!(message.contains(part), "{message}");
     }
-    let message = Lpips::load(absent, absent).unwrap_err().to_string();
+    let message = Lpips::load(absent, absent, Backend::default()).unwrap_err().to_string();
     assert!(message.contains("AlexNet"), "{message}");
 }

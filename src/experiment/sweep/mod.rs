@@ -222,7 +222,7 @@ impl<'a> Sweep<'a> {
         let training = Training {
             config,
             set: &set,
-            measures: &validation_measures(&config.validation)?,
+            measures: &validation_measures(&config.validation, self.config.backend)?,
             backends: self.config.backend.into(),
             progress: self.listener.progress,
             warn: self.listener.warn,
