@@ -2,6 +2,11 @@
 //! place. Where there is none, each test says so and passes.
 
 #![expect(clippy::print_stderr, reason = "what was skipped and what a long test has come to is told")]
+#![expect(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    reason = "a test may stop at what it does not expect, and weights are drawn with more bits than they keep"
+)]
 
 #[path = "../common/perceptual_weights.rs"]
 mod perceptual_weights;
