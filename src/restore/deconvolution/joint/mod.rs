@@ -20,6 +20,7 @@ pub(super) mod beyond;
 mod channel;
 mod coarse;
 mod conjugate;
+mod cosines;
 mod fit;
 mod flare;
 mod frame;

@@ -14,18 +14,13 @@ use ndarray::{Array2, Array3, ArrayView2, Axis, Zip};
 use rayon::prelude::*;
 
 use super::channel::Channel;
+use super::cosines::{Cosines, LANES, Lanes, SIDE, STEP, add_at, add_times, lane, lanes};
 use super::fit::grown;
 use super::frame::Frame;
 use crate::core::error::Result;
 use crate::core::image::CHANNELS;
 use crate::core::progress::Progress;
 use crate::kernels::vectorised;
-
-/// Side of a block: 16 restores 0.1 dB worse.
-const SIDE: usize = 8;
-
-/// Pixels from one block to the next: with 4 it is 0.2 dB worse.
-const STEP: usize = 2;
 
 /// Pixels before the frame at which the first block begins.
 const BEFORE: usize = SIDE - STEP;
@@ -48,12 +43,6 @@ const COLORS: [[f32; CHANNELS]; CHANNELS] = [
     [std::f32::consts::FRAC_1_SQRT_2, 0.0, -std::f32::consts::FRAC_1_SQRT_2],
     [0.408_248_3, -0.816_496_6, 0.408_248_3],
 ];
-
-/// Blocks that are worked on side by side; steps of two columns make them neighbours among the even and among the odd ones.
-const LANES: usize = 16;
-
-/// A number of each of those blocks.
-type Lanes = [f32; LANES];
 
 /// The coefficients of a block, or what each is multiplied by.
 type Block = [[f32; SIDE]; SIDE];
@@ -130,6 +119,22 @@ impl Layout {
     /// Numbers of a row.
     fn stride(self) -> usize {
         2 * self.half
+    }
+
+    /// The place of column `x` of a block, and of those beside it, whose row begins so far in a plane.
+    #[inline(always)]
+    fn place(self, row: usize, x: usize) -> usize {
+        row + (x % 2) * self.half + x / 2
+    }
+
+    /// The columns of blocks in a row.
+    #[inline(always)]
+    fn columns_of_blocks(self, from: &[f32], row: usize) -> [Lanes; SIDE] {
+        let mut columns = [[0.0; LANES]; SIDE];
+        for (x, column) in columns.iter_mut().enumerate() {
+            *column = lane(from, self.place(row, x));
+        }
+        columns
     }
 
     /// The frame's columns in a row, those before and after it included.
@@ -294,7 +299,7 @@ vectorised! {
         let (cosines, stride) = (&pass.cosines, layout.stride());
         for (out, from) in along_columns.iter_mut().zip(from) {
             for at in (0..stride).step_by(LANES) {
-                let coefficients = cosines.forward(&lanes(from, |row| row * stride + at));
+                let coefficients = cosines.forward(&lanes(from, at, stride));
                 for (u, coefficient) in coefficients.iter().enumerate() {
                     out[u * stride + at..][..LANES].copy_from_slice(coefficient);
                 }
@@ -310,11 +315,9 @@ vectorised! {
             }
             let mut left = [0.0; LANES];
             for u in 0..SIDE {
-                // Columns of the block, among the even and the odd ones.
-                let place = |x: usize| u * stride + (x % 2) * layout.half + first + x / 2;
-                // Not by a closure, which would not be inlined.
-                let pilot = cosines.forward(&lanes(&along_columns[0], place));
-                let mut sharp = cosines.forward(&lanes(&along_columns[1], place));
+                let row = u * stride + first;
+                let pilot = cosines.forward(&layout.columns_of_blocks(&along_columns[0], row));
+                let mut sharp = cosines.forward(&layout.columns_of_blocks(&along_columns[1], row));
                 for v in 0..SIDE {
                     let mut noise = [0.0; LANES];
                     for (weights, bands) in weights.iter().zip(pass.bands) {
@@ -323,16 +326,15 @@ vectorised! {
                     filter(&mut sharp[v], &pilot[v], &noise, &mut left);
                 }
                 for (x, value) in cosines.inverse(&sharp).iter().enumerate() {
-                    add_at(filtered, place(x), cosines.window[x], value);
+                    add_at(filtered, layout.place(row, x), cosines.window[x], value);
                 }
             }
             for x in 0..SIDE {
-                let place = (x % 2) * layout.half + first + x / 2;
-                add_at(variance, place, cosines.window[x] / COEFFICIENTS, &left);
+                add_at(variance, layout.place(first, x), cosines.window[x] / COEFFICIENTS, &left);
             }
         }
         for at in (0..stride).step_by(LANES) {
-            let values = cosines.inverse(&lanes(filtered, |u| u * stride + at));
+            let values = cosines.inverse(&lanes(filtered, at, stride));
             let of_variance = lane(variance, at);
             for (row, value) in values.iter().enumerate() {
                 let Some(row_of_sums) = (y + row).checked_sub(BEFORE) else { continue };
@@ -350,34 +352,6 @@ vectorised! {
 #[expect(clippy::cast_precision_loss, reason = "64 coefficients")]
 const COEFFICIENTS: f32 = (SIDE * SIDE) as f32;
 
-#[inline(always)]
-fn lane(from: &[f32], at: usize) -> Lanes {
-    from[at..at + LANES].try_into().expect("lanes have one length")
-}
-
-#[inline(always)]
-fn lanes(from: &[f32], place: impl Fn(usize) -> usize) -> [Lanes; SIDE] {
-    let mut lanes = [[0.0; LANES]; SIDE];
-    for (index, to) in lanes.iter_mut().enumerate() {
-        *to = lane(from, place(index));
-    }
-    lanes
-}
-
-#[inline(always)]
-fn add_times(sum: &mut Lanes, factor: f32, values: &Lanes) {
-    for (sum, value) in sum.iter_mut().zip(values) {
-        *sum += factor * value;
-    }
-}
-
-#[inline(always)]
-fn add_at(sums: &mut [f32], at: usize, factor: f32, values: &Lanes) {
-    for (sum, value) in sums[at..at + LANES].iter_mut().zip(values) {
-        *sum += factor * value;
-    }
-}
-
 /// Filters a coefficient with noise of a variance, and adds to the variance of what is left.
 #[inline(always)]
 fn filter(coefficient: &mut Lanes, pilot: &Lanes, noise: &Lanes, left: &mut Lanes) {
@@ -389,96 +363,9 @@ fn filter(coefficient: &mut Lanes, pilot: &Lanes, noise: &Lanes, left: &mut Lane
     }
 }
 
-/// The cosines of a block's side, and the window under which blocks are averaged.
-struct Cosines {
-    /// The first half of each cosine, by frequency: the second is the same, of the opposite sign where the frequency is odd.
-    halves: [[f32; SIDE / 2]; SIDE],
-    window: [f32; SIDE],
-}
-
-impl Cosines {
-    #[expect(clippy::cast_precision_loss, reason = "indices of a block")]
-    fn new() -> Self {
-        let cosine = |u: usize, x: usize| {
-            let scale = if u == 0 { 1.0 } else { std::f32::consts::SQRT_2 };
-            scale * (std::f32::consts::PI * u as f32 * (x as f32 + 0.5) / SIDE as f32).cos()
-                / (SIDE as f32).sqrt()
-        };
-        // Von Hann's, without the zeros at its ends; blocks two pixels apart add up to the same everywhere.
-        let bell = |x: usize| (std::f32::consts::PI * (x as f32 + 1.0) / (SIDE as f32 + 1.0)).sin().powi(2);
-        let sum: f32 = (0..SIDE).step_by(STEP).map(bell).sum();
-        Self {
-            halves: std::array::from_fn(|u| std::array::from_fn(|x| cosine(u, x))),
-            window: std::array::from_fn(|x| bell(x) / sum),
-        }
-    }
-
-    /// The coefficients of the samples of a side.
-    #[inline(always)]
-    fn forward(&self, samples: &[Lanes; SIDE]) -> [Lanes; SIDE] {
-        let mut out = [[0.0; LANES]; SIDE];
-        for x in 0..SIDE / 2 {
-            let [mut sum, mut difference] = [samples[x]; 2];
-            add_times(&mut sum, 1.0, &samples[SIDE - 1 - x]);
-            add_times(&mut difference, -1.0, &samples[SIDE - 1 - x]);
-            for (u, (out, halves)) in out.iter_mut().zip(&self.halves).enumerate() {
-                add_times(out, halves[x], if u % 2 == 0 { &sum } else { &difference });
-            }
-        }
-        out
-    }
-
-    /// The samples of a side of its coefficients.
-    #[inline(always)]
-    fn inverse(&self, coefficients: &[Lanes; SIDE]) -> [Lanes; SIDE] {
-        let mut out = [[0.0; LANES]; SIDE];
-        for x in 0..SIDE / 2 {
-            let [mut even, mut odd] = [[0.0; LANES]; 2];
-            for (u, (values, halves)) in coefficients.iter().zip(&self.halves).enumerate() {
-                add_times(if u % 2 == 0 { &mut even } else { &mut odd }, halves[x], values);
-            }
-            out[x] = even;
-            out[SIDE - 1 - x] = even;
-            add_times(&mut out[x], 1.0, &odd);
-            add_times(&mut out[SIDE - 1 - x], -1.0, &odd);
-        }
-        out
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Other numbers in each lane.
-    fn samples() -> [Lanes; SIDE] {
-        std::array::from_fn(|x| std::array::from_fn(|lane| ((x * 31 + lane * 17) % 23) as f32 / 23.0))
-    }
-
-    #[test]
-    fn cosines_return_and_keep_the_power() {
-        let (cosines, samples) = (Cosines::new(), samples());
-        let coefficients = cosines.forward(&samples);
-        let back = cosines.inverse(&coefficients);
-        for lane in 0..LANES {
-            let power = |values: &[Lanes; SIDE]| values.iter().map(|v| v[lane] * v[lane]).sum::<f32>();
-            assert!((power(&coefficients) / power(&samples) - 1.0).abs() < 1e-5);
-            let mean = samples.iter().map(|v| v[lane]).sum::<f32>() / 8f32.sqrt();
-            assert!((coefficients[0][lane] - mean).abs() < 1e-5, "{} {mean}", coefficients[0][lane]);
-        }
-        assert!(back.iter().flatten().zip(samples.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-6));
-    }
-
-    #[test]
-    fn a_cosine_is_one_coefficient() {
-        let cosines = Cosines::new();
-        let wave = |x: usize| (std::f32::consts::PI * 3.0 * (x as f32 + 0.5) / 8.0).cos() / 2.0;
-        let coefficients = cosines.forward(&std::array::from_fn(|x| [wave(x); LANES]));
-        for (u, values) in coefficients.iter().enumerate() {
-            let expected = if u == 3 { 1.0 } else { 0.0 };
-            assert!(values.iter().all(|value| (value - expected).abs() < 1e-5), "{u}: {values:?}");
-        }
-    }
 
     #[test]
     fn colours_are_taken_apart_by_a_rotation() {
