@@ -2,14 +2,14 @@
 
 use std::alloc::{GlobalAlloc, Layout, System};
 
-/// Bytes from which on a block is asked to lie in large pages; the system's allocator maps each of these by itself.
-const LARGE_BYTES: usize = 32 << 20;
+/// Bytes from which on a block is asked to lie in large pages: two of those at least.
+const LARGE_BYTES: usize = 4 << 20;
 
 /// Bytes of a large page.
 #[cfg(target_os = "linux")]
 const LARGE_PAGE: usize = 2 << 20;
 
-/// The system's allocator, which asks for large pages where a block has tens of megabytes: a program names it as its
+/// The system's allocator, which asks for large pages where a block has megabytes: a program names it as its
 /// `#[global_allocator]`.
 ///
 /// Planes and spectra of large captures are read across their rows, a page for every few numbers; 8 megapixels are

@@ -18,6 +18,7 @@ pub use convolver::{Convolver, Otf, SINGLE_PEAK, SINGLE_RMS, Spectrum};
 pub use geometry::fast_length;
 pub use operator::{PlaneOperator, TransferFunction, TransformPrecision};
 pub use plane::PlaneSpectrum;
+pub(crate) use pool::{Loan, Pool};
 pub use transform::copy_row;
 
 /// What lies beyond the border of an image while it is convolved.

@@ -1,28 +1,28 @@
-//! Lends buffers and takes them back, so that repeated transforms do not allocate.
+//! Lends buffers and takes them back, so that repeated transforms and filters do not allocate.
 
 use std::ops::{Deref, DerefMut};
 use std::sync::{Mutex, PoisonError};
 
 /// Buffers that nobody uses at the moment.
 #[derive(Debug)]
-pub(super) struct Pool<T> {
+pub(crate) struct Pool<T> {
     idle: Mutex<Vec<T>>,
 }
 
 /// A buffer on loan, with whatever the last user left in it.
-pub(super) struct Loan<'a, T> {
+pub(crate) struct Loan<'a, T> {
     pool: &'a Pool<T>,
     /// Present until the loan ends.
     item: Option<T>,
 }
 
 impl<T> Pool<T> {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { idle: Mutex::new(Vec::new()) }
     }
 
     /// Lends an idle buffer, or a new one.
-    pub(super) fn lend(&self, make: impl FnOnce() -> T) -> Loan<'_, T> {
+    pub(crate) fn lend(&self, make: impl FnOnce() -> T) -> Loan<'_, T> {
         Loan { pool: self, item: Some(self.take().unwrap_or_else(make)) }
     }
 

@@ -43,15 +43,19 @@ const LAMP_WORK: usize = 80_000_000;
 const LAMP_STEPS: [usize; 2] = [20, 200];
 
 /// The same where that light is known from half the resolution: the samples of a transform up to which the most steps are taken. The
-/// more samples there are, the more has been told before.
+/// more samples there are, the more has been told before. Four rounds of four steps restore photographs of 800 × 800 pixels 0.1 dB
+/// better than four of 13 without what half the resolution tells, and 0.2 dB better than three of four.
 const KNOWN_LAMP_SAMPLES: usize = 500_000;
-const KNOWN_LAMP_STEPS: [usize; 2] = [12, 160];
+const KNOWN_LAMP_STEPS: [usize; 2] = [9, 160];
 
-/// At reduced resolutions: rounds, steps in each at least and at most, and the samples that all steps may transform beyond the
-/// least. Four rounds of 15 steps have 1.6 dB less than six of ten.
+/// At reduced resolutions: rounds at most, steps in all at least and at most, and the samples that all steps may transform beyond
+/// the least. Four rounds of 15 steps have 1.6 dB less than six of ten.
 const REDUCED_ROUNDS: usize = 6;
-const REDUCED_STEPS: [usize; 2] = [3, 10];
-const REDUCED_WORK: usize = 20_000_000;
+const REDUCED_STEPS: [usize; 2] = [12, 60];
+const REDUCED_WORK: usize = 11_000_000;
+
+/// Steps that a round takes at least.
+const LEAST_STEPS: usize = 3;
 
 /// Samples of transforms up to which photographs without lamps are given three rounds of two steps instead of two of one: 0.3 dB on
 /// scenes with much detail, 0.05 dB on others, a tenth of the time of 800 × 800 pixels.
@@ -105,14 +109,14 @@ pub(super) struct Workspace {
     room: Room,
     /// W, of the frame's size.
     weights: Array2<f32>,
-    /// 1/n.
+    /// 1/n of a channel without lamps, once there is one.
     inverse_brightness: Array2<f32>,
 }
 
 impl Workspace {
     pub(super) fn new(frame: &Frame) -> Self {
-        let (weights, inverse_brightness) = (Array2::zeros(frame.size()), frame.plane());
-        Self { room: Room::new(frame), weights, inverse_brightness }
+        let weights = Array2::zeros(frame.size());
+        Self { room: Room::new(frame), weights, inverse_brightness: Array2::default((0, 0)) }
     }
 }
 
@@ -227,9 +231,18 @@ impl<'a> Channel<'a> {
             }
             None => None,
         };
-        Zip::indexed(inverse_brightness.rows_mut()).par_for_each(|y, mut row| {
-            self.write_inverse_brightness(y, row.as_slice_mut().expect("planes are contiguous"));
-        });
+        let inverse_brightness = match &self.lamps {
+            Some(lamps) => &lamps.inverse_brightness,
+            None => {
+                if inverse_brightness.is_empty() {
+                    *inverse_brightness = self.frame.plane();
+                }
+                Zip::indexed(inverse_brightness.rows_mut()).par_for_each(|y, mut row| {
+                    self.write_inverse_brightness(y, row.as_slice_mut().expect("planes are contiguous"));
+                });
+                inverse_brightness
+            }
+        };
         let system = System {
             blur: &blur,
             capture: self.known.capture,
@@ -403,14 +416,16 @@ fn known_lamp_effort(samples: usize) -> [usize; 2] {
 }
 
 fn of_rounds(steps: usize) -> [usize; 2] {
-    let rounds = (steps / 20).clamp(4, 10);
+    let rounds = (steps / 20).clamp(4, 10).min(steps / LEAST_STEPS);
     [rounds, steps / rounds]
 }
 
 /// Rounds and steps for a photograph with lamps at a reduced resolution.
 fn reduced_effort(samples: usize) -> [usize; 2] {
     let [least, most] = REDUCED_STEPS;
-    [REDUCED_ROUNDS, (REDUCED_WORK / (REDUCED_ROUNDS * samples.max(1))).clamp(least, most)]
+    let steps = (REDUCED_WORK / samples.max(1)).clamp(least, most);
+    let rounds = REDUCED_ROUNDS.min(steps / LEAST_STEPS);
+    [rounds, steps / rounds]
 }
 
 /// λ for a deviation of the noise.
@@ -447,9 +462,10 @@ mod tests {
         assert_eq!(lamp_effort(4096 * 3328), [4, 5]);
         assert_eq!(known_lamp_effort(640 * 640), [8, 20]);
         assert_eq!(known_lamp_effort(1024 * 1024), [4, 9]);
-        assert_eq!(known_lamp_effort(4096 * 3328), [4, 3]);
+        assert_eq!(known_lamp_effort(1200 * 1200), [4, 4]);
+        assert_eq!(known_lamp_effort(4096 * 3328), [3, 3]);
         assert_eq!(reduced_effort(400 * 400), [6, 10]);
-        assert_eq!(reduced_effort(750 * 750), [6, 5]);
-        assert_eq!(reduced_effort(2048 * 1664), [6, 3]);
+        assert_eq!(reduced_effort(600 * 600), [6, 5]);
+        assert_eq!(reduced_effort(2048 * 1664), [4, 3]);
     }
 }

@@ -29,6 +29,10 @@ const PROMISING: f64 = 0.99;
 /// the scene's own glow around them: a workshop loses 3 dB by it.
 const GATHERED: f64 = 0.985;
 
+/// Rounds in which light that is known from half the resolution is corrected, and steps in each: one round of eight restores
+/// photographs of 800 × 800 pixels 0.1 dB worse, two or three of as many no better.
+const CORRECTION: (usize, usize) = (2, 6);
+
 /// How much brighter than the capture flare may be, over the local brightness, before it counts as more than noise.
 const NOISE: f32 = 0.03;
 
@@ -86,12 +90,28 @@ impl Clipped<'_> {
     /// Flare can't be brighter than the capture. Of light that would throw such flare, and explains little of the rest, as much is
     /// believed as is plausible.
     pub(super) fn measure(&self, progress: &Progress) -> Result<Measured> {
-        let measured = self.fitted(progress)?;
+        let fit = self.fit();
+        let measured = self.fitted(&fit, progress)?;
+        Ok(Measured { light: self.believed(&fit, measured.light), ..measured })
+    }
+
+    /// Corrects a light that was found at half the resolution by what its flare tells at the full one.
+    pub(super) fn corrected(&self, coarse: Array2<f32>, progress: &Progress) -> Result<Array2<f32>> {
+        let fit = self.fit();
+        let mut light = self.at_level();
+        Zip::from(&mut light).and(&coarse).par_for_each(|light, coarse| *light = light.max(*coarse));
+        fit.gather_in_rounds(&mut light, CORRECTION, progress)?;
+        let light = self.believed(&fit, light);
+        Ok(if fit.misfit(&coarse) < fit.misfit(&light) { coarse } else { light })
+    }
+
+    /// As much of a light as is believed: see [`measure`](Self::measure).
+    fn believed(&self, fit: &Fit<'_>, light: Array2<f32>) -> Array2<f32> {
         let at_level = self.at_level();
-        if self.misfit(&measured.light) <= CONVINCING * self.misfit(&at_level) {
-            return Ok(measured);
+        match fit.misfit(&light) <= CONVINCING * fit.misfit(&at_level) {
+            true => light,
+            false => self.plausible(light, &at_level),
         }
-        Ok(Measured { light: self.plausible(measured.light, &at_level), ..measured })
     }
 
     /// The level at which they saturate for the light of all saturated pixels.
@@ -146,8 +166,7 @@ impl Clipped<'_> {
         beyond / pixels.max(1) as f64
     }
 
-    fn fitted(&self, progress: &Progress) -> Result<Measured> {
-        let fit = self.fit();
+    fn fitted(&self, fit: &Fit<'_>, progress: &Progress) -> Result<Measured> {
         let mut light = self.at_level();
         fit.spread(&mut light, FIRST_STEPS, progress)?;
         let spread = light.clone();
@@ -248,7 +267,7 @@ mod tests {
     #[test]
     fn light_that_outshines_the_capture_is_not_believed() {
         Lamp::new(1000.0).with(|clipped, _| {
-            let light = clipped.fitted(&Progress::default()).unwrap().light;
+            let light = clipped.fitted(&clipped.fit(), &Progress::default()).unwrap().light;
             assert!(clipped.measure(&Progress::default()).unwrap().light == light);
         });
         Lamp::of_scene(|y, x| match (y, x) {
@@ -265,6 +284,29 @@ mod tests {
             light[[10, 8]] = 1e4 * LEVEL;
             let part = clipped.plausible(light.clone(), &of_level)[[10, 8]] / light[[10, 8]];
             assert!((0.01..0.5).contains(&part), "{part}");
+        });
+    }
+
+    /// Half the resolution tells the light of blocks, here four fifths of it over nine times a lamp's pixels; what is right already stays.
+    #[test]
+    fn light_from_half_the_resolution_is_corrected() {
+        Lamp::new(1000.0).with(|clipped, _| {
+            let truth = |y: usize, x: usize| (30..32).contains(&y) && (36..38).contains(&x);
+            let spread = |y: usize, x: usize| (28..34).contains(&y) && (34..40).contains(&x);
+            let plane = |light: &dyn Fn(usize, usize) -> f32| {
+                Array2::from_shape_fn(
+                    (64, 64),
+                    |(y, x)| if clipped.saturated[[y, x]] { light(y, x) } else { 0.0 },
+                )
+            };
+            let coarse = plane(&|y, x| if spread(y, x) { 0.8 / 9.0 * 1000.0 * LEVEL } else { 0.0 });
+            let corrected = clipped.corrected(coarse.clone(), &Progress::default()).unwrap();
+            assert!(clipped.misfit(&corrected) < 0.1 * clipped.misfit(&coarse));
+            let part = corrected.sum() / (4000.0 * LEVEL);
+            assert!((part - 1.0).abs() < 0.05, "{part}");
+            let right = plane(&|y, x| if truth(y, x) { 1000.0 * LEVEL } else { 0.0 });
+            let kept = clipped.corrected(right.clone(), &Progress::default()).unwrap();
+            assert!(clipped.misfit(&kept) <= clipped.misfit(&right));
         });
     }
 

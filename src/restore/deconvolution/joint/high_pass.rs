@@ -5,7 +5,7 @@ use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
 use super::frame::{Blur, row};
 use super::smooth::{Place, smooth, smooth_beside, smooth_into};
 use super::sums::{LANES, add_products};
-use crate::core::fft::copy_row;
+use crate::core::fft::{Loan, Pool, copy_row};
 use crate::kernels::vectorised;
 
 /// What keeps the share of believed pixels above zero.
@@ -28,6 +28,8 @@ pub(super) struct HighPass {
     pub(super) weights: Array2<f32>,
     /// The standard deviation of the bell, in pixels.
     width_px: f32,
+    /// Planes that are written over, which large captures would spend a tenth of the time on if they came anew each time.
+    rooms: Pool<Array2<f32>>,
 }
 
 impl HighPass {
@@ -37,7 +39,12 @@ impl HighPass {
         smooth(&mut inverse_share, width_px);
         inverse_share.par_mapv_inplace(|share| 1.0 / (share + LEAST_SHARE));
         let weights = Zip::from(&known).and(brightness).par_map_collect(|known, n| known / n);
-        Self { known, inverse_share, weights, width_px }
+        Self { known, inverse_share, weights, width_px, rooms: Pool::new() }
+    }
+
+    /// Lends a plane, of which stale contents are to be overwritten.
+    fn lend_room(&self) -> Loan<'_, Array2<f32>> {
+        self.rooms.lend(|| Array2::zeros(self.known.dim()))
     }
 
     /// Weighs pixels by the local root mean square of what is left of them, `left` = `w·h(r)`, besides: where the scene is
@@ -67,11 +74,11 @@ impl HighPass {
 
     /// `w·h(r)`, in place; returns the sum of its squares.
     pub(super) fn pass(&self, r: &mut Array2<f32>) -> f64 {
-        let Self { known, inverse_share, weights, width_px } = self;
+        let Self { known, inverse_share, weights, width_px, .. } = self;
         let believe = |y: usize, r: &[f32], out: &mut [f32]| believe(out, r, row(known, y));
         let leave =
             |x: usize, low: &[Place], r: ArrayViewMut2<'_, f32>| leave(r, low, x, [inverse_share, weights]);
-        smooth_beside(r, *width_px, believe, leave)
+        smooth_beside((r, &mut self.lend_room()), *width_px, believe, leave)
     }
 
     /// `Aᵀ hᵀ(w·r)`.
@@ -86,15 +93,15 @@ impl HighPass {
         r: &Array2<f32>,
         into: (&mut Array2<f32>, impl Fn(usize, &[f32], &mut [f32]) -> f64 + Sync),
     ) -> f64 {
-        let Self { known, inverse_share, weights, width_px } = self;
-        let mut passed = Array2::zeros(r.dim());
+        let Self { known, inverse_share, weights, width_px, .. } = self;
+        let mut passed = self.lend_room();
         let share =
             |y: usize, out: &mut [f32]| of_share(out, row(r, y), row(weights, y), row(inverse_share, y));
         let leave = |x: usize, smoothed: &[Place], out: ArrayViewMut2<'_, f32>| {
             leave_transposed(out, smoothed, x, [r, weights, known]);
             0.0
         };
-        smooth_into(&mut passed, *width_px, share, leave);
+        smooth_into((&mut passed, &mut self.lend_room()), *width_px, share, leave);
         blur.transpose_into(&passed, into)
     }
 }

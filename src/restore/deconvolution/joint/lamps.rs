@@ -27,9 +27,10 @@ const MOST_MEASURED_REDUCED: f64 = 0.03;
 /// scene's detail, and what it makes of that needs more steps. A workshop gains 7 dB by it.
 const SPREAD_CREDIT: f64 = 1.03;
 
-/// Samples of transforms beyond which light that is known from lower resolutions is not measured again, which would take most of the
-/// time: more than those of a photograph of 800 × 800 pixels. Eleven of these are restored 0.1 dB worse so on average, one night 1.2 dB.
-const LARGE_SAMPLES: usize = 2_000_000;
+/// Samples of transforms beyond which the light of lamps is always found at half the resolution first, and corrected at the full one,
+/// rather than measured at the full one from nothing. Photographs of 800 × 800 pixels are restored 0.1 dB better so, those of 8
+/// megapixels 0.5 dB, in two thirds of the time; views of 224 × 224 pixels 0.1 dB worse.
+const LARGE_SAMPLES: usize = 700_000;
 
 /// The part of the largest curvature that a lamp's pixel has at least; 10⁻¹² restores the same.
 const LEAST_CURVATURE: f32 = 1e-9;
@@ -107,7 +108,8 @@ impl Saturated<'_> {
         };
         let coarse = coarse.map(|scene| coarse::light(scene, &saturated, capture));
         let (light, has_coarse_light) = match coarse {
-            Some(light) if is_measured && frame.transform_samples() <= LARGE_SAMPLES => {
+            Some(light) if is_measured && is_large(frame) => (clipped.corrected(light, progress)?, true),
+            Some(light) if is_measured => {
                 let Measured { light: measured, is_gathered } = measured()?;
                 let allowed = if is_gathered { 1.0 } else { SPREAD_CREDIT };
                 let is_better = clipped.misfit(&light) < allowed * clipped.misfit(&measured);
@@ -146,6 +148,11 @@ impl Saturated<'_> {
             scene,
         ))
     }
+}
+
+/// Whether a frame is so large that the light of its lamps is found at half the resolution first.
+pub(super) fn is_large(frame: &Frame) -> bool {
+    frame.transform_samples() > LARGE_SAMPLES
 }
 
 /// The capture without the flare, painted over where that hid it, on a whole plane.

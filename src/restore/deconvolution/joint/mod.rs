@@ -53,7 +53,7 @@ use noise_level::NoiseLevel;
 use prior::{Edges, InverseBrightness};
 use refine::{Refined, refine};
 
-/// The share of a channel that is clipped, from which clipped light is first found at lower resolutions.
+/// The share of a channel that is clipped, from which clipped light of small captures is first found at lower resolutions.
 const LEAST_CLIPPED: f64 = 5e-3;
 
 /// What a capture tells of its scene.
@@ -192,8 +192,8 @@ impl<'a> Given<'a> {
         (0..CHANNELS).map(of_channel).collect::<Result<_>>().map(Some)
     }
 
-    /// The scene in the frame at half the resolution, `[3, ⌈height/2⌉, ⌈width/2⌉]`, of a photograph that is large enough and
-    /// of which much is clipped: the light of few pixels is found sooner at full resolution, and as well.
+    /// The scene in the frame at half the resolution, `[3, ⌈height/2⌉, ⌈width/2⌉]`, of a photograph that is large, or of which
+    /// much is clipped: in small ones the light of few pixels is found sooner at full resolution, and as well.
     fn coarse_scene(
         &self,
         frame: &Frame,
@@ -206,7 +206,8 @@ impl<'a> Given<'a> {
             let clipped = saturated.iter().filter(|saturated| **saturated).count();
             clipped as f64 >= LEAST_CLIPPED * saturated.len() as f64
         };
-        if !(0..CHANNELS).any(|channel| is_photograph(channel) && much_is_clipped(channel)) {
+        let is_large = lamps::is_large(frame);
+        if !(0..CHANNELS).any(|channel| is_photograph(channel) && (is_large || much_is_clipped(channel))) {
             return Ok(None);
         }
         let Some(half) = Half::of(self.image, self.psf, &self.saturated)? else { return Ok(None) };

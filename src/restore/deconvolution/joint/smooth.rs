@@ -36,30 +36,29 @@ pub(super) fn smooth(plane: &mut Array2<f32>, sigma_px: f32) {
 }
 
 /// Smooths a plane whose rows `fill(y, row)` writes, as [`smooth`] does, and hands it on by strips of columns: `keep(x, smoothed,
-/// strip)` takes the rows of each, which begins at column x, to that of `out`. The sum of what it returns is returned.
+/// strip)` takes the rows of each, which begins at column x, to that of `out`. The sum of what it returns is returned. What `room`,
+/// of the size of `out`, holds is overwritten.
 pub(super) fn smooth_into(
-    out: &mut Array2<f32>,
+    (out, room): (&mut Array2<f32>, &mut Array2<f32>),
     sigma_px: f32,
     fill: impl Fn(usize, &mut [f32]) + Sync,
     keep: impl Fn(usize, &[Place], ArrayViewMut2<'_, f32>) -> f64 + Sync,
 ) -> f64 {
     let radius = radius_of(sigma_px);
-    let mut smoothed = Array2::zeros(out.dim());
-    smooth_rows(&mut smoothed, radius, fill);
-    columns_into(&smoothed, out, radius, keep)
+    smooth_rows(room, radius, fill);
+    columns_into(room, out, radius, keep)
 }
 
 /// [`smooth_into`], of a plane whose rows are made of those of `out`.
 pub(super) fn smooth_beside(
-    out: &mut Array2<f32>,
+    (out, room): (&mut Array2<f32>, &mut Array2<f32>),
     sigma_px: f32,
     fill: impl Fn(usize, &[f32], &mut [f32]) + Sync,
     keep: impl Fn(usize, &[Place], ArrayViewMut2<'_, f32>) -> f64 + Sync,
 ) -> f64 {
     let radius = radius_of(sigma_px);
-    let mut smoothed = Array2::zeros(out.dim());
-    smooth_rows(&mut smoothed, radius, |y, samples| fill(y, row(out, y), samples));
-    columns_into(&smoothed, out, radius, keep)
+    smooth_rows(room, radius, |y, samples| fill(y, row(out, y), samples));
+    columns_into(room, out, radius, keep)
 }
 
 /// Fills rows and smooths along them.
