@@ -270,6 +270,10 @@ impl<T: Real> Transform<T> {
     /// Lends the blocks between the passes; stale contents are overwritten before they are read.
     fn lend_blocks(&self, len: usize) -> Loan<'_, Vec<Complex<T>>> {
         let mut blocks = self.blocks.lend(Vec::new);
+        if blocks.capacity() < len {
+            // Nothing that is to be overwritten is copied.
+            *blocks = Vec::with_capacity(len);
+        }
         blocks.resize(len, Complex::default());
         blocks
     }
