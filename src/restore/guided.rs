@@ -43,9 +43,6 @@ pub(super) struct GuidedOptions {
 /// then less than what it gains.
 const LEAST_MOVE: [f64; 2] = [0.02, 1e-3];
 
-/// The part of such a move below which changes of the pose end its search: finer ones take a third of its time, and gain nothing.
-const SETTLED: f64 = 0.25;
-
 /// Standard deviations that a move has to be above.
 const SURE: f64 = 3.0;
 
@@ -124,8 +121,7 @@ impl Restoration {
         if !self.guided_options().is_some_and(|options| options.finds_pose) {
             return Ok((Cow::Borrowed(psf), None));
         }
-        let settled = LEAST_MOVE.map(|least| SETTLED * least);
-        let config = PoseConfig { alpha: planes.curve.alpha, saturation: planes.saturation, settled };
+        let config = PoseConfig { alpha: planes.curve.alpha, saturation: planes.saturation };
         let found = find_pose(image, psf, &config, &progress.without_bars())?.filter(is_sure);
         Ok(match found {
             Some(estimate) => {

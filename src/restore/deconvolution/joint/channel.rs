@@ -338,10 +338,17 @@ impl<'a> Channel<'a> {
     }
 
     /// Adds the doubt about lamps and their flare to a deviation.
-    pub(super) fn doubt(&self, deviation: &mut Array2<f32>) {
+    pub(super) fn doubt(&self, deviation: ArrayViewMut2<'_, f32>) -> Result<()> {
         if let Some(lamps) = &self.lamps {
-            lamps.doubt(self.frame.cut(&self.scene), deviation);
+            let blur = self.frame.blur(self.known.psf)?;
+            lamps.doubt(&blur, self.frame.cut(&self.scene), deviation);
         }
+        Ok(())
+    }
+
+    /// Gives back what only the search for the scene needs, which is at its end.
+    pub(super) fn settle(&mut self) {
+        self.lamps.iter_mut().for_each(Lamps::settle);
     }
 
     /// The standard deviation of the noise of `log(y + α)` where the capture is of middling brightness.
@@ -373,7 +380,7 @@ impl<'a> Channel<'a> {
                 *gain *= n * self.noise.at(*n);
             }
         });
-        self.doubt(&mut deviation);
+        self.doubt(deviation.view_mut())?;
         Ok(deviation)
     }
 

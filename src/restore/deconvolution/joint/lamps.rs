@@ -1,6 +1,6 @@
 //! What there is where a capture is saturated: the light that its flare tells, and how far pixels are believed.
 
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
 
 use super::coarse;
 use super::fit::{grown, inverse_diagonal};
@@ -58,8 +58,6 @@ pub(super) struct Lamps {
     pub(super) inverse_brightness: Array2<f32>,
     /// 1/D² where the capture is known, −1/D² of saturated pixels, which are lower bounds, zero next to those.
     certainty: Array2<f32>,
-    /// The capture's part that comes from saturated pixels.
-    flare: Array2<f32>,
     level: f32,
     /// Whether their light can be measured.
     is_measured: bool,
@@ -143,10 +141,7 @@ impl Saturated<'_> {
                 }
             },
         );
-        Ok((
-            Lamps { saturated, inverse_brightness, certainty, flare, level, is_measured, has_coarse_light },
-            scene,
-        ))
+        Ok((Lamps { saturated, inverse_brightness, certainty, level, is_measured, has_coarse_light }, scene))
     }
 }
 
@@ -222,9 +217,23 @@ impl Lamps {
         inverse
     }
 
-    /// Adds the doubt about the flare to that of noise, and replaces it by that about the light of lamps.
-    pub(super) fn doubt(&self, scene: ArrayView2<'_, f32>, deviation: &mut Array2<f32>) {
-        let parts = Zip::from(deviation).and(&self.flare).and(&self.saturated).and(scene);
+    /// Gives back what only the search for the scene needs.
+    pub(super) fn settle(&mut self) {
+        (self.certainty, self.inverse_brightness) = Default::default();
+    }
+
+    /// Adds the doubt about the flare that `blur` makes of a scene's lamps to that of noise, and replaces it by that about their light.
+    pub(super) fn doubt(
+        &self,
+        blur: &Blur<'_>,
+        scene: ArrayView2<'_, f32>,
+        deviation: ArrayViewMut2<'_, f32>,
+    ) {
+        let of_lamps = |saturated: &bool, light: &f32| if *saturated { *light } else { 0.0 };
+        let light = Zip::from(&self.saturated).and(scene).par_map_collect(of_lamps);
+        let mut flare = Array2::zeros(light.dim());
+        blur.apply(&light, &mut flare);
+        let parts = Zip::from(deviation).and(&flare).and(&self.saturated).and(scene);
         parts.par_for_each(|deviation, flare, saturated, scene| {
             *deviation = if *saturated { LAMP_DOUBT * scene } else { deviation.hypot(FLARE_DOUBT * flare) };
         });

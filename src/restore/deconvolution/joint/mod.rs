@@ -314,8 +314,9 @@ impl<'a> Colors<'a> {
         if !self.channels.iter().any(Channel::is_noisy) {
             return Ok(None);
         }
-        // Its plane makes room.
+        // Their planes make room.
         self.edges = Edges::unknown();
+        self.channels.iter_mut().for_each(Channel::settle);
         refine(self.frame, &mut self.channels, progress).map(Some)
     }
 

@@ -84,9 +84,8 @@ pub(super) fn refine(frame: &Frame, channels: &mut [Channel<'_>], progress: &Pro
         }
     }
     for (channel, mut variance) in channels.iter().zip(variance.axis_iter_mut(Axis(0))) {
-        let mut deviation = variance.mapv(f32::sqrt);
-        channel.doubt(&mut deviation);
-        variance.assign(&deviation);
+        variance.par_mapv_inplace(f32::sqrt);
+        channel.doubt(variance)?;
     }
     Ok(Refined { scene, deviation: variance })
 }

@@ -63,12 +63,8 @@ const STEPS_TO_GO: f64 = 3.0;
 /// The longest Gauss–Newton step, within which derivatives hold.
 const LONGEST: Pose2 = [0.15, 0.004];
 
-/// Changes of the pose that end the search for the pose itself.
+/// Changes of the pose that end the search.
 const SETTLED: Pose2 = [0.002, 1e-4];
-
-/// So many steps in a row, each longer than the one before, are those of a search that nothing guides: of 36 captures that tell a pose
-/// one is lost by it, whose turn is known to no more than 0.03°. With two, five others are.
-const ASTRAY: usize = 3;
 
 /// Half of the differences that derivatives are taken by.
 const DIFFERENCES: Pose2 = [0.05, 5e-4];
@@ -100,8 +96,6 @@ pub struct PoseConfig {
     pub alpha: f32,
     /// The value of a full photosite in each channel.
     pub saturation: [f32; CHANNELS],
-    /// Changes of the turn, in degrees, and of the scale, as a share, below which both end the search.
-    pub settled: [f64; 2],
 }
 
 impl PoseConfig {
@@ -119,7 +113,7 @@ impl PoseConfig {
             (None, Some(x_max)) => [x_max; CHANNELS],
             (None, None) => find_levels(image, ToneCurve::default().x_max).0,
         };
-        Self { alpha, saturation, settled: SETTLED }
+        Self { alpha, saturation }
     }
 }
 
@@ -187,7 +181,7 @@ pub fn find_pose(
     let Some(scene) = Scene::new(capture.channel(channel), movable.size(), levels) else {
         return Ok(None);
     };
-    Search::new(scene, &movable, config.settled, progress)?.run()
+    Search::new(scene, &movable, progress)?.run()
 }
 
 /// The channel with most saturated pixels: green, where it is as good as others.
@@ -208,25 +202,6 @@ fn turned_back(step: f64, before: f64) -> f64 {
     if step * before < 0.0 { step * before / (before - step) } else { step }
 }
 
-/// How the steps of a search grow.
-#[derive(Default)]
-struct Strides {
-    /// The length of the last step, in those that end a search.
-    length: f64,
-    /// Steps in a row that were longer than the one before.
-    longer: usize,
-}
-
-impl Strides {
-    /// Takes the next step in; whether such steps lead nowhere.
-    fn lead_astray(&mut self, [turn, scale]: Pose2) -> bool {
-        let length = (turn / SETTLED[0]).hypot(scale / SETTLED[1]);
-        let is_longer = self.length > 0.0 && length > self.length;
-        (self.length, self.longer) = (length, if is_longer { self.longer + 1 } else { 0 });
-        self.longer >= ASTRAY
-    }
-}
-
 /// A search in work.
 struct Search<'a> {
     scene: Scene,
@@ -237,15 +212,14 @@ struct Search<'a> {
     pose: Pose2,
     /// The last step that the pose was to take: large where the search ends before it has settled.
     step: Pose2,
-    settled: Pose2,
 }
 
 impl<'a> Search<'a> {
-    fn new(scene: Scene, movable: &'a Movable, settled: Pose2, progress: &'a Progress) -> Result<Self> {
+    fn new(scene: Scene, movable: &'a Movable, progress: &'a Progress) -> Result<Self> {
         let squared = scene.frame.squared_blur(movable.at([0.0; 2]).view())?;
         let fit = LampFit::new(&scene, &squared, progress);
         let light = scene.base.clone();
-        Ok(Self { scene, movable, fit, light, pose: [0.0; 2], step: [0.0; 2], settled })
+        Ok(Self { scene, movable, fit, light, pose: [0.0; 2], step: [0.0; 2] })
     }
 
     fn run(mut self) -> Result<Option<PoseEstimate>> {
@@ -255,7 +229,7 @@ impl<'a> Search<'a> {
             return Ok(None);
         }
         self.try_poses()?;
-        let (mut taken, mut strides) = ([0.0; 2], Strides::default());
+        let mut taken = [0.0; 2];
         for _ in 0..ROUNDS {
             self.weigh()?;
             self.step = self.best_step()?;
@@ -267,10 +241,7 @@ impl<'a> Search<'a> {
             if self.pose.iter().zip(FURTHEST).any(|(part, furthest)| part.is_nan() || part.abs() > furthest) {
                 return Ok(None);
             }
-            if strides.lead_astray(self.step) {
-                return Ok(None);
-            }
-            if self.step.iter().zip(self.settled).all(|(step, settled)| step.abs() < settled) {
+            if self.step.iter().zip(SETTLED).all(|(step, settled)| step.abs() < settled) {
                 break;
             }
         }
