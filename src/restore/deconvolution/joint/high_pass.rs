@@ -28,7 +28,7 @@ pub(super) struct HighPass {
     pub(super) weights: Array2<f32>,
     /// The standard deviation of the bell, in pixels.
     width_px: f32,
-    /// Planes that are written over, which large captures would spend a tenth of the time on if they came anew each time.
+    /// Planes that are written over; new ones for each product would come from the system page by page.
     rooms: Pool<Array2<f32>>,
 }
 

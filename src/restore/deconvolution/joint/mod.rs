@@ -117,9 +117,8 @@ fn frame_of(image: &LinearImage, psf: &Psf, config: &DeconvolutionConfig) -> Fra
 
 /// Bytes of an image with saturated pixels in work, by the pixels of the frame and of a plane and the samples of a transform.
 pub(super) fn bytes(frame: u64, plane: u64, samples: u64) -> u64 {
-    // The image; the flare and certainty of each channel, W and A x, the inverse diagonal, three of bits, and what
-    // stands between.
-    let of_frame = CHANNELS as u64 * 3 + 5;
+    // The image; the certainty of each channel, W and A x, the inverse diagonal, three of bits, and what stands between.
+    let of_frame = CHANNELS as u64 * 2 + 5;
     // Scene, D and 1/n of each channel; the gradient, the direction, what they are turned to, 1/n, edges, what is held,
     // and what is still mapped of the first scene.
     let of_plane = CHANNELS as u64 * 3 + 7;
