@@ -29,7 +29,7 @@ const SPREAD_CREDIT: f64 = 1.03;
 
 /// Samples of transforms beyond which the light of lamps is always found at half the resolution first, and corrected at the full one,
 /// rather than measured at the full one from nothing. Sixteen photographs of 800 × 800 pixels are restored 0.1 dB better so in 0.6 of the
-/// time, four of 8 megapixels 0.6 dB in 0.8 of it; views of 224 × 224 pixels 0.1 dB worse.
+/// time, four of 8 megapixels 0.6 dB in 0.8 of it; views of 224 × 224 pixels up to 0.1 dB worse.
 const LARGE_SAMPLES: usize = 700_000;
 
 /// The part of the largest curvature that a lamp's pixel has at least; 10⁻¹² restores the same.
