@@ -121,7 +121,8 @@ impl Restoration {
         if !self.guided_options().is_some_and(|options| options.finds_pose) {
             return Ok((Cow::Borrowed(psf), None));
         }
-        let config = PoseConfig { alpha: planes.curve.alpha, saturation: planes.saturation };
+        let config =
+            PoseConfig { alpha: planes.curve.alpha, saturation: planes.saturation, least_move: LEAST_MOVE };
         let found = find_pose(image, psf, &config, &progress.without_bars())?.filter(is_sure);
         Ok(match found {
             Some(estimate) => {

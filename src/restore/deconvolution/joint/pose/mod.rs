@@ -60,6 +60,9 @@ const STEPS: usize = 8;
 /// some 0.7 of the one before.
 const STEPS_TO_GO: f64 = 3.0;
 
+/// The same where it only has to be told that the pose stays within a least move: what steps of 0.7 of the one before add up to.
+const LIKELY_STEPS_TO_GO: f64 = 2.0;
+
 /// The longest Gauss–Newton step, within which derivatives hold.
 const LONGEST: Pose2 = [0.15, 0.004];
 
@@ -96,6 +99,9 @@ pub struct PoseConfig {
     pub alpha: f32,
     /// The value of a full photosite in each channel.
     pub saturation: [f32; CHANNELS],
+    /// The turn in degrees and the change of scale below which nothing is to be told, which ends the search sooner; zeros look for
+    /// every pose.
+    pub least_move: [f64; 2],
 }
 
 impl PoseConfig {
@@ -113,7 +119,7 @@ impl PoseConfig {
             (None, Some(x_max)) => [x_max; CHANNELS],
             (None, None) => find_levels(image, ToneCurve::default().x_max).0,
         };
-        Self { alpha, saturation }
+        Self { alpha, saturation, least_move: [0.0; 2] }
     }
 }
 
@@ -158,7 +164,7 @@ pub(in crate::restore) fn write_pose_in_words(
 /// Searches the pose of `psf` in which it explains the flare of the lamps in `capture`.
 ///
 /// Turns of up to 1° and scales of up to 1.5 % are found; see the head of the file. None where the capture tells nothing: there
-/// is no lamp, its flare is weak, or no such pose is better than its neighbours.
+/// is no lamp, its flare is weak, no such pose is better than its neighbours, or it is within the least move.
 ///
 /// # Errors
 /// [`Error::Config`] when α or a saturation is no positive number; [`Error::Interrupted`] between steps.
@@ -181,7 +187,7 @@ pub fn find_pose(
     let Some(scene) = Scene::new(capture.channel(channel), movable.size(), levels) else {
         return Ok(None);
     };
-    Search::new(scene, &movable, progress)?.run()
+    Search::new(scene, &movable, progress)?.run(config.least_move)
 }
 
 /// The channel with most saturated pixels: green, where it is as good as others.
@@ -222,7 +228,7 @@ impl<'a> Search<'a> {
         Ok(Self { scene, movable, fit, light, pose: [0.0; 2], step: [0.0; 2] })
     }
 
-    fn run(mut self) -> Result<Option<PoseEstimate>> {
+    fn run(mut self, least_move: Pose2) -> Result<Option<PoseEstimate>> {
         self.improve_light(&[], FIRST_STEPS)?;
         self.weigh()?;
         if !self.tells_much()? {
@@ -241,11 +247,20 @@ impl<'a> Search<'a> {
             if self.pose.iter().zip(FURTHEST).any(|(part, furthest)| part.is_nan() || part.abs() > furthest) {
                 return Ok(None);
             }
+            if self.stays_within(least_move) {
+                return Ok(None);
+            }
             if self.step.iter().zip(SETTLED).all(|(step, settled)| step.abs() < settled) {
                 break;
             }
         }
         self.judge()
+    }
+
+    /// Whether the pose will have moved by less than that when it has settled.
+    fn stays_within(&self, least_move: Pose2) -> bool {
+        let furthest = |part: usize| self.pose[part].abs() + LIKELY_STEPS_TO_GO * self.step[part].abs();
+        (0..least_move.len()).all(|part| furthest(part) < least_move[part])
     }
 
     /// A in a pose.

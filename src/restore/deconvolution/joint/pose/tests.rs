@@ -51,7 +51,11 @@ fn capture(scene: &LinearImage, psf: &Psf, level: f32) -> LinearImage {
 }
 
 fn search(capture: &LinearImage, level: f32) -> Option<PoseEstimate> {
-    let config = PoseConfig { alpha: 0.25, saturation: [level; CHANNELS] };
+    search_beyond(capture, level, [0.0; 2])
+}
+
+fn search_beyond(capture: &LinearImage, level: f32, least_move: Pose2) -> Option<PoseEstimate> {
+    let config = PoseConfig { alpha: 0.25, saturation: [level; CHANNELS], least_move };
     find_pose(capture, &panel([0.0; 2]), &config, &Progress::default()).unwrap()
 }
 
@@ -100,6 +104,18 @@ fn a_psf_in_its_pose_stays_there() {
     assert_found(&SUN, [0.0, 0.0]);
 }
 
+/// One that stays is not told, and of one that moves the same is told as without a least move.
+#[test]
+fn moves_below_the_least_are_not_told() {
+    let seen = |pose| capture(&scene(&SUN), &panel(pose), LEVEL);
+    let least_move = [0.02, 1e-3];
+    assert_eq!(search_beyond(&seen([0.0, 0.0]), LEVEL, least_move), None);
+    for pose in [[0.1, 0.0], [0.0, 0.004]] {
+        let seen = seen(pose);
+        assert_eq!(search_beyond(&seen, LEVEL, least_move), Some(search(&seen, LEVEL).unwrap()), "{pose:?}");
+    }
+}
+
 #[test]
 fn without_lamps_nothing_is_told() {
     assert_eq!(search(&capture(&scene(&[]), &panel([0.3, 0.004]), LEVEL), LEVEL), None);
@@ -118,7 +134,7 @@ fn weak_flare_tells_nothing() {
 
 #[test]
 fn refuses_a_saturation_that_is_no_light() {
-    let config = PoseConfig { alpha: 0.25, saturation: [1.0, 0.0, 1.0] };
+    let config = PoseConfig { alpha: 0.25, saturation: [1.0, 0.0, 1.0], least_move: [0.0; 2] };
     let image = scene(&[]);
     let error = find_pose(&image, &panel([0.0; 2]), &config, &Progress::default()).unwrap_err();
     assert!(error.to_string().contains("saturation"), "{error}");
