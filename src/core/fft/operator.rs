@@ -296,7 +296,7 @@ impl PlaneOperator {
             }
         };
         let out = out.as_slice_mut().expect("planes are contiguous");
-        transform.filter((0..rows, fill), multiply, window, (out, keep))
+        transform.filter((rows, fill), multiply, window, (out, keep))
     }
 
     fn kernel_spectrum<T: Real>(

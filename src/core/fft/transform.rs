@@ -5,8 +5,9 @@
 //! 1. Two real rows are transformed as the real and imaginary part of one complex row.
 //! 2. The half spectrum of the rows is kept column by column, `[kx][ky]`, so that the transform of a column
 //!    and the product of two spectra run over contiguous memory.
-//! 3. Between rows and columns stands an intermediate of blocks, 8 wide: 8 complex numbers are two cache
-//!    lines, so both passes read and write whole lines, and every block is written by one thread only.
+//! 3. Between rows and columns stands an intermediate of tiles, 8 × 8: 8 complex numbers are a cache line or two, so both passes
+//!    read and write whole lines. A column pass reads tiles by columns and leaves the same ones by rows, so that there is one
+//!    intermediate, not two.
 //!
 //! Both precisions share this code; [`Convolver`](super::Convolver) says which one serves.
 //!
@@ -23,8 +24,11 @@ use rustfft::num_complex::Complex;
 use super::pool::{Loan, Pool};
 use super::real::Real;
 
-/// Width of the blocks between the row and the column pass.
+/// Rows and columns of the tiles between the row and the column pass.
 const BLOCK: usize = 8;
+
+/// Samples of a tile: by columns, `[kx][row]`, before the column pass of an inverse transform, and by rows after it.
+const TILE: usize = BLOCK * BLOCK;
 
 /// Plans for planes of one size, and buffers that are used again.
 pub(super) struct Transform<T: Real> {
@@ -32,8 +36,8 @@ pub(super) struct Transform<T: Real> {
     width: usize,
     along_rows: Plans<T>,
     along_columns: Plans<T>,
-    /// What stands between the row and the column pass, one at a time for each plane in work.
-    blocks: Pool<Vec<Complex<T>>>,
+    /// What stands between the row and the column pass, one at a time for each plane in work: `[row / 8][kx / 8]` tiles.
+    tiles: Pool<Vec<Complex<T>>>,
     /// What a thread works in.
     scratches: Pool<Scratch<T>>,
     spectra: Pool<Vec<Complex<T>>>,
@@ -77,7 +81,7 @@ impl<T: Real> Transform<T> {
             width,
             along_rows: Plans::new(width),
             along_columns: Plans::new(height),
-            blocks: Pool::new(),
+            tiles: Pool::new(),
             scratches: Pool::new(),
             spectra: Pool::new(),
         }
@@ -102,21 +106,17 @@ impl<T: Real> Transform<T> {
         fill: impl Fn(usize, &mut [T]) + Sync,
     ) -> Vec<Complex<T>> {
         let groups: Vec<Range<usize>> = rows.iter().flat_map(split_in_blocks).collect();
-        let columns = self.width / 2 + 1;
-        let mut blocks = self.lend_blocks(groups.len() * columns * BLOCK);
-        blocks.par_chunks_mut(columns * BLOCK).zip(&groups).for_each_init(
-            || self.lend_scratch(),
-            |scratch, (block, group)| self.transform_rows(group.clone(), &fill, scratch, block),
-        );
+        let mut tiles = self.lend_tiles(groups.len());
+        self.transform_groups(&groups, &fill, &mut tiles);
         let mut spectrum = self.spectra.take().unwrap_or_default();
         spectrum.resize(self.spectrum_len(), Complex::default());
         spectrum.par_chunks_mut(self.height).enumerate().for_each_init(
             || self.lend_scratch(),
             |scratch, (kx, column)| {
                 let mut next = 0;
-                for (block, group) in blocks.chunks(columns * BLOCK).zip(&groups) {
+                for (tiles, group) in tiles.chunks(self.tiles_len()).zip(&groups) {
                     column[next..group.start].fill(Complex::default());
-                    let samples = &block[kx * BLOCK..][..group.len()];
+                    let samples = &tiles[kx * BLOCK..][..group.len()];
                     column[group.clone()].copy_from_slice(samples);
                     next = group.end;
                 }
@@ -127,43 +127,28 @@ impl<T: Real> Transform<T> {
         spectrum
     }
 
-    /// Transforms a plane whose rows outside of `rows` are zero, lets `multiply(kx, column)` change each column of its spectrum,
-    /// transforms it back and keeps one window: [`forward`](Self::forward) and [`inverse`](Self::inverse), without a spectrum in
-    /// memory.
+    /// Transforms a plane of which only the first `rows` rows are not zero, lets `multiply(kx, column)` change each column of its
+    /// spectrum, transforms it back and keeps one window: [`forward`](Self::forward) and [`inverse`](Self::inverse), without a
+    /// spectrum in memory.
     ///
     /// `keep(row, samples, out)` takes each row of the window to that of `out`; the sum of what it returns is returned, added in
     /// the order of the rows.
     pub(super) fn filter(
         &self,
-        (rows, fill): (Range<usize>, impl Fn(usize, &mut [T]) + Sync),
+        (rows, fill): (usize, impl Fn(usize, &mut [T]) + Sync),
         multiply: impl Fn(usize, &mut [Complex<T>]) + Sync,
         window: Window,
         (out, keep): (&mut [f32], impl Keep),
     ) -> f64 {
-        let groups: Vec<Range<usize>> = split_in_blocks(&rows).collect();
-        let columns = self.width / 2 + 1;
-        let mut blocks = self.lend_blocks(groups.len() * columns * BLOCK);
-        blocks.par_chunks_mut(columns * BLOCK).zip(&groups).for_each_init(
-            || self.lend_scratch(),
-            |scratch, (block, group)| self.transform_rows(group.clone(), &fill, scratch, block),
-        );
-        let block_len = window.height * BLOCK;
-        let mut filtered = self.lend_blocks(columns.div_ceil(BLOCK) * block_len);
-        filtered.par_chunks_mut(block_len).enumerate().for_each_init(
-            || self.lend_scratch(),
-            |scratch, (index, block)| {
-                let scratch = &mut **scratch;
-                let kxs = index * BLOCK..columns.min((index + 1) * BLOCK);
-                for (column, kx) in scratch.columns.chunks_mut(self.height).zip(kxs) {
-                    gather(blocks.chunks(columns * BLOCK), kx, rows.clone(), column);
-                    self.along_columns.forward.process_with_scratch(column, &mut scratch.fft);
-                    multiply(kx, column);
-                    self.along_columns.inverse.process_with_scratch(column, &mut scratch.fft);
-                }
-                transpose(&scratch.columns[window.top..], self.height, block);
-            },
-        );
-        self.inverse_rows(&filtered, window, (out, keep))
+        let groups: Vec<Range<usize>> = split_in_blocks(&(0..rows)).collect();
+        let mut tiles = self.lend_tiles(groups.len().max(window.height.div_ceil(BLOCK)));
+        self.transform_groups(&groups, &fill, &mut tiles);
+        let change = |kx: usize, column: &mut [Complex<T>], scratch: &mut [Complex<T>]| {
+            self.along_columns.forward.process_with_scratch(column, scratch);
+            multiply(kx, column);
+        };
+        self.inverse_columns(&mut tiles, (rows, change), window);
+        self.inverse_rows(&tiles, window, (out, keep))
     }
 
     /// Takes a spectrum that is no longer needed, to be overwritten by the next one.
@@ -171,13 +156,26 @@ impl<T: Real> Transform<T> {
         self.spectra.put(spectrum);
     }
 
-    /// Transforms up to [`BLOCK`] rows to a block `[kx][row]`.
+    /// Transforms groups of rows to rows of tiles.
+    fn transform_groups(
+        &self,
+        groups: &[Range<usize>],
+        fill: &(impl Fn(usize, &mut [T]) + Sync),
+        tiles: &mut [Complex<T>],
+    ) {
+        tiles.par_chunks_mut(self.tiles_len()).zip(groups).for_each_init(
+            || self.lend_scratch(),
+            |scratch, (tiles, group)| self.transform_rows(group.clone(), fill, scratch, tiles),
+        );
+    }
+
+    /// Transforms up to [`BLOCK`] rows to tiles `[kx][row]`.
     fn transform_rows(
         &self,
         group: Range<usize>,
         fill: &impl Fn(usize, &mut [T]),
         scratch: &mut Scratch<T>,
-        block: &mut [Complex<T>],
+        tiles: &mut [Complex<T>],
     ) {
         let count = group.len();
         for first in (0..count).step_by(2) {
@@ -194,7 +192,7 @@ impl<T: Real> Transform<T> {
                 *z = Complex::new(a, b);
             }
             self.along_rows.forward.process_with_scratch(samples, &mut scratch.fft);
-            separate_pair(samples, block, first, second);
+            separate_pair(samples, tiles, first, second);
         }
     }
 
@@ -208,44 +206,59 @@ impl<T: Real> Transform<T> {
         out: &mut [f32],
     ) {
         assert_eq!(out.len(), window.height * window.width, "the output has the window's size");
-        let columns = self.width / 2 + 1;
-        let block_len = window.height * BLOCK;
-        let mut blocks = self.lend_blocks(columns.div_ceil(BLOCK) * block_len);
-        blocks.par_chunks_mut(block_len).enumerate().for_each_init(
-            || self.lend_scratch(),
-            |scratch, (index, block)| {
-                let scratch = &mut **scratch;
-                let kxs = index * BLOCK..columns.min((index + 1) * BLOCK);
-                for (column, kx) in scratch.columns.chunks_mut(self.height).zip(kxs) {
-                    product(kx, column);
-                    self.along_columns.inverse.process_with_scratch(column, &mut scratch.fft);
-                }
-                transpose(&scratch.columns[window.top..], self.height, block);
-            },
-        );
-        self.inverse_rows(&blocks, window, (out, copy_row));
+        let mut tiles = self.lend_tiles(window.height.div_ceil(BLOCK));
+        self.inverse_columns(&mut tiles, (0, |kx, column, _| product(kx, column)), window);
+        self.inverse_rows(&tiles, window, (out, copy_row));
     }
 
-    /// Transforms the rows of blocks of columns back.
+    /// Transforms columns back, of each what `change(kx, column, scratch)` makes of it: it begins with what the tiles hold of the
+    /// first `rows` rows, and zeros. Leaves the rows of the window by rows.
+    fn inverse_columns(
+        &self,
+        tiles: &mut [Complex<T>],
+        (rows, change): (usize, impl Fn(usize, &mut [Complex<T>], &mut [Complex<T>]) + Sync),
+        window: Window,
+    ) {
+        let columns = self.width / 2 + 1;
+        let mut by_columns: Vec<Vec<&mut [Complex<T>; TILE]>> = Vec::new();
+        by_columns.resize_with(columns.div_ceil(BLOCK), Vec::new);
+        for tiles in tiles.chunks_exact_mut(self.tiles_len()) {
+            by_columns.iter_mut().zip(tiles.as_chunks_mut().0).for_each(|(column, tile)| column.push(tile));
+        }
+        by_columns.par_iter_mut().enumerate().for_each_init(
+            || self.lend_scratch(),
+            |scratch, (index, tiles)| {
+                let scratch = &mut **scratch;
+                gather(tiles, rows, &mut scratch.columns, self.height);
+                let kxs = index * BLOCK..columns.min((index + 1) * BLOCK);
+                for (column, kx) in scratch.columns.chunks_mut(self.height).zip(kxs) {
+                    change(kx, column, &mut scratch.fft);
+                    self.along_columns.inverse.process_with_scratch(column, &mut scratch.fft);
+                }
+                let rows = window.top..window.top + window.height;
+                transpose(&scratch.columns, self.height, rows, tiles);
+            },
+        );
+    }
+
+    /// Transforms the rows of tiles by rows back.
     fn inverse_rows(
         &self,
-        blocks: &[Complex<T>],
+        tiles: &[Complex<T>],
         window: Window,
         (out, keep): (&mut [f32], impl Keep),
     ) -> f64 {
         let scale = T::one() / T::from_usize(self.height * self.width).expect("a float holds any count");
-        let tasks = out.par_chunks_mut(BLOCK * window.width).enumerate();
-        let sums = tasks.map_init(
+        let tasks = out.par_chunks_mut(BLOCK * window.width).zip(tiles.par_chunks(self.tiles_len()));
+        let sums = tasks.enumerate().map_init(
             || self.lend_scratch(),
-            |scratch, (index, out)| {
+            |scratch, (index, (out, tiles))| {
                 let (scratch, stride) = (&mut **scratch, self.width + 1);
-                let first = index * BLOCK;
-                let rows = first..first + out.len() / window.width;
-                join_pairs(blocks, window.height * BLOCK, rows, &mut scratch.pairs, stride);
+                join_pairs(tiles, out.len() / window.width, &mut scratch.pairs, stride);
                 let pairs = scratch.pairs.chunks_exact_mut(stride);
                 let mut sum = 0.0;
                 for ((pair, out), row) in
-                    pairs.zip(out.chunks_mut(2 * window.width)).zip((first..).step_by(2))
+                    pairs.zip(out.chunks_mut(2 * window.width)).zip((index * BLOCK..).step_by(2))
                 {
                     let samples = &mut pair[..self.width];
                     self.along_rows.inverse.process_with_scratch(samples, &mut scratch.fft);
@@ -267,15 +280,20 @@ impl<T: Real> Transform<T> {
         sums.collect::<Vec<f64>>().into_iter().sum()
     }
 
-    /// Lends the blocks between the passes; stale contents are overwritten before they are read.
-    fn lend_blocks(&self, len: usize) -> Loan<'_, Vec<Complex<T>>> {
-        let mut blocks = self.blocks.lend(Vec::new);
-        if blocks.capacity() < len {
+    /// Samples of a row of tiles.
+    fn tiles_len(&self) -> usize {
+        (self.width / 2 + 1).next_multiple_of(BLOCK) * BLOCK
+    }
+
+    /// Lends so many rows of tiles; stale contents are overwritten before they are read.
+    fn lend_tiles(&self, rows: usize) -> Loan<'_, Vec<Complex<T>>> {
+        let (mut tiles, len) = (self.tiles.lend(Vec::new), rows * self.tiles_len());
+        if tiles.capacity() < len {
             // Nothing that is to be overwritten is copied.
-            *blocks = Vec::with_capacity(len);
+            *tiles = Vec::with_capacity(len);
         }
-        blocks.resize(len, Complex::default());
-        blocks
+        tiles.resize(len, Complex::default());
+        tiles
     }
 
     fn lend_scratch(&self) -> Loan<'_, Scratch<T>> {
@@ -324,30 +342,27 @@ fn narrow<T: Real>(value: T) -> f32 {
     value.to_f32().expect("a float is rounded")
 }
 
-/// Reads column `kx` of blocks of rows, which hold the given `rows`; the others are zeros.
-fn gather<'b, T: Real>(
-    mut blocks: impl Iterator<Item = &'b [Complex<T>]>,
-    kx: usize,
-    rows: Range<usize>,
-    column: &mut [Complex<T>],
+/// Reads the columns of tiles by columns, which hold so many rows; the others are zeros. Columns stand `height` apart.
+fn gather<T: Real>(
+    tiles: &[&mut [Complex<T>; TILE]],
+    rows: usize,
+    columns: &mut [Complex<T>],
+    height: usize,
 ) {
-    column[..rows.start].fill(Complex::default());
-    column[rows.end..].fill(Complex::default());
-    let (whole, last) = column[rows].as_chunks_mut::<BLOCK>();
-    for (out, block) in whole.iter_mut().zip(&mut blocks) {
-        *out = *block[kx * BLOCK..].first_chunk().expect("blocks have a place for every row");
+    for (tile, first) in tiles.iter().zip((0..rows).step_by(BLOCK)) {
+        let count = BLOCK.min(rows - first);
+        for (column, samples) in columns.chunks_exact_mut(height).zip(tile.as_chunks::<BLOCK>().0) {
+            column[first..first + count].copy_from_slice(&samples[..count]);
+        }
     }
-    if let (false, Some(block)) = (last.is_empty(), blocks.next()) {
-        let count = last.len();
-        last.copy_from_slice(&block[kx * BLOCK..][..count]);
-    }
+    columns.chunks_exact_mut(height).for_each(|column| column[rows..].fill(Complex::default()));
 }
 
 /// Separates the spectra of two real rows: with Z = F(a + ib), `F(a) = (Z[k] + Z̄[−k]) / 2` and
 /// `F(b) = (Z[k] − Z̄[−k]) / 2i`.
-fn separate_pair<T: Real>(z: &[Complex<T>], block: &mut [Complex<T>], first: usize, second: Option<usize>) {
+fn separate_pair<T: Real>(z: &[Complex<T>], tiles: &mut [Complex<T>], first: usize, second: Option<usize>) {
     let n = z.len();
-    for (k, samples) in block.chunks_exact_mut(BLOCK).enumerate() {
+    for (k, samples) in tiles.as_chunks_mut::<BLOCK>().0.iter_mut().enumerate().take(n / 2 + 1) {
         let (p, q) = (z[k], z[if k == 0 { 0 } else { n - k }].conj());
         samples[first] = (p + q) * T::from(0.5);
         if let Some(second) = second {
@@ -357,36 +372,35 @@ fn separate_pair<T: Real>(z: &[Complex<T>], block: &mut [Complex<T>], first: usi
     }
 }
 
-/// Writes the columns, `stride` apart, as rows of a block.
-fn transpose<T: Real>(columns: &[Complex<T>], stride: usize, block: &mut [Complex<T>]) {
-    let lanes: [&[Complex<T>]; BLOCK] = std::array::from_fn(|lane| &columns[lane * stride..]);
-    for (y, samples) in block.chunks_exact_mut(BLOCK).enumerate() {
-        for (sample, lane) in samples.iter_mut().zip(lanes) {
-            *sample = lane[y];
+/// Writes some rows of columns, which stand `height` apart, to tiles by rows.
+fn transpose<T: Real>(
+    columns: &[Complex<T>],
+    height: usize,
+    rows: Range<usize>,
+    tiles: &mut [&mut [Complex<T>; TILE]],
+) {
+    let lanes: [&[Complex<T>]; BLOCK] = std::array::from_fn(|lane| &columns[lane * height..][rows.clone()]);
+    for (tile, first) in tiles.iter_mut().zip((0..rows.len()).step_by(BLOCK)) {
+        for (samples, y) in tile.as_chunks_mut::<BLOCK>().0.iter_mut().zip(first..rows.len()) {
+            for (sample, lane) in samples.iter_mut().zip(lanes) {
+                *sample = lane[y];
+            }
         }
     }
 }
 
-/// Joins the half spectra A and B of each two of `rows` to that of the complex row a + ib: `Z[k] = A + iB` and
-/// `Z[−k] = conj(A − iB)`. Where the last row is alone, B repeats A.
+/// Joins the half spectra A and B of each two of the first `rows` rows of tiles by rows to that of the complex row a + ib:
+/// `Z[k] = A + iB` and `Z[−k] = conj(A − iB)`. Where the last row is alone, B repeats A.
 ///
-/// The spectra stand `stride` apart in `zs`, one place more than samples, so that Z[−0] has somewhere to go. All
-/// rows together read each block in one piece.
-fn join_pairs<T: Real>(
-    blocks: &[Complex<T>],
-    block_len: usize,
-    rows: Range<usize>,
-    zs: &mut [Complex<T>],
-    stride: usize,
-) {
+/// The spectra stand `stride` apart in `zs`, one place more than samples, so that Z[−0] has somewhere to go.
+fn join_pairs<T: Real>(tiles: &[Complex<T>], rows: usize, zs: &mut [Complex<T>], stride: usize) {
     let n = stride - 1;
     let columns = n / 2 + 1;
-    for (block, start) in blocks.chunks_exact(block_len).zip((0..columns).step_by(BLOCK)) {
+    for (tile, start) in tiles.as_chunks::<TILE>().0.iter().zip((0..columns).step_by(BLOCK)) {
         let count = BLOCK.min(columns - start);
-        for (z, row) in zs.chunks_exact_mut(stride).zip(rows.clone().step_by(2)) {
-            let a = &block[row * BLOCK..][..count];
-            let second = if row + 1 < rows.end { row + 1 } else { row };
-            let b = &block[second * BLOCK..][..count];
+        for (z, row) in zs.chunks_exact_mut(stride).zip((0..rows).step_by(2)) {
+            let a = &tile[row * BLOCK..][..count];
+            let b = &tile[(row + 1).min(rows - 1) * BLOCK..][..count];
             for ((z, a), b) in z[start..].iter_mut().zip(a).zip(b) {
                 *z = Complex::new(a.re - b.im, a.im + b.re);
             }

@@ -126,8 +126,9 @@ pub fn without_lamps_outside(
 struct Known<'a> {
     capture: ArrayView2<'a, f32>,
     saturated: &'a Array2<bool>,
-    /// A, and A with the squares of the PSF.
-    blurs: [Blur<'a>; 2],
+    blur: Blur<'a>,
+    /// A with the squares of the PSF.
+    squared: Blur<'a>,
     brightness: Array2<f32>,
     /// The misfit of darkness.
     before: f64,
@@ -135,8 +136,7 @@ struct Known<'a> {
 
 impl Known<'_> {
     fn fit<'s>(&'s self, places: Places<'s>) -> Fit<'s> {
-        let [blur, squared] = &self.blurs;
-        Fit::new([blur, squared], (self.capture, self.saturated, self.brightness.view()), places)
+        Fit::new(&self.blur, (self.capture, self.saturated, self.brightness.view()), places)
     }
 
     /// The light of the surroundings that explains most, if few pixels do.
@@ -148,12 +148,12 @@ impl Known<'_> {
     ) -> Result<Option<Array2<f32>>> {
         let fit = self.fit(Places { may_shine: surroundings, at_least: 0.0, seed });
         let mut light = Array2::zeros(surroundings.dim());
-        fit.spread(&mut light, FIRST_STEPS, progress)?;
+        fit.spread(&mut light, (FIRST_STEPS, &self.squared), progress)?;
         if fit.misfit(&light) > PROMISING * self.before {
             return Ok(None);
         }
         fit.gather_in_rounds(&mut light, (ROUNDS, STEPS), progress)?;
-        keep_visible(&mut light, &fit.visibility());
+        keep_visible(&mut light, &fit.visibility(&self.squared));
         let shining = light.iter().filter(|light| **light > 0.0).count();
         Ok((shining <= MOST_PX).then_some(light))
     }
@@ -226,8 +226,8 @@ impl View {
         }
         let mut seen = self.frame.plane();
         for (_, known, light) in &suspects {
-            let flare = light
-                * &known.fit(Places { may_shine: &surroundings, at_least: 0.0, seed: 0.0 }).visibility();
+            let fit = known.fit(Places { may_shine: &surroundings, at_least: 0.0, seed: 0.0 });
+            let flare = light * &fit.visibility(&known.squared);
             let most = brightest(&flare).max(f32::MIN_POSITIVE);
             seen.zip_mut_with(&flare, |seen, flare| *seen += (flare / most).powi(2));
         }
@@ -242,7 +242,7 @@ impl View {
                 }
             });
             fit.gather_in_rounds(&mut light, (ROUNDS - 1, STEPS), progress)?;
-            keep_visible(&mut light, &fit.visibility());
+            keep_visible(&mut light, &fit.visibility(&known.squared));
             let shines = light.mapv(|light| light > 0.0);
             let fit = known.fit(Places { may_shine: &shines, at_least: 0.0, seed: 0.0 });
             fit.gather_in_rounds(&mut light, (ROUNDS - 1, STEPS), progress)?;
@@ -258,12 +258,12 @@ impl View {
 
     fn known<'a>(&'a self, channel: usize, frame: &'a Frame, alpha: f32) -> Result<Known<'a>> {
         let psf = self.psf.channel(channel);
-        let blurs = [frame.blur(psf)?, frame.squared_blur(psf)?];
         let brightness = self.brightness(channel, alpha);
         let mut known = Known {
             capture: self.image.channel(channel),
             saturated: &self.saturated[channel],
-            blurs,
+            blur: frame.blur(psf)?,
+            squared: frame.squared_blur(psf)?,
             brightness,
             before: 0.0,
         };

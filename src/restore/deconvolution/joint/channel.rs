@@ -5,7 +5,7 @@ use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
 use super::super::{DeconvolutionConfig, constrained, objective};
 use super::conjugate::{Preconditioner, Room, System};
 use super::frame::{Blur, Frame, row};
-use super::lamps::{Lamps, Saturated};
+use super::lamps::{Lamps, Light, Saturated};
 use super::noise_level::NoiseLevel;
 use super::prior::{Edges, Prior};
 use super::smooth::local_mean;
@@ -76,10 +76,40 @@ pub(super) struct Known<'a> {
     pub(super) is_reduced: bool,
 }
 
-impl Known<'_> {
+impl<'a> Known<'a> {
     /// The light at which pixels are saturated.
     fn level(&self) -> f32 {
         self.config.saturation[self.channel]
+    }
+
+    /// D: the local brightness of the capture, which is `surrounded`.
+    fn brightness(&self, surrounded: &Array2<f32>) -> Array2<f32> {
+        let mut brightness = local_mean(surrounded, NEAR_PX);
+        brightness.par_mapv_inplace(|mean| mean + self.config.alpha);
+        brightness
+    }
+
+    fn saturated<'p>(&self, frame: &'p Frame, pixels: &'p Array2<bool>) -> Saturated<'p>
+    where
+        'a: 'p,
+    {
+        Saturated { frame, capture: self.capture, psf: self.psf, pixels, level: self.level() }
+    }
+
+    /// Finds the light of saturated `pixels`, if there are any, after a `coarse` scene at half the resolution where there is one.
+    pub(super) fn find_light(
+        &self,
+        frame: &Frame,
+        (pixels, coarse): (&Array2<bool>, Option<ArrayView2<'_, f32>>),
+        progress: &Progress,
+    ) -> Result<Option<Found>> {
+        if !pixels.iter().any(|saturated| *saturated) {
+            return Ok(None);
+        }
+        let brightness = self.brightness(&frame.surround(self.capture));
+        let saturated = self.saturated(frame, pixels);
+        let light = saturated.light(frame.cut(&brightness), (coarse, self.is_reduced), progress)?;
+        Ok(Some(Found { light, brightness }))
     }
 
     /// The noise of the capture.
@@ -90,6 +120,13 @@ impl Known<'_> {
             None => NoiseLevel::estimate(self.capture, known, blur.parts_left()),
         }
     }
+}
+
+/// The light of a channel's saturated pixels.
+pub(super) struct Found {
+    light: Light,
+    /// D, a whole plane.
+    brightness: Array2<f32>,
 }
 
 /// A channel in work.
@@ -121,45 +158,35 @@ impl Workspace {
 }
 
 impl<'a> Channel<'a> {
-    /// Sets a channel up, and finds the light of its saturated `pixels`: after a `coarse` scene at half the resolution where there
-    /// is one. `noise` is that of the capture, if it has been estimated.
+    /// Sets a channel up. `pixels` are saturated, and `found` is their light, if there are any; `noise` is that of the capture, if it
+    /// has been estimated.
     pub(super) fn new(
         frame: &'a Frame,
         known: Known<'a>,
-        (pixels, coarse, noise): (Array2<bool>, Option<ArrayView2<'_, f32>>, Option<NoiseLevel>),
+        (pixels, found, noise): (Array2<bool>, Option<Found>, Option<NoiseLevel>),
         progress: &Progress,
     ) -> Result<Self> {
         progress.check()?;
-        let Known { capture, psf, channel, config, is_interpolated, is_reduced } = known;
-        let (level, alpha) = (known.level(), config.alpha);
-        let blur = frame.blur(psf)?;
-        let noise = noise.unwrap_or_else(|| known.noise_level(&blur));
-        let surrounded = frame.surround(capture);
-        let mut brightness = local_mean(&surrounded, NEAR_PX);
-        brightness.par_mapv_inplace(|mean| mean + alpha);
-        if pixels.iter().any(|saturated| *saturated) {
-            drop(surrounded);
+        let Known { capture, psf, channel, config, is_interpolated, .. } = known;
+        let noise = match noise {
+            Some(noise) => noise,
+            None => known.noise_level(&frame.blur(psf)?),
+        };
+        if let Some(Found { light, mut brightness }) = found {
             let is_computed = noise.middle() <= NOISE_FREE && !frame.has_surrounding();
             let is_interpolated = is_interpolated && !is_computed;
-            let darkness = DARKNESS * alpha;
-            let saturated = Saturated {
-                frame,
-                capture,
-                psf,
-                pixels,
-                coarse,
-                level,
-                darkness,
-                is_interpolated,
-                is_reduced,
-            };
-            let (lamps, mut scene) = saturated.measure(&blur, &mut brightness, progress)?;
+            let darkness = DARKNESS * config.alpha;
+            let saturated = known.saturated(frame, &pixels);
+            let (lamps, mut scene) = saturated.start(light, &mut brightness, (darkness, is_interpolated))?;
             match noise.middle() <= NOISE_FREE {
                 true => frame.cap_surrounding(&mut scene),
                 false => frame.cap_by_border(&mut scene),
             }
             return Ok(Self { frame, known, scene, brightness, lamps: Some(lamps), noise });
         }
+        let surrounded = frame.surround(capture);
+        let brightness = known.brightness(&surrounded);
+        let blur = frame.blur(psf)?;
         let mut scene = match (noise.middle() <= NOISE_FREE, frame.has_surrounding()) {
             (true, false) => constrained::restore(capture, psf, config, channel, progress)?,
             (true, true) => surrounded.mapv_into(|light| light.max(0.0)),
@@ -217,17 +244,22 @@ impl<'a> Channel<'a> {
         if let Some(lamps) = &mut self.lamps {
             lamps.presume(self.frame, &self.scene);
         }
-        let blur = self.frame.blur(self.known.psf)?;
         let Workspace { room, weights, inverse_brightness } = workspace;
+        let mut blur = self.frame.blur(self.known.psf)?;
         blur.apply(&self.scene, room.image());
         self.write_weights(room.image(), weights);
         let is_careful = self.lamps.is_none() && !self.is_noisy();
         let diagonal = is_careful.then(|| self.inverse_majoriser(&blur, weights));
         let lamps = match &self.lamps {
             Some(lamps) => {
-                let squared = self.frame.squared_blur(self.known.psf)?;
                 let presumed = 4.0 * edges.mean() * self.smoothness();
-                Some(lamps.preconditioner(&squared, (self.frame, weights), presumed))
+                // One transfer function after the other: those of large frames are what memory ends with.
+                drop(blur);
+                let squared = self.frame.squared_blur(self.known.psf)?;
+                let lamps = lamps.preconditioner(&squared, (weights, room.plane()), presumed);
+                drop(squared);
+                blur = self.frame.blur(self.known.psf)?;
+                Some(lamps)
             }
             None => None,
         };
@@ -255,7 +287,10 @@ impl<'a> Channel<'a> {
             },
             preconditioner: match &diagonal {
                 Some(inverse) => Preconditioner::Diagonal(inverse),
-                None => Preconditioner::Convolution { brightness: &self.brightness, lamps: lamps.as_ref() },
+                None => {
+                    let lamps = lamps.as_ref().map(|(pixels, inverse)| (*pixels, inverse));
+                    Preconditioner::Convolution { brightness: &self.brightness, lamps }
+                }
             },
         };
         system.descend(&mut self.scene, steps, (room, progress))
@@ -397,7 +432,10 @@ impl<'a> Channel<'a> {
 
     fn write_weights(&self, image: &Array2<f32>, weights: &mut Array2<f32>) {
         match &self.lamps {
-            Some(lamps) => lamps.weights(image, self.known.capture, weights),
+            Some(lamps) => {
+                let brightness = self.frame.cut(&self.brightness);
+                lamps.weights((image, brightness), self.known.capture, weights);
+            }
             None => Zip::from(weights)
                 .and(self.frame.cut(&self.brightness))
                 .par_for_each(|weight, n| *weight = 1.0 / (n * n)),

@@ -3,6 +3,7 @@
 use ndarray::{Array2, ArrayView2, Zip};
 
 use super::frame::{Blur, Frame, row};
+use super::members::{OfMembers, members};
 use super::prior::Prior;
 use super::sums::{add_scaled, dot, inner};
 use crate::core::error::Result;
@@ -30,8 +31,8 @@ pub(super) enum Preconditioner<'a> {
     Convolution {
         /// D: the local standard deviation, zero at lamps.
         brightness: &'a Array2<f32>,
-        /// The inverse of the diagonal at lamps, zero elsewhere, of the frame's size.
-        lamps: Option<&'a Array2<f32>>,
+        /// The pixels of lamps, of the frame's size, and the inverse of the diagonal there.
+        lamps: Option<(&'a Array2<bool>, &'a OfMembers)>,
     },
     /// The inverse of a diagonal: pixels that are hardly seen hardly change.
     Diagonal(&'a Array2<f32>),
@@ -51,6 +52,11 @@ impl Room {
     pub(super) fn new(frame: &Frame) -> Self {
         let [gradient, direction, turned] = std::array::from_fn(|_| frame.plane());
         Self { gradient, direction, turned, image: Array2::zeros(frame.size()) }
+    }
+
+    /// A plane that is free until steps are taken.
+    pub(super) fn plane(&mut self) -> &mut Array2<f32> {
+        &mut self.turned
     }
 
     /// The plane for A x.
@@ -142,7 +148,8 @@ impl System<'_> {
         let response = |power: f32, laplacian: f32| 1.0 / (power + smoothness * laplacian + LEAST_POWER);
         let gradient = &*gradient;
         let turn = |y: usize, filtered: &[f32], out: &mut [f32]| {
-            let lamps = lamps.filter(|lamps| y < lamps.nrows()).map(|lamps| row(lamps, y));
+            let lamps = lamps.filter(|(pixels, _)| y < pixels.nrows());
+            let lamps = lamps.map(|(pixels, inverse)| (row(pixels, y), inverse.row(y)));
             turn(out, [filtered, row(gradient, y), row(brightness, y)], row(held, y), lamps)
         };
         self.blur.filter_into((gradient, brightness), response, (turned, turn))
@@ -169,14 +176,14 @@ vectorised! {
 
 vectorised! {
     /// Writes a row of what the preconditioner makes of the gradient, from the `filtered` one; returns its part of their inner product.
-    fn turn<'a>(out: &'a mut [f32], from: [&'a [f32]; 3], held: &'a [bool], lamps: Option<&'a [f32]>) -> f64 {
+    fn turn<'a>(out: &'a mut [f32], from: [&'a [f32]; 3], held: &'a [bool], lamps: Option<(&'a [bool], &'a [f32])>) -> f64 {
         let [filtered, gradient, brightness] = from;
         for (((z, filtered), d), held) in out.iter_mut().zip(filtered).zip(brightness).zip(held) {
             *z = if *held { 0.0 } else { filtered * d };
         }
         // The gradient is zero at pixels that are held.
-        if let Some(lamps) = lamps {
-            out.iter_mut().zip(lamps).zip(gradient).for_each(|((z, p), g)| *z += p * g);
+        if let Some((pixels, inverse)) = lamps {
+            members(pixels).zip(inverse).for_each(|(x, p)| out[x] += p * gradient[x]);
         }
         dot(out, gradient)
     }

@@ -1,9 +1,10 @@
 //! The least squares that tell the light of some places by the flare that it throws over a capture.
 
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, ArrayView2, Zip, s};
 
 use super::frame::{Blur, row};
 use super::high_pass::HighPass;
+use super::members::OfMembers;
 use super::sums::{add_scaled, dot, inner};
 use crate::core::error::Result;
 use crate::core::progress::Progress;
@@ -38,8 +39,6 @@ pub(super) struct Places<'a> {
 /// find a third of the light.
 pub(super) struct Fit<'a> {
     blur: &'a Blur<'a>,
-    /// A with the squares of the PSF.
-    squared: &'a Blur<'a>,
     /// y, of the frame's size.
     capture: ArrayView2<'a, f32>,
     places: Places<'a>,
@@ -49,13 +48,13 @@ pub(super) struct Fit<'a> {
 impl<'a> Fit<'a> {
     /// Of a capture, which of its pixels are saturated, and its local brightness, all of the frame's size.
     pub(super) fn new(
-        [blur, squared]: [&'a Blur<'a>; 2],
+        blur: &'a Blur<'a>,
         (capture, saturated, brightness): (ArrayView2<'a, f32>, &Array2<bool>, ArrayView2<'_, f32>),
         places: Places<'a>,
     ) -> Self {
         let around = grown(saturated, GUARD_PX);
         let known = Zip::from(&around).par_map_collect(|around| if *around { 0.0 } else { 1.0 });
-        Self { blur, squared, capture, places, high_pass: HighPass::new(known, brightness, HIGH_PASS_PX) }
+        Self { blur, capture, places, high_pass: HighPass::new(known, brightness, HIGH_PASS_PX) }
     }
 
     /// The sum of squares.
@@ -63,9 +62,15 @@ impl<'a> Fit<'a> {
         self.residual(light).1
     }
 
-    /// Spreads light over all places that gain by some: conjugate gradients with the exact diagonal of AᵀW²A.
-    pub(super) fn spread(&self, light: &mut Array2<f32>, steps: usize, progress: &Progress) -> Result<()> {
-        self.improve(light, (steps, |slope| self.inverse_curvature(slope)), progress)
+    /// Spreads light over all places that gain by some: conjugate gradients with the exact diagonal of AᵀW²A, of which `squared` is
+    /// A with the squares of the PSF.
+    pub(super) fn spread(
+        &self,
+        light: &mut Array2<f32>,
+        (steps, squared): (usize, &Blur<'_>),
+        progress: &Progress,
+    ) -> Result<()> {
+        self.improve(light, (steps, |slope| self.inverse_curvature(squared, slope)), progress)
     }
 
     /// Lets light gather: conjugate gradients preconditioned by [`gathering`](Self::gathering), by which steps are in proportion to
@@ -109,11 +114,11 @@ impl<'a> Fit<'a> {
         Zip::from(&above).and(&curvature).par_map_collect(|above, c| above / c.max(least))
     }
 
-    /// The norm of the weighted flare of unit light at each place: how well it is seen.
-    pub(super) fn visibility(&self) -> Array2<f32> {
+    /// The norm of the weighted flare of unit light at each place: how well it is seen. `squared` is A with the squares of the PSF.
+    pub(super) fn visibility(&self, squared: &Blur<'_>) -> Array2<f32> {
         let weights = &self.high_pass.weights;
         let mut squares = Array2::zeros(self.places.may_shine.dim());
-        self.squared.transpose(&(weights * weights), &mut squares);
+        squared.transpose(&(weights * weights), &mut squares);
         squares.par_mapv_inplace(|square| square.max(0.0).sqrt());
         squares
     }
@@ -175,10 +180,14 @@ impl<'a> Fit<'a> {
     }
 
     /// The inverse of the diagonal of AᵀW²A, which is the correlation of w² with k², at the places that gain by some light.
-    fn inverse_curvature(&self, slope: &Array2<f32>) -> Array2<f32> {
+    fn inverse_curvature(&self, squared: &Blur<'_>, slope: &Array2<f32>) -> Array2<f32> {
         let weights = &self.high_pass.weights;
         let places = self.places.may_shine;
-        let mut inverse = inverse_diagonal(self.squared, &(weights * weights), places, LEAST_CURVATURE);
+        let mut inverse = Array2::zeros(places.dim());
+        let of_places =
+            inverse_diagonal(squared, &(weights * weights), (places, &mut inverse), LEAST_CURVATURE);
+        inverse.fill(0.0);
+        of_places.write(places, &mut inverse);
         Zip::from(&mut inverse).and(slope).par_for_each(|inverse, slope| {
             if *slope <= 0.0 {
                 *inverse = 0.0;
@@ -196,22 +205,20 @@ vectorised! {
     }
 }
 
-/// The inverse of the diagonal of AᵀWA at some places, zero elsewhere; curvatures count as `least` of the largest at least.
-/// `squared` is A with the squares of the PSF.
+/// The inverse of the diagonal of AᵀWA at some places; curvatures count as `least` of the largest at least. `squared` is A with the
+/// squares of the PSF, and `room` a plane of the places' size or larger, which is written over.
 pub(super) fn inverse_diagonal(
     squared: &Blur<'_>,
     weights: &Array2<f32>,
-    places: &Array2<bool>,
+    (places, room): (&Array2<bool>, &mut Array2<f32>),
     least: f32,
-) -> Array2<f32> {
-    let mut diagonal = Array2::zeros(places.dim());
-    squared.transpose(weights, &mut diagonal);
-    let most = diagonal.iter().fold(0.0, |most: f32, value| most.max(*value));
+) -> OfMembers {
+    squared.transpose(weights, room);
+    let (height, width) = places.dim();
+    let of_places = room.slice(s![..height, ..width]);
+    let most = of_places.iter().fold(0.0, |most: f32, value| most.max(*value));
     let least = (least * most).max(f32::MIN_POSITIVE);
-    Zip::from(&mut diagonal).and(places).par_for_each(|value, is_place| {
-        *value = if *is_place { 1.0 / value.max(least) } else { 0.0 };
-    });
-    diagonal
+    OfMembers::new(places, |place| 1.0 / of_places[place].max(least))
 }
 
 /// A set with the pixels that are at most so many steps along rows and columns away.

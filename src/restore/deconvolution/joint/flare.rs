@@ -58,8 +58,6 @@ const HALVINGS: usize = 8;
 /// A channel of a capture, and which of its pixels are saturated. All planes are of the frame's size.
 pub(super) struct Clipped<'a> {
     pub(super) blur: &'a Blur<'a>,
-    /// The same with the squares of the PSF.
-    pub(super) squared: &'a Blur<'a>,
     pub(super) capture: ArrayView2<'a, f32>,
     pub(super) saturated: &'a Array2<bool>,
     /// The local standard deviation, up to a factor.
@@ -89,9 +87,11 @@ impl Clipped<'_> {
     ///
     /// Flare can't be brighter than the capture. Of light that would throw such flare, and explains little of the rest, as much is
     /// believed as is plausible.
-    pub(super) fn measure(&self, progress: &Progress) -> Result<Measured> {
+    ///
+    /// `squared` is A with the squares of the PSF.
+    pub(super) fn measure(&self, squared: &Blur<'_>, progress: &Progress) -> Result<Measured> {
         let fit = self.fit();
-        let measured = self.fitted(&fit, progress)?;
+        let measured = self.fitted(&fit, squared, progress)?;
         Ok(Measured { light: self.believed(&fit, measured.light), ..measured })
     }
 
@@ -166,9 +166,9 @@ impl Clipped<'_> {
         beyond / pixels.max(1) as f64
     }
 
-    fn fitted(&self, fit: &Fit<'_>, progress: &Progress) -> Result<Measured> {
+    fn fitted(&self, fit: &Fit<'_>, squared: &Blur<'_>, progress: &Progress) -> Result<Measured> {
         let mut light = self.at_level();
-        fit.spread(&mut light, FIRST_STEPS, progress)?;
+        fit.spread(&mut light, (FIRST_STEPS, squared), progress)?;
         let spread = light.clone();
         let of_spread = fit.misfit(&spread);
         let mut steps = STEPS;
@@ -193,9 +193,9 @@ impl Clipped<'_> {
     }
 
     fn fit(&self) -> Fit<'_> {
-        let Self { blur, squared, capture, saturated, brightness, level } = *self;
+        let Self { blur, capture, saturated, brightness, level } = *self;
         let places = Places { may_shine: saturated, at_least: level, seed: LEAST_LIGHT * level };
-        Fit::new([blur, squared], (capture, saturated, brightness), places)
+        Fit::new(blur, (capture, saturated, brightness), places)
     }
 }
 
@@ -239,21 +239,20 @@ mod tests {
         }
 
         /// Calls with the channel and how many of its pixels are saturated.
-        fn with(&self, check: impl FnOnce(&Clipped<'_>, usize)) {
+        fn with(&self, check: impl FnOnce(&Clipped<'_>, &Blur<'_>, usize)) {
             let Self { frame, psf, capture, saturated, brightness } = self;
             let (blur, squared) = (frame.blur(psf.view()).unwrap(), frame.squared_blur(psf.view()).unwrap());
             let (capture, brightness) = (capture.view(), brightness.view());
-            let clipped =
-                Clipped { blur: &blur, squared: &squared, capture, saturated, brightness, level: LEVEL };
-            check(&clipped, saturated.iter().filter(|saturated| **saturated).count());
+            let clipped = Clipped { blur: &blur, capture, saturated, brightness, level: LEVEL };
+            check(&clipped, &squared, saturated.iter().filter(|saturated| **saturated).count());
         }
     }
 
     #[test]
     fn the_light_of_a_lamp_a_thousand_times_above_saturation_is_found() {
-        Lamp::new(1000.0).with(|clipped, count| {
+        Lamp::new(1000.0).with(|clipped, squared, count| {
             assert!(count < 1000, "{count} pixels of 4096 are saturated");
-            let light = clipped.measure(&Progress::default()).unwrap().light;
+            let light = clipped.measure(squared, &Progress::default()).unwrap().light;
             let of_level = clipped.saturated.mapv(|saturated| if saturated { LEVEL } else { 0.0 });
             assert!(clipped.misfit(&light) < 1e-2 * clipped.misfit(&of_level));
             let dark = light.iter().zip(clipped.saturated).filter(|(_, saturated)| !**saturated);
@@ -266,15 +265,15 @@ mod tests {
     /// A lamp's light is believed as it is, and of a hundred times a window's, which would throw more flare than there is, the window's.
     #[test]
     fn light_that_outshines_the_capture_is_not_believed() {
-        Lamp::new(1000.0).with(|clipped, _| {
-            let light = clipped.fitted(&clipped.fit(), &Progress::default()).unwrap().light;
-            assert!(clipped.measure(&Progress::default()).unwrap().light == light);
+        Lamp::new(1000.0).with(|clipped, squared, _| {
+            let light = clipped.fitted(&clipped.fit(), squared, &Progress::default()).unwrap().light;
+            assert!(clipped.measure(squared, &Progress::default()).unwrap().light == light);
         });
         Lamp::of_scene(|y, x| match (y, x) {
             (0..44, 4..22) if x != 12 && y != 20 => 1.1 * LEVEL,
             _ => 0.6 + 0.3 * (y as f32 / 9.0).sin() * (x as f32 / 3.0).cos(),
         })
-        .with(|clipped, count| {
+        .with(|clipped, _, count| {
             assert!(count > 100, "{count} pixels are saturated");
             let of_level = clipped.at_level();
             assert_eq!(clipped.plausible(of_level.clone(), &of_level), of_level);
@@ -290,7 +289,7 @@ mod tests {
     /// Half the resolution tells the light of blocks, here four fifths of it over nine times a lamp's pixels; what is right already stays.
     #[test]
     fn light_from_half_the_resolution_is_corrected() {
-        Lamp::new(1000.0).with(|clipped, _| {
+        Lamp::new(1000.0).with(|clipped, _, _| {
             let truth = |y: usize, x: usize| (30..32).contains(&y) && (36..38).contains(&x);
             let spread = |y: usize, x: usize| (28..34).contains(&y) && (34..40).contains(&x);
             let plane = |light: &dyn Fn(usize, usize) -> f32| {
@@ -314,9 +313,9 @@ mod tests {
     /// its own four, and fifty times as much of the flare is missed.
     #[test]
     fn the_light_of_a_sun_gathers_in_its_own_pixels() {
-        Lamp::new(100_000.0).with(|clipped, count| {
+        Lamp::new(100_000.0).with(|clipped, squared, count| {
             assert!((200..1000).contains(&count), "{count} pixels of 4096 are saturated");
-            let light = clipped.measure(&Progress::default()).unwrap().light;
+            let light = clipped.measure(squared, &Progress::default()).unwrap().light;
             let part = light.slice(ndarray::s![30..32, 36..38]).sum() / light.sum();
             assert!(part > 0.4, "{part}");
         });

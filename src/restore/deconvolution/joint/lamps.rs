@@ -5,7 +5,8 @@ use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
 use super::coarse;
 use super::fit::{grown, inverse_diagonal};
 use super::flare::{Clipped, Measured};
-use super::frame::{Blur, Frame};
+use super::frame::{Blur, Frame, row};
+use super::members::{OfMembers, members};
 use super::prior::Modest;
 use super::smooth::{local_mean, paint};
 use crate::core::error::Result;
@@ -56,8 +57,10 @@ pub(super) struct Lamps {
     /// 1/n: the inverse of the brightness of the scene without its lamps, at saturated pixels a part of that of lamps; a whole
     /// plane.
     pub(super) inverse_brightness: Array2<f32>,
-    /// 1/D² where the capture is known, −1/D² of saturated pixels, which are lower bounds, zero next to those.
-    certainty: Array2<f32>,
+    /// Saturated pixels and those next to them that may have been interpolated from them, where there are such.
+    guarded: Option<Array2<bool>>,
+    /// 1/D² of saturated pixels, which are lower bounds.
+    certainty: OfMembers,
     level: f32,
     /// Whether their light can be measured.
     is_measured: bool,
@@ -65,47 +68,45 @@ pub(super) struct Lamps {
     has_coarse_light: bool,
 }
 
-/// A channel of a capture with saturated pixels, before anything is known of them.
+/// A channel of a capture with saturated pixels; planes are of the frame's size.
 pub(super) struct Saturated<'a> {
     pub(super) frame: &'a Frame,
     pub(super) capture: ArrayView2<'a, f32>,
     pub(super) psf: ArrayView2<'a, f32>,
-    pub(super) pixels: Array2<bool>,
-    /// The scene at half the resolution, if it is known.
-    pub(super) coarse: Option<ArrayView2<'a, f32>>,
+    pub(super) pixels: &'a Array2<bool>,
     /// The light at which pixels are saturated.
     pub(super) level: f32,
-    /// What is added to the scene's brightness that differences of neighbours are relative to.
-    pub(super) darkness: f32,
-    /// Whether pixels next to saturated ones may have been interpolated from them.
-    pub(super) is_interpolated: bool,
-    /// Whether pixels are the means of blocks.
-    pub(super) is_reduced: bool,
+}
+
+/// The light of saturated pixels, which is all that is kept of them until that of all channels is found.
+pub(super) struct Light {
+    of_pixels: OfMembers,
+    is_measured: bool,
+    is_coarse: bool,
 }
 
 impl Saturated<'_> {
     /// Finds the light of saturated pixels: what half the resolution tells or what is measured, whichever explains the spikes
-    /// of the flare better; returns the first scene with them. `brightness` is D, and becomes zero at saturated pixels.
-    pub(super) fn measure(
-        self,
-        blur: &Blur<'_>,
-        brightness: &mut Array2<f32>,
+    /// of the flare better. `coarse` is the scene at half the resolution, if it is known, and `brightness` D; where pixels are the means
+    /// of blocks, the capture `is_reduced`.
+    pub(super) fn light(
+        &self,
+        brightness: ArrayView2<'_, f32>,
+        (coarse, is_reduced): (Option<ArrayView2<'_, f32>>, bool),
         progress: &Progress,
-    ) -> Result<(Lamps, Array2<f32>)> {
-        let Self { frame, capture, psf, pixels: saturated, coarse, level, .. } = self;
-        let Self { darkness, is_interpolated, is_reduced, .. } = self;
-        let of_frame = frame.cut(brightness);
-        let squared = &frame.squared_blur(psf)?;
+    ) -> Result<Light> {
+        let Self { frame, capture, psf, pixels: saturated, level } = *self;
+        let blur = &frame.blur(psf)?;
         let count = saturated.iter().filter(|saturated| **saturated).count();
         let most = if is_reduced { MOST_MEASURED_REDUCED } else { MOST_MEASURED };
         let is_measured = count as f64 <= most * saturated.len() as f64;
-        let clipped = Clipped { blur, squared, capture, saturated: &saturated, brightness: of_frame, level };
+        let clipped = Clipped { blur, capture, saturated, brightness, level };
         let measured = || match is_measured {
-            true => clipped.measure(progress),
+            true => clipped.measure(&frame.squared_blur(psf)?, progress),
             false => Ok(Measured { light: clipped.at_level(), is_gathered: false }),
         };
-        let coarse = coarse.map(|scene| coarse::light(scene, &saturated, capture));
-        let (light, has_coarse_light) = match coarse {
+        let coarse = coarse.map(|scene| coarse::light(scene, saturated, capture));
+        let (light, is_coarse) = match coarse {
             Some(light) if is_measured && is_large(frame) => (clipped.corrected(light, progress)?, true),
             Some(light) if is_measured => {
                 let Measured { light: measured, is_gathered } = measured()?;
@@ -116,32 +117,40 @@ impl Saturated<'_> {
             Some(light) => (light, true),
             None => (measured()?.light, false),
         };
-        let guarded = grown(&saturated, if is_interpolated { GUARD_PX } else { 0 });
-        let certainty =
-            Zip::from(&saturated).and(&guarded).and(of_frame).par_map_collect(|saturated, guarded, n| {
-                let inverse = 1.0 / (n * n);
-                if *saturated {
-                    -inverse
-                } else if *guarded {
-                    0.0
-                } else {
-                    inverse
-                }
-            });
-        let mut flare = Array2::zeros(frame.size());
-        blur.apply(&light, &mut flare);
-        let mut scene = rest(frame, capture, &flare, &guarded);
+        Ok(Light { of_pixels: OfMembers::new(saturated, |place| light[place]), is_measured, is_coarse })
+    }
+
+    /// The first scene with the light of saturated pixels in it, a whole plane. `brightness` is D, also a plane, and becomes zero at
+    /// saturated pixels; `darkness` is added to the scene's brightness that differences of neighbours are relative to. Pixels next to
+    /// saturated ones may have been interpolated from them where the capture `is_interpolated`.
+    pub(super) fn start(
+        &self,
+        light: Light,
+        brightness: &mut Array2<f32>,
+        (darkness, is_interpolated): (f32, bool),
+    ) -> Result<(Lamps, Array2<f32>)> {
+        let Self { frame, capture, psf, pixels: saturated, level } = *self;
+        let Light { of_pixels, is_measured, is_coarse: has_coarse_light } = light;
+        let guarded = is_interpolated.then(|| grown(saturated, GUARD_PX));
+        let hidden = guarded.as_ref().unwrap_or(saturated);
+        let mut scene = {
+            let [mut light, mut flare] = [Array2::zeros(frame.size()), Array2::zeros(frame.size())];
+            of_pixels.write(saturated, &mut light);
+            frame.blur(psf)?.apply(&light, &mut flare);
+            rest(frame, capture, flare, hidden)
+        };
         let mut inverse_brightness = local_mean(&scene, super::channel::NEAR_PX);
         inverse_brightness.par_mapv_inplace(|mean| 1.0 / (mean + darkness));
-        let places = Zip::from(&saturated).and(&light).and(frame.cut_mut(&mut scene));
-        places.and(frame.cut_mut(&mut inverse_brightness)).and(frame.cut_mut(brightness)).par_for_each(
-            |saturated, light, x, inverse, n| {
-                if *saturated {
-                    (*x, *inverse, *n) = (*light, 0.0, 0.0);
-                }
-            },
-        );
-        Ok((Lamps { saturated, inverse_brightness, certainty, level, is_measured, has_coarse_light }, scene))
+        let certainty = OfMembers::new(saturated, |place| 1.0 / (brightness[place] * brightness[place]));
+        of_pixels.write(saturated, &mut scene);
+        for plane in [&mut inverse_brightness, brightness] {
+            let pixels = Zip::from(frame.cut_mut(plane)).and(saturated);
+            pixels.par_for_each(|value, saturated| *value = if *saturated { 0.0 } else { *value });
+        }
+        let saturated = saturated.clone();
+        let lamps =
+            Lamps { saturated, inverse_brightness, guarded, certainty, level, is_measured, has_coarse_light };
+        Ok((lamps, scene))
     }
 }
 
@@ -154,10 +163,11 @@ pub(super) fn is_large(frame: &Frame) -> bool {
 fn rest(
     frame: &Frame,
     capture: ArrayView2<'_, f32>,
-    flare: &Array2<f32>,
+    flare: Array2<f32>,
     hidden: &Array2<bool>,
 ) -> Array2<f32> {
-    let mut rest = Zip::from(flare).and(capture).par_map_collect(|flare, y| (y - flare).max(0.0));
+    let mut rest = flare;
+    Zip::from(&mut rest).and(capture).par_for_each(|rest, y| *rest = (y - *rest).max(0.0));
     paint(&mut rest, &Zip::from(hidden).par_map_collect(|hidden| if *hidden { 0.0 } else { 1.0 }));
     frame.surround(rest.view())
 }
@@ -168,18 +178,25 @@ impl Lamps {
         self.has_coarse_light
     }
 
-    /// W: where a saturated pixel is brighter than what the scene explains, `image`, no more is known of it.
+    /// W: 1/D² where the capture is known; where a saturated pixel is brighter than what the scene explains, `image`, no more is known
+    /// of it. `brightness` is D.
     pub(super) fn weights(
         &self,
-        image: &Array2<f32>,
+        (image, brightness): (&Array2<f32>, ArrayView2<'_, f32>),
         capture: ArrayView2<'_, f32>,
         weights: &mut Array2<f32>,
     ) {
-        Zip::from(weights).and(&self.certainty).and(image).and(capture).par_for_each(
-            |weight, certainty, image, y| {
-                *weight = if *certainty < 0.0 && image < y { -certainty } else { certainty.max(0.0) };
-            },
-        );
+        let hidden = self.guarded.as_ref().unwrap_or(&self.saturated);
+        Zip::from(&mut *weights).and(hidden).and(brightness).par_for_each(|weight, hidden, n| {
+            *weight = if *hidden { 0.0 } else { 1.0 / (n * n) };
+        });
+        Zip::indexed(weights.rows_mut()).par_for_each(|y, mut weights| {
+            for (x, certainty) in members(row(&self.saturated, y)).zip(self.certainty.row(y)) {
+                if image[[y, x]] < capture[[y, x]] {
+                    weights[x] = *certainty;
+                }
+            }
+        });
     }
 
     /// What the level tells of saturated pixels whose light was not measured, `brightness` being D.
@@ -199,27 +216,26 @@ impl Lamps {
         });
     }
 
-    /// The inverse of the diagonal of the normal matrix at saturated pixels, `presumed` times 1/n² of it the prior's.
+    /// The inverse of the diagonal of the normal matrix at saturated pixels, `presumed` times 1/n² of it the prior's. `squared` is A
+    /// with the squares of the PSF, and `room` a plane that is written over.
     pub(super) fn preconditioner(
         &self,
         squared: &Blur<'_>,
-        (frame, weights): (&Frame, &Array2<f32>),
+        (weights, room): (&Array2<f32>, &mut Array2<f32>),
         presumed: f32,
-    ) -> Array2<f32> {
-        let mut inverse = inverse_diagonal(squared, weights, &self.saturated, LEAST_CURVATURE);
-        Zip::from(&mut inverse).and(&self.saturated).and(frame.cut(&self.inverse_brightness)).par_for_each(
-            |inverse, saturated, v| {
-                if *saturated {
-                    *inverse = 1.0 / (1.0 / (LAMP_STEP * *inverse) + presumed * v * v);
-                }
-            },
-        );
-        inverse
+    ) -> (&Array2<bool>, OfMembers) {
+        let inverse = inverse_diagonal(squared, weights, (&self.saturated, room), LEAST_CURVATURE);
+        let with_prior = |place: [usize; 2], inverse: f32| {
+            let v = self.inverse_brightness[place];
+            1.0 / (1.0 / (LAMP_STEP * inverse) + presumed * v * v)
+        };
+        (&self.saturated, inverse.map(&self.saturated, with_prior))
     }
 
     /// Gives back what only the search for the scene needs.
     pub(super) fn settle(&mut self) {
-        (self.certainty, self.inverse_brightness) = Default::default();
+        self.inverse_brightness = Array2::default((0, 0));
+        (self.certainty, self.guarded) = Default::default();
     }
 
     /// Adds the doubt about the flare that `blur` makes of a scene's lamps to that of noise, and replaces it by that about their light.

@@ -27,6 +27,7 @@ mod frame;
 mod high_pass;
 mod interpolation;
 mod lamps;
+mod members;
 mod noise_level;
 pub(super) mod pose;
 mod prior;
@@ -158,17 +159,26 @@ impl<'a> Given<'a> {
             None => None,
         };
         let known: Vec<_> = (0..CHANNELS).map(|channel| self.known(channel)).collect();
+        let find_light = |channel: usize| {
+            let coarse = coarse.as_ref().map(|scene| scene.index_axis(Axis(0), channel));
+            known[channel].find_light(frame, (&self.saturated[channel], coarse), progress)
+        };
+        // Where pixels are the means of blocks, planes are small, and channels are worked on side by side. Where they are large, that of
+        // all channels is found before any has other planes.
         let is_reduced = self.noise.is_some();
+        let found: Result<Vec<_>> = match is_reduced {
+            true => (0..CHANNELS).into_par_iter().map(find_light).collect(),
+            false => (0..CHANNELS).map(find_light).collect(),
+        };
+        drop(coarse);
         let mut noise = noise.into_iter().flatten();
         let given: Vec<_> = known
-            .into_iter()
+            .iter()
             .zip(self.saturated)
-            .map(|(known, saturated)| (known, saturated, noise.next()))
+            .zip(found?)
+            .map(|((known, saturated), found)| (*known, (saturated, found, noise.next())))
             .collect();
-        let channel = |(known, saturated, noise): (Known<'a>, _, _)| {
-            let coarse = coarse.as_ref().map(|scene| scene.index_axis(Axis(0), known.channel));
-            Channel::new(frame, known, (saturated, coarse, noise), progress)
-        };
+        let channel = |(known, found)| Channel::new(frame, known, found, progress);
         let channels: Result<_> = match is_reduced {
             true => given.into_par_iter().map(channel).collect(),
             false => given.into_iter().map(channel).collect(),
