@@ -62,7 +62,7 @@ mod testing;
 pub mod up_convolution;
 mod winograd;
 
-pub use allocator::{LargePages, keep_freed_memory, share_freed_memory};
+pub use allocator::{LargePages, keep_freed_memory, return_large_blocks, share_freed_memory};
 pub use convolution::Convolution;
 pub use direct::forward::Geometry;
 pub use dynamic_filter::DynamicFilter;

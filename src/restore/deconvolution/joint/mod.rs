@@ -118,13 +118,12 @@ fn frame_of(image: &LinearImage, psf: &Psf, config: &DeconvolutionConfig) -> Fra
 
 /// Bytes of an image with saturated pixels in work, by the pixels of the frame and of a plane and the samples of a transform.
 pub(super) fn bytes(frame: u64, plane: u64, samples: u64) -> u64 {
-    // The image; the certainty of each channel, W and A x, the inverse diagonal, three of bits, and what stands between.
-    let of_frame = CHANNELS as u64 * 2 + 5;
-    // Scene, D and 1/n of each channel; the gradient, the direction, what they are turned to, 1/n, edges, what is held,
-    // and what is still mapped of the first scene.
-    let of_plane = CHANNELS as u64 * 3 + 7;
-    // The transfer function, for a while that of squares, a spectrum, and what stands between rows and columns.
-    let of_samples = 4;
+    // The image, W and A x; of bits, what is saturated and what is held; and what stands between.
+    let of_frame = CHANNELS as u64 + 4;
+    // Scene, D and 1/n of each channel; the gradient, the direction, what they are turned to, 1/n, edges, and what stands between.
+    let of_plane = CHANNELS as u64 * 3 + 6;
+    // The transfer function, what stands between rows and columns, and what is still mapped of others.
+    let of_samples = 3;
     let usual = of_frame * frame + of_plane * plane + of_samples * samples;
     // Captures without noise: scenes and D of the channels before, and what `constrained` takes for one.
     let computed = (2 * CHANNELS as u64 + 2) * frame + 12 * plane + 8 * samples;
