@@ -41,10 +41,11 @@ use scene::Scene;
 /// A turn in degrees, and a scale as a share.
 type Pose2 = [f64; 2];
 
-/// Turns and scales that are tried.
-const TURNS_DEG: [f64; 15] =
-    [-0.84, -0.72, -0.6, -0.48, -0.36, -0.24, -0.12, 0.0, 0.12, 0.24, 0.36, 0.48, 0.6, 0.72, 0.84];
-const SCALES: [f64; 7] = [-0.012, -0.008, -0.004, 0.0, 0.004, 0.008, 0.012];
+/// Turns and scales that are tried, and those that are tried beside the best of them.
+const TURNS_DEG: [f64; 7] = [-0.72, -0.48, -0.24, 0.0, 0.24, 0.48, 0.72];
+const BESIDE_TURN_DEG: [f64; 2] = [-0.12, 0.12];
+const SCALES: [f64; 3] = [-0.008, 0.0, 0.008];
+const BESIDE_SCALE: [f64; 2] = [-0.004, 0.004];
 
 /// The furthest pose that is believed: beyond, what is found is the edge of the search.
 const FURTHEST: Pose2 = [1.0, 0.015];
@@ -290,16 +291,25 @@ impl<'a> Search<'a> {
 
     /// Takes the best of the poses that are tried with the light as it is.
     fn try_poses(&mut self) -> Result<()> {
-        for (part, places) in [(0, TURNS_DEG.as_slice()), (1, &SCALES)] {
-            let (mut most, mut best) = (f64::NEG_INFINITY, self.pose);
-            for place in places {
-                self.pose[part] = *place;
-                let explained = self.explained()?;
-                if explained > most {
-                    (most, best) = (explained, self.pose);
-                }
+        let tried = [(0, TURNS_DEG.as_slice(), BESIDE_TURN_DEG), (1, SCALES.as_slice(), BESIDE_SCALE)];
+        for (part, places, beside) in tried {
+            let mut best = (f64::NEG_INFINITY, self.pose);
+            self.try_places(part, places, &mut best)?;
+            let beside = beside.map(|further| best.1[part] + further);
+            self.try_places(part, &beside, &mut best)?;
+            self.pose = best.1;
+        }
+        Ok(())
+    }
+
+    /// Tries places of a part of the pose; `best` is how much the best pose explains, and that pose.
+    fn try_places(&mut self, part: usize, places: &[f64], best: &mut (f64, Pose2)) -> Result<()> {
+        for place in places {
+            self.pose[part] = *place;
+            let explained = self.explained()?;
+            if explained > best.0 {
+                *best = (explained, self.pose);
             }
-            self.pose = best;
         }
         Ok(())
     }
