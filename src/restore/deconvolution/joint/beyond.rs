@@ -11,10 +11,10 @@ use ndarray::{Array2, Array3, ArrayView2, Axis, Zip};
 use serde::Serialize;
 
 use super::super::{Border, DeconvolutionConfig};
-use super::channel::NEAR_PX;
 use super::coarse::Half;
 use super::fit::{Fit, Places, grown};
 use super::frame::{Blur, Frame};
+use super::known::NEAR_PX;
 use super::smooth::{local_mean, paint};
 use crate::core::error::Result;
 use crate::core::fft::TransformPrecision;

@@ -1,22 +1,18 @@
-//! One channel of a capture on its way to the scene: what is known, what is presumed, what is found.
+//! One channel of a capture on its way to the scene: what is presumed, and what is found.
 
-use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
+use ndarray::{Array2, ArrayViewMut2, Zip};
 
-use super::super::{DeconvolutionConfig, constrained, objective};
+use super::super::{constrained, objective};
 use super::conjugate::{Preconditioner, Room, System};
 use super::frame::{Blur, Frame, row};
-use super::lamps::{Lamps, Light, Saturated};
+use super::known::{Found, Known};
+use super::lamps::Lamps;
 use super::noise_level::NoiseLevel;
 use super::prior::{Edges, Prior};
-use super::smooth::local_mean;
 use super::uncertainty::NoiseGain;
 use crate::core::error::Result;
 use crate::core::progress::Progress;
 use crate::core::saturation::saturated_from;
-
-/// Standard deviation of the bell that local brightness is taken over, in pixels: wide enough to commute with the core of a
-/// PSF, narrow enough to tell a window from its wall.
-pub(super) const NEAR_PX: f32 = 4.0;
 
 /// The part of α that is added to the brightness that differences of neighbours are relative to: those of φ, which is what
 /// counts, would be relative to 1.
@@ -60,74 +56,6 @@ const LEAST_STEPS: usize = 3;
 /// Samples of transforms up to which photographs without lamps are given three rounds of two steps instead of two of one: 0.3 dB on
 /// scenes with much detail, 0.05 dB on others, a tenth of the time of 800 × 800 pixels.
 const SWIFT_SAMPLES: usize = 2_000_000;
-
-/// What is known of a channel from without.
-#[derive(Clone, Copy)]
-pub(super) struct Known<'a> {
-    /// y, of the frame's size.
-    pub(super) capture: ArrayView2<'a, f32>,
-    pub(super) psf: ArrayView2<'a, f32>,
-    /// Which channel it is.
-    pub(super) channel: usize,
-    pub(super) config: &'a DeconvolutionConfig,
-    /// Whether pixels may have been interpolated from others.
-    pub(super) is_interpolated: bool,
-    /// Whether pixels are the means of blocks.
-    pub(super) is_reduced: bool,
-}
-
-impl<'a> Known<'a> {
-    /// The light at which pixels are saturated.
-    fn level(&self) -> f32 {
-        self.config.saturation[self.channel]
-    }
-
-    /// D: the local brightness of the capture, which is `surrounded`.
-    fn brightness(&self, surrounded: &Array2<f32>) -> Array2<f32> {
-        let mut brightness = local_mean(surrounded, NEAR_PX);
-        brightness.par_mapv_inplace(|mean| mean + self.config.alpha);
-        brightness
-    }
-
-    fn saturated<'p>(&self, frame: &'p Frame, pixels: &'p Array2<bool>) -> Saturated<'p>
-    where
-        'a: 'p,
-    {
-        Saturated { frame, capture: self.capture, psf: self.psf, pixels, level: self.level() }
-    }
-
-    /// Finds the light of saturated `pixels`, if there are any, after a `coarse` scene at half the resolution where there is one.
-    pub(super) fn find_light(
-        &self,
-        frame: &Frame,
-        (pixels, coarse): (&Array2<bool>, Option<ArrayView2<'_, f32>>),
-        progress: &Progress,
-    ) -> Result<Option<Found>> {
-        if !pixels.iter().any(|saturated| *saturated) {
-            return Ok(None);
-        }
-        let brightness = self.brightness(&frame.surround(self.capture));
-        let saturated = self.saturated(frame, pixels);
-        let light = saturated.light(frame.cut(&brightness), (coarse, self.is_reduced), progress)?;
-        Ok(Some(Found { light, brightness }))
-    }
-
-    /// The noise of the capture.
-    pub(super) fn noise_level(&self, blur: &Blur<'_>) -> NoiseLevel {
-        let known = (self.config.alpha, saturated_from(self.level()));
-        match &self.config.noise {
-            Some(curve) => NoiseLevel::told(self.capture, known, |light| curve.at(self.channel, light)),
-            None => NoiseLevel::estimate(self.capture, known, blur.parts_left()),
-        }
-    }
-}
-
-/// The light of a channel's saturated pixels.
-pub(super) struct Found {
-    light: Light,
-    /// D, a whole plane.
-    brightness: Array2<f32>,
-}
 
 /// A channel in work.
 pub(super) struct Channel<'a> {

@@ -139,7 +139,7 @@ impl Saturated<'_> {
             frame.blur(psf)?.apply(&light, &mut flare);
             rest(frame, capture, flare, hidden)
         };
-        let mut inverse_brightness = local_mean(&scene, super::channel::NEAR_PX);
+        let mut inverse_brightness = local_mean(&scene, super::known::NEAR_PX);
         inverse_brightness.par_mapv_inplace(|mean| 1.0 / (mean + darkness));
         let certainty = OfMembers::new(saturated, |place| 1.0 / (brightness[place] * brightness[place]));
         of_pixels.write(saturated, &mut scene);
@@ -206,7 +206,7 @@ impl Lamps {
 
     /// Presumes saturated pixels to be alike relative to their brightness in `scene`.
     pub(super) fn presume(&mut self, frame: &Frame, scene: &Array2<f32>) {
-        let mean = local_mean(scene, super::channel::NEAR_PX);
+        let mean = local_mean(scene, super::known::NEAR_PX);
         let level = self.level;
         let inverses = Zip::from(frame.cut_mut(&mut self.inverse_brightness));
         inverses.and(&self.saturated).and(frame.cut(&mean)).par_for_each(|inverse, saturated, mean| {

@@ -1,0 +1,85 @@
+//! What a capture tells of one of its channels before a scene is looked for: its brightness, its noise, the light of its lamps.
+
+use ndarray::{Array2, ArrayView2};
+
+use super::super::DeconvolutionConfig;
+use super::frame::{Blur, Frame};
+use super::lamps::{Light, Saturated};
+use super::noise_level::NoiseLevel;
+use super::smooth::local_mean;
+use crate::core::error::Result;
+use crate::core::progress::Progress;
+use crate::core::saturation::saturated_from;
+
+/// Standard deviation of the bell that local brightness is taken over, in pixels: wide enough to commute with the core of a
+/// PSF, narrow enough to tell a window from its wall.
+pub(super) const NEAR_PX: f32 = 4.0;
+
+/// What is known of a channel from without.
+#[derive(Clone, Copy)]
+pub(super) struct Known<'a> {
+    /// y, of the frame's size.
+    pub(super) capture: ArrayView2<'a, f32>,
+    pub(super) psf: ArrayView2<'a, f32>,
+    /// Which channel it is.
+    pub(super) channel: usize,
+    pub(super) config: &'a DeconvolutionConfig,
+    /// Whether pixels may have been interpolated from others.
+    pub(super) is_interpolated: bool,
+    /// Whether pixels are the means of blocks.
+    pub(super) is_reduced: bool,
+}
+
+impl<'a> Known<'a> {
+    /// The light at which pixels are saturated.
+    pub(super) fn level(&self) -> f32 {
+        self.config.saturation[self.channel]
+    }
+
+    /// D: the local brightness of the capture, which is `surrounded`.
+    pub(super) fn brightness(&self, surrounded: &Array2<f32>) -> Array2<f32> {
+        let mut brightness = local_mean(surrounded, NEAR_PX);
+        brightness.par_mapv_inplace(|mean| mean + self.config.alpha);
+        brightness
+    }
+
+    /// The channel's saturated `pixels`.
+    pub(super) fn saturated<'p>(&self, frame: &'p Frame, pixels: &'p Array2<bool>) -> Saturated<'p>
+    where
+        'a: 'p,
+    {
+        Saturated { frame, capture: self.capture, psf: self.psf, pixels, level: self.level() }
+    }
+
+    /// Finds the light of saturated `pixels`, if there are any, after a `coarse` scene at half the resolution where there is one.
+    pub(super) fn find_light(
+        &self,
+        frame: &Frame,
+        (pixels, coarse): (&Array2<bool>, Option<ArrayView2<'_, f32>>),
+        progress: &Progress,
+    ) -> Result<Option<Found>> {
+        if !pixels.iter().any(|saturated| *saturated) {
+            return Ok(None);
+        }
+        let brightness = self.brightness(&frame.surround(self.capture));
+        let saturated = self.saturated(frame, pixels);
+        let light = saturated.light(frame.cut(&brightness), (coarse, self.is_reduced), progress)?;
+        Ok(Some(Found { light, brightness }))
+    }
+
+    /// The noise of the capture.
+    pub(super) fn noise_level(&self, blur: &Blur<'_>) -> NoiseLevel {
+        let known = (self.config.alpha, saturated_from(self.level()));
+        match &self.config.noise {
+            Some(curve) => NoiseLevel::told(self.capture, known, |light| curve.at(self.channel, light)),
+            None => NoiseLevel::estimate(self.capture, known, blur.parts_left()),
+        }
+    }
+}
+
+/// The light of a channel's saturated pixels.
+pub(super) struct Found {
+    pub(super) light: Light,
+    /// D, a whole plane.
+    pub(super) brightness: Array2<f32>,
+}
