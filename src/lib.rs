@@ -5,9 +5,10 @@
 //! [`experiment`] to measure and [`report`] to show.
 //!
 //! The modules from the ground up; each imports only what stands before it:
+//! - [`kernels`]: the loops that networks and transforms spend their time in;
 //! - [`core`]: values and the mathematics that all share;
 //! - [`io`]: the only opener of files; [`dataset`]: a folder of triplets as a value; [`batch`]: work through many files;
-//! - [`kernels`]: the loops that networks spend their time in; [`network`]: the networks made of them;
+//! - [`network`]: the networks made of kernels;
 //! - [`capture`], [`psf`], [`codes`], [`crop`], [`scenes`], [`synth`], [`finish`]: the stages before and after a network;
 //! - [`perceptual`]: what trained eyes see;
 //! - [`restore`]; [`examples`] to learn restoring any panel from; [`train`]; [`experiment`], [`report`];

@@ -1,4 +1,4 @@
-//! The network's inner loops: slices in, slices out; the only module with unsafe code.
+//! The inner loops of networks and transforms: slices in, slices out; the only module with unsafe code.
 //!
 //! Tensors are NHWC: `[image, row, column, channel]`, 32-bit float, contiguous, without borders. Parameters
 //! come in PyTorch's layouts (`[outputs, inputs, rows, columns]` for convolutions) and gradients leave in the
@@ -10,6 +10,7 @@
 //!   too few, by the `direct` kernel elsewhere; [`convolution`] also has its gradients.
 //! - [`res_block`], [`up_convolution`], [`dynamic_filter`], [`modulation`]: the network's blocks, forward and backward.
 //! - [`stream`]: whole networks, a few rows at a time, in memory planned beforehand.
+//! - [`fourier`]: Fourier transforms of lines side by side.
 //! - `vectorised`: loops of other modules, compiled for the vectors in use.
 //! - `ahead`: memory asked for while products are computed.
 //!
@@ -39,6 +40,7 @@ pub mod convolution;
 mod direct;
 pub mod dynamic_filter;
 mod epilogue;
+pub mod fourier;
 mod gemm;
 pub mod gradient;
 #[cfg(test)]

@@ -10,11 +10,11 @@ use code::{code_of, named_modules};
 
 /// The top-level modules from the ground up: each may import those that stand before it.
 const FLOW: &[&str] = &[
+    "kernels",
     "core",
     "io",
     "dataset",
     "batch",
-    "kernels",
     "network",
     "capture",
     "psf",

@@ -6,6 +6,7 @@
 
 mod convolver;
 mod geometry;
+mod lanes;
 mod operator;
 mod plane;
 mod pool;
@@ -20,6 +21,8 @@ pub use operator::{PlaneOperator, TransferFunction, TransformPrecision};
 pub use plane::PlaneSpectrum;
 pub(crate) use pool::{Loan, Pool};
 pub use transform::copy_row;
+
+pub use crate::kernels::fourier::{Damping, Response};
 
 /// What lies beyond the border of an image while it is convolved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

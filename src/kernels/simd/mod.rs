@@ -68,6 +68,9 @@ pub(crate) trait Simd: Copy + Send + Sync + 'static {
     /// Multiplies.
     fn mul(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
 
+    /// Divides.
+    fn div(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
+
     /// Computes `a·b + c`, rounded once where the CPU can.
     fn mul_add(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector;
 
@@ -93,6 +96,22 @@ pub(crate) trait Simd: Copy + Send + Sync + 'static {
 
     /// Adds the lanes, in a tree.
     fn sum(self, a: Self::Vector) -> f32;
+
+    /// Writes the transpose of a block of 16 × 16 floats, whose rows stand so many floats apart: `to[j][i] = from[i][j]`.
+    ///
+    /// # Safety
+    /// Sixteen rows of sixteen floats lie within either slice.
+    #[inline(always)]
+    unsafe fn transpose(self, from: &[f32], from_stride: usize, to: &mut [f32], to_stride: usize) {
+        for i in 0..16 {
+            for j in 0..16 {
+                // SAFETY: passed on to the caller.
+                unsafe {
+                    *to.get_unchecked_mut(j * to_stride + i) = *from.get_unchecked(i * from_stride + j);
+                };
+            }
+        }
+    }
 }
 
 /// How much of a vector there is in memory: all channels of a group, or what is left of them.

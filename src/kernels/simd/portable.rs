@@ -63,6 +63,11 @@ impl Simd for Portable {
         lanes(|i| a[i] * b[i])
     }
 
+    #[inline(always)]
+    fn div(self, a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
+        lanes(|i| a[i] / b[i])
+    }
+
     // Two roundings: `f32::mul_add` is a library call where the CPU has no such instruction.
     #[inline(always)]
     fn mul_add(self, a: [f32; 4], b: [f32; 4], c: [f32; 4]) -> [f32; 4] {

@@ -3,12 +3,16 @@
 use std::arch::x86_64::{
     __m256, __m256i, __m512, __m512bh, _CMP_GT_OQ, _CMP_NGT_UQ, _MM_HINT_T0, _mm_add_ps, _mm_add_ss,
     _mm_cvtss_f32, _mm_movehdup_ps, _mm_movehl_ps, _mm_prefetch, _mm256_add_ps, _mm256_blendv_ps,
-    _mm256_castps256_ps128, _mm256_cmp_ps, _mm256_extractf128_ps, _mm256_fmadd_ps, _mm256_fnmadd_ps,
-    _mm256_loadu_ps, _mm256_loadu_si256, _mm256_maskload_ps, _mm256_maskstore_ps, _mm256_mul_ps,
-    _mm256_set1_ps, _mm256_setzero_ps, _mm256_storeu_ps, _mm256_sub_ps, _mm512_add_ps, _mm512_cmp_ps_mask,
-    _mm512_cvtne2ps_pbh, _mm512_dpbf16_ps, _mm512_fmadd_ps, _mm512_fnmadd_ps, _mm512_loadu_ps,
-    _mm512_mask_mul_ps, _mm512_mask_storeu_ps, _mm512_maskz_loadu_ps, _mm512_mul_ps, _mm512_reduce_add_ps,
-    _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps, _mm512_sub_ps,
+    _mm256_castpd_ps, _mm256_castps_pd, _mm256_castps256_ps128, _mm256_cmp_ps, _mm256_div_ps,
+    _mm256_extractf128_ps, _mm256_fmadd_ps, _mm256_fnmadd_ps, _mm256_loadu_ps, _mm256_loadu_si256,
+    _mm256_maskload_ps, _mm256_maskstore_ps, _mm256_mul_ps, _mm256_permute2f128_ps, _mm256_set1_ps,
+    _mm256_setzero_ps, _mm256_storeu_ps, _mm256_sub_ps, _mm256_unpackhi_pd, _mm256_unpackhi_ps,
+    _mm256_unpacklo_pd, _mm256_unpacklo_ps, _mm512_add_ps, _mm512_castpd_ps, _mm512_castps_pd,
+    _mm512_cmp_ps_mask, _mm512_cvtne2ps_pbh, _mm512_div_ps, _mm512_dpbf16_ps, _mm512_fmadd_ps,
+    _mm512_fnmadd_ps, _mm512_loadu_ps, _mm512_mask_mul_ps, _mm512_mask_storeu_ps, _mm512_maskz_loadu_ps,
+    _mm512_mul_ps, _mm512_reduce_add_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_shuffle_f32x4,
+    _mm512_storeu_ps, _mm512_sub_ps, _mm512_unpackhi_pd, _mm512_unpackhi_ps, _mm512_unpacklo_pd,
+    _mm512_unpacklo_ps,
 };
 use std::mem::transmute;
 
@@ -103,7 +107,7 @@ impl Avx2 {
 /// Each call is sound because `self` is a token, and tokens are made after detection only.
 macro_rules! arithmetic {
     ($vector:ty, $lanes:literal, $splat:ident, $load:ident, $store:ident, $add:ident, $sub:ident, $mul:ident,
-     $mul_add:ident, $sub_mul:ident) => {
+     $div:ident, $mul_add:ident, $sub_mul:ident) => {
         const LANES: usize = $lanes;
         type Vector = $vector;
 
@@ -141,6 +145,12 @@ macro_rules! arithmetic {
         fn mul(self, a: $vector, b: $vector) -> $vector {
             // SAFETY: the token proves the instruction.
             unsafe { $mul(a, b) }
+        }
+
+        #[inline(always)]
+        fn div(self, a: $vector, b: $vector) -> $vector {
+            // SAFETY: the token proves the instruction.
+            unsafe { $div(a, b) }
         }
 
         #[inline(always)]
@@ -191,6 +201,7 @@ macro_rules! avx512 {
                 _mm512_add_ps,
                 _mm512_sub_ps,
                 _mm512_mul_ps,
+                _mm512_div_ps,
                 _mm512_fmadd_ps,
                 _mm512_fnmadd_ps
             );
@@ -226,8 +237,81 @@ macro_rules! avx512 {
                 // SAFETY: the token proves the instructions.
                 unsafe { _mm512_reduce_add_ps(a) }
             }
+
+            #[inline(always)]
+            unsafe fn transpose(self, from: &[f32], from_stride: usize, to: &mut [f32], to_stride: usize) {
+                // SAFETY: the token proves the instructions; the caller promises the rows.
+                unsafe {
+                    let rows = super::load_strided(self, from, 0, from_stride);
+                    super::store_strided(self, to, 0, to_stride, &transposed(rows));
+                }
+            }
         }
     };
+}
+
+/// The columns of sixteen rows.
+///
+/// # Safety
+/// The CPU has AVX-512 F.
+#[inline(always)]
+unsafe fn transposed(mut rows: [__m512; 16]) -> [__m512; 16] {
+    let mut pairs = rows;
+    // SAFETY: the caller promises the instructions.
+    unsafe {
+        for i in (0..16).step_by(2) {
+            pairs[i] = _mm512_unpacklo_ps(rows[i], rows[i + 1]);
+            pairs[i + 1] = _mm512_unpackhi_ps(rows[i], rows[i + 1]);
+        }
+        for i in (0..16).step_by(4) {
+            for half in 0..2 {
+                let (a, b) = (_mm512_castps_pd(pairs[i + half]), _mm512_castps_pd(pairs[i + half + 2]));
+                rows[i + 2 * half] = _mm512_castpd_ps(_mm512_unpacklo_pd(a, b));
+                rows[i + 2 * half + 1] = _mm512_castpd_ps(_mm512_unpackhi_pd(a, b));
+            }
+        }
+        // Quarters of rows: those of even and of odd columns of quarters, twice.
+        for i in 0..4 {
+            for half in [0, 8] {
+                let (a, b) = (rows[half + i], rows[half + i + 4]);
+                pairs[half + i] = _mm512_shuffle_f32x4::<0b10_00_10_00>(a, b);
+                pairs[half + i + 4] = _mm512_shuffle_f32x4::<0b11_01_11_01>(a, b);
+            }
+        }
+        for i in 0..8 {
+            rows[i] = _mm512_shuffle_f32x4::<0b10_00_10_00>(pairs[i], pairs[i + 8]);
+            rows[i + 8] = _mm512_shuffle_f32x4::<0b11_01_11_01>(pairs[i], pairs[i + 8]);
+        }
+    }
+    rows
+}
+
+/// The columns of eight rows.
+///
+/// # Safety
+/// The CPU has AVX.
+#[inline(always)]
+unsafe fn transposed_of_eight(mut rows: [__m256; 8]) -> [__m256; 8] {
+    let mut pairs = rows;
+    // SAFETY: the caller promises the instructions.
+    unsafe {
+        for i in (0..8).step_by(2) {
+            pairs[i] = _mm256_unpacklo_ps(rows[i], rows[i + 1]);
+            pairs[i + 1] = _mm256_unpackhi_ps(rows[i], rows[i + 1]);
+        }
+        for i in (0..8).step_by(4) {
+            for half in 0..2 {
+                let (a, b) = (_mm256_castps_pd(pairs[i + half]), _mm256_castps_pd(pairs[i + half + 2]));
+                rows[i + 2 * half] = _mm256_castpd_ps(_mm256_unpacklo_pd(a, b));
+                rows[i + 2 * half + 1] = _mm256_castpd_ps(_mm256_unpackhi_pd(a, b));
+            }
+        }
+        for i in 0..4 {
+            pairs[i] = _mm256_permute2f128_ps::<0x20>(rows[i], rows[i + 4]);
+            pairs[i + 4] = _mm256_permute2f128_ps::<0x31>(rows[i], rows[i + 4]);
+        }
+    }
+    pairs
 }
 
 avx512!(Avx512, {});
@@ -260,6 +344,7 @@ impl Simd for Avx2 {
         _mm256_add_ps,
         _mm256_sub_ps,
         _mm256_mul_ps,
+        _mm256_div_ps,
         _mm256_fmadd_ps,
         _mm256_fnmadd_ps
     );
@@ -297,6 +382,18 @@ impl Simd for Avx2 {
             let a = _mm_add_ps(_mm256_castps256_ps128(a), _mm256_extractf128_ps::<1>(a));
             let a = _mm_add_ps(a, _mm_movehl_ps(a, a));
             _mm_cvtss_f32(_mm_add_ss(a, _mm_movehdup_ps(a)))
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn transpose(self, from: &[f32], from_stride: usize, to: &mut [f32], to_stride: usize) {
+        for (y, x) in [(0, 0), (0, 8), (8, 0), (8, 8)] {
+            // SAFETY: the token proves the instructions; the caller promises the rows, of which these are quarters.
+            unsafe {
+                let rows = super::load_strided(self, from, y * from_stride + x, from_stride);
+                let columns = transposed_of_eight(rows);
+                super::store_strided(self, to, x * to_stride + y, to_stride, &columns);
+            }
         }
     }
 }

@@ -11,6 +11,7 @@ use super::noise_level::NoiseLevel;
 use super::prior::{Edges, Prior};
 use super::uncertainty::NoiseGain;
 use crate::core::error::Result;
+use crate::core::fft::Damping;
 use crate::core::progress::Progress;
 use crate::core::saturation::saturated_from;
 
@@ -276,7 +277,7 @@ impl<'a> Channel<'a> {
         });
         let mut added = self.frame.plane();
         let ones = Array2::ones(rest.dim());
-        blur.invert(&rest, &ones, |power, _| 1.0 / (power + REFINED_POWER), &mut added);
+        blur.invert(&rest, &ones, Damping { smoothness: 0.0, floor: REFINED_POWER }, &mut added);
         Zip::from(&mut rest)
             .and(self.frame.cut(&self.scene))
             .and(self.frame.cut(&added))
@@ -416,9 +417,8 @@ fn first_inverse(
     brightness: &Array2<f32>,
     smoothness: f32,
 ) -> Array2<f32> {
-    let response = |power: f32, laplacian: f32| 1.0 / (power + smoothness * laplacian + LEAST_POWER);
     let mut scene = blur.frame.plane();
-    blur.invert(&capture, brightness, response, &mut scene);
+    blur.invert(&capture, brightness, Damping { smoothness, floor: LEAST_POWER }, &mut scene);
     Zip::from(&mut scene).and(brightness).par_for_each(|x, n| *x = (*x * n).max(0.0));
     scene
 }

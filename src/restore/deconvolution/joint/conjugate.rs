@@ -7,6 +7,7 @@ use super::members::{OfMembers, members};
 use super::prior::Prior;
 use super::sums::{add_scaled, dot, inner};
 use crate::core::error::Result;
+use crate::core::fft::Damping;
 use crate::core::progress::Progress;
 use crate::kernels::vectorised;
 
@@ -145,14 +146,14 @@ impl System<'_> {
             }
         };
         let smoothness = self.prior.weight * self.prior.edges.mean();
-        let response = |power: f32, laplacian: f32| 1.0 / (power + smoothness * laplacian + LEAST_POWER);
+        let damping = Damping { smoothness, floor: LEAST_POWER };
         let gradient = &*gradient;
         let turn = |y: usize, filtered: &[f32], out: &mut [f32]| {
             let lamps = lamps.filter(|(pixels, _)| y < pixels.nrows());
             let lamps = lamps.map(|(pixels, inverse)| (row(pixels, y), inverse.row(y)));
             turn(out, [filtered, row(gradient, y), row(brightness, y)], row(held, y), lamps)
         };
-        self.blur.filter_into((gradient, brightness), response, (turned, turn))
+        self.blur.invert_normal_into((gradient, brightness), damping, (turned, turn))
     }
 }
 

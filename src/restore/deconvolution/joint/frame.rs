@@ -2,12 +2,12 @@
 
 use ndarray::{Array2, ArrayView2, ArrayViewMut2, Axis, Zip, s};
 
-use rustfft::num_complex::Complex32;
-
 use super::super::noise::BANDS;
 use super::super::{Border, border, operator};
 use crate::core::error::Result;
-use crate::core::fft::{Boundary, PlaneOperator, TransferFunction, TransformPrecision, copy_row};
+use crate::core::fft::{
+    Boundary, Damping, PlaneOperator, Response, TransferFunction, TransformPrecision, copy_row,
+};
 
 /// Rows and columns whose light is taken for that of the frame's border, and how far along it on either side it is averaged.
 const BORDER_PX: usize = 4;
@@ -181,19 +181,18 @@ impl Blur<'_> {
         self.frame.operator.correlate(&self.otf, rows_of(y), into)
     }
 
-    /// `F⁻¹ H̄·response F (x/d)`: an inverse of the convolution.
+    /// A regularised inverse of the convolution, of x over some divisors.
     pub(super) fn invert(
         &self,
         x: &Array2<f32>,
         divisors: &Array2<f32>,
-        response: impl Fn(f32, f32) -> f32 + Sync,
+        damping: Damping,
         out: &mut Array2<f32>,
     ) {
         let fill = |y: usize, samples: &mut [f32]| {
             samples.iter_mut().zip(row(x, y)).zip(row(divisors, y)).for_each(|((out, x), d)| *out = x / d);
         };
-        let response = |h: Complex32, laplacian: f32| h.conj() * response(h.norm_sqr(), laplacian);
-        self.frame.operator.filter(&self.otf, response, (x.nrows(), fill), (out, copy_row));
+        self.frame.operator.filter(&self.otf, Response::Inverse(damping), (x.nrows(), fill), (out, copy_row));
     }
 
     /// The parts of a scene's detail that are left in each of the bands that noise is estimated from.
@@ -216,19 +215,17 @@ impl Blur<'_> {
         self.frame.operator.band_means(&self.otf, of, bands)
     }
 
-    /// Multiplies the spectrum of w·x by a response of |H|² and the Laplacian's transfer function, with what takes rows to their
-    /// places.
-    pub(super) fn filter_into(
+    /// The inverse of AᵀA and a damping, of w·x, with what takes rows to their places.
+    pub(super) fn invert_normal_into(
         &self,
         (x, weights): (&Array2<f32>, &Array2<f32>),
-        response: impl Fn(f32, f32) -> f32 + Sync,
+        damping: Damping,
         into: (&mut Array2<f32>, impl Fn(usize, &[f32], &mut [f32]) -> f64 + Sync),
     ) -> f64 {
         let fill = |y: usize, samples: &mut [f32]| {
             samples.iter_mut().zip(row(x, y)).zip(row(weights, y)).for_each(|((out, x), w)| *out = x * w);
         };
-        let response = |h: Complex32, laplacian: f32| response(h.norm_sqr(), laplacian).into();
-        self.frame.operator.filter(&self.otf, response, (x.nrows(), fill), into)
+        self.frame.operator.filter(&self.otf, Response::NormalInverse(damping), (x.nrows(), fill), into)
     }
 }
 
