@@ -8,7 +8,7 @@ use crate::kernels::simd::{Isa, Kernel, Simd};
 /// A plan for real lines of one even length N; of their spectra, the first N/2 + 1 numbers are kept.
 ///
 /// # Equation
-/// With z[n] = x[2n] + i·x[2n + 1], Z its transform of M = N/2 numbers and w = exp(−2πi/N):
+/// With `z[n] = x[2n] + i·x[2n + 1]`, Z its transform of M = N/2 numbers and w = exp(−2πi/N):
 /// `X[k] = (Z[k] + Z̄[M − k])/2 − i·wᵏ·(Z[k] − Z̄[M − k])/2`, and back `Z[k] = (X[k] + X̄[M − k])/2 + i·w⁻ᵏ·(X[k] − X̄[M − k])/2`.
 pub struct RealPlan {
     half: LinePlan,

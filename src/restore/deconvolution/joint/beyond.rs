@@ -152,7 +152,7 @@ impl Known<'_> {
         if fit.misfit(&light) > PROMISING * self.before {
             return Ok(None);
         }
-        fit.gather_in_rounds(&mut light, (ROUNDS, STEPS), progress)?;
+        fit.gather_in_rounds(&mut light, (ROUNDS, STEPS, 0.0), progress)?;
         keep_visible(&mut light, &fit.visibility(&self.squared));
         let shining = light.iter().filter(|light| **light > 0.0).count();
         Ok((shining <= MOST_PX).then_some(light))
@@ -241,11 +241,11 @@ impl View {
                     *light = 0.0;
                 }
             });
-            fit.gather_in_rounds(&mut light, (ROUNDS - 1, STEPS), progress)?;
+            fit.gather_in_rounds(&mut light, (ROUNDS - 1, STEPS, 0.0), progress)?;
             keep_visible(&mut light, &fit.visibility(&known.squared));
             let shines = light.mapv(|light| light > 0.0);
             let fit = known.fit(Places { may_shine: &shines, at_least: 0.0, seed: 0.0 });
-            fit.gather_in_rounds(&mut light, (ROUNDS - 1, STEPS), progress)?;
+            fit.gather_in_rounds(&mut light, (ROUNDS - 1, STEPS, 0.0), progress)?;
             let left_of_channel = fit.misfit(&light) / known.before;
             if left_of_channel > EXPLAINED_OF_EACH {
                 return Ok(None);
@@ -297,7 +297,7 @@ impl View {
             let known = self.known(channel, &self.frame, alpha)?;
             let seed = SEEDS[1] * brightest(&light);
             let fit = known.fit(Places { may_shine: &may_shine, at_least: 0.0, seed });
-            fit.gather_in_rounds(&mut light, (ROUNDS - 1, STEPS), progress)?;
+            fit.gather_in_rounds(&mut light, (ROUNDS - 1, STEPS, 0.0), progress)?;
             Ok(light)
         };
         light.into_iter().enumerate().map(improve).collect()

@@ -70,7 +70,8 @@ impl<'a> Fit<'a> {
         (steps, squared): (usize, &Blur<'_>),
         progress: &Progress,
     ) -> Result<()> {
-        self.improve(light, (steps, |slope| self.inverse_curvature(squared, slope)), progress)
+        self.improve(light, (steps, 0.0, |slope| self.inverse_curvature(squared, slope)), progress)?;
+        Ok(())
     }
 
     /// Lets light gather: conjugate gradients preconditioned by [`gathering`](Self::gathering), by which steps are in proportion to
@@ -81,21 +82,25 @@ impl<'a> Fit<'a> {
         (steps, gathering): (usize, &Array2<f32>),
         progress: &Progress,
     ) -> Result<()> {
-        self.improve(light, (steps, |_| gathering), progress)
+        self.improve(light, (steps, 0.0, |_| gathering), progress)?;
+        Ok(())
     }
 
-    /// Lets light gather in rounds of some steps.
+    /// Lets light gather in rounds of some steps; a round ends as soon as a step lowers the misfit by less than a part of it. Returns
+    /// the misfit before.
     pub(super) fn gather_in_rounds(
         &self,
         light: &mut Array2<f32>,
-        (rounds, steps): (usize, usize),
+        (rounds, steps, least): (usize, usize, f64),
         progress: &Progress,
-    ) -> Result<()> {
+    ) -> Result<f64> {
+        let mut before = None;
         for _ in 0..rounds {
             let gathering = self.gathering(light);
-            self.gather(light, (steps, &gathering), progress)?;
+            let misfit = self.improve(light, (steps, least, |_| &gathering), progress)?;
+            before.get_or_insert(misfit);
         }
-        Ok(())
+        Ok(before.unwrap_or_else(|| self.misfit(light)))
     }
 
     /// `s/(AᵀW²A s)` of the light s above the least (De Pierro 1995).
@@ -132,15 +137,17 @@ impl<'a> Fit<'a> {
         (residual, misfit)
     }
 
-    /// Takes some steps with one preconditioner, which may depend on the slope at the first.
+    /// Takes some steps with one preconditioner, which may depend on the slope at the first; the one that lowers the misfit by less
+    /// than the `least` part of it is the last. Returns the misfit before.
     fn improve<P: std::borrow::Borrow<Array2<f32>>>(
         &self,
         light: &mut Array2<f32>,
-        (steps, preconditioner): (usize, impl FnOnce(&Array2<f32>) -> P),
+        (steps, least, preconditioner): (usize, f64, impl FnOnce(&Array2<f32>) -> P),
         progress: &Progress,
-    ) -> Result<()> {
+    ) -> Result<f64> {
         let blur = self.blur;
-        let mut residual = self.residual(light).0;
+        let (mut residual, before) = self.residual(light);
+        let mut misfit = before;
         let mut turned = Array2::zeros(light.dim());
         self.high_pass.back(blur, &residual, &mut turned);
         let inverse = preconditioner(&turned);
@@ -155,11 +162,12 @@ impl<'a> Fit<'a> {
             if !(slope > LEAST_SLOPE && curvature > 0.0) {
                 break;
             }
-            let length = narrow(slope / curvature);
-            if step == steps {
+            let (length, gain) = (narrow(slope / curvature), slope * slope / curvature);
+            if step == steps || gain < least * misfit {
                 add_scaled(light, length, &direction);
                 break;
             }
+            misfit -= gain;
             add_scaled(&mut residual, -length, &image);
             let turn = |y: usize, gradient: &[f32], out: &mut [f32]| turn(out, gradient, row(inverse, y));
             let next = self.high_pass.back_into(blur, &residual, (&mut turned, turn));
@@ -176,7 +184,7 @@ impl<'a> Fit<'a> {
                 *light = light.max(at_least);
             }
         });
-        Ok(())
+        Ok(before)
     }
 
     /// The inverse of the diagonal of AᵀW²A, which is the correlation of w² with k², at the places that gain by some light.

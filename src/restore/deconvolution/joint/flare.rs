@@ -33,6 +33,11 @@ const GATHERED: f64 = 0.985;
 /// photographs of 800 × 800 pixels 0.1 dB worse, two or three of as many no better.
 const CORRECTION: (usize, usize) = (2, 6);
 
+/// The part of the misfit that a step of a correction lowers it by at least, or it is the last of its round: streets and halls at
+/// full resolution end after two to four steps so, skies with a sun take all. Five photographs of 8 megapixels are restored as before,
+/// and 0.15 dB worse at three times as much.
+const LEAST_GAIN: f64 = 3e-4;
+
 /// How much brighter than the capture flare may be, over the local brightness, before it counts as more than noise.
 const NOISE: f32 = 0.03;
 
@@ -92,26 +97,32 @@ impl Clipped<'_> {
     pub(super) fn measure(&self, squared: &Blur<'_>, progress: &Progress) -> Result<Measured> {
         let fit = self.fit();
         let measured = self.fitted(&fit, squared, progress)?;
-        Ok(Measured { light: self.believed(&fit, measured.light), ..measured })
+        Ok(Measured { light: self.believed(&fit, measured.light).0, ..measured })
     }
 
     /// Corrects a light that was found at half the resolution by what its flare tells at the full one.
     pub(super) fn corrected(&self, coarse: Array2<f32>, progress: &Progress) -> Result<Array2<f32>> {
         let fit = self.fit();
-        let mut light = self.at_level();
-        Zip::from(&mut light).and(&coarse).par_for_each(|light, coarse| *light = light.max(*coarse));
-        fit.gather_in_rounds(&mut light, CORRECTION, progress)?;
-        let light = self.believed(&fit, light);
-        Ok(if fit.misfit(&coarse) < fit.misfit(&light) { coarse } else { light })
+        let mut coarse = coarse;
+        Zip::from(&mut coarse).and(self.saturated).par_for_each(|light, saturated| {
+            *light = if *saturated { light.max(self.level) } else { 0.0 };
+        });
+        let mut light = coarse.clone();
+        let (rounds, steps) = CORRECTION;
+        let of_coarse = fit.gather_in_rounds(&mut light, (rounds, steps, LEAST_GAIN), progress)?;
+        let (light, of_light) = self.believed(&fit, light);
+        Ok(if of_coarse < of_light { coarse } else { light })
     }
 
-    /// As much of a light as is believed: see [`measure`](Self::measure).
-    fn believed(&self, fit: &Fit<'_>, light: Array2<f32>) -> Array2<f32> {
-        let at_level = self.at_level();
-        match fit.misfit(&light) <= CONVINCING * fit.misfit(&at_level) {
-            true => light,
-            false => self.plausible(light, &at_level),
+    /// As much of a light as is believed, see [`measure`](Self::measure), and what it leaves of the sum of squares.
+    fn believed(&self, fit: &Fit<'_>, light: Array2<f32>) -> (Array2<f32>, f64) {
+        let (at_level, misfit) = (self.at_level(), fit.misfit(&light));
+        if misfit <= CONVINCING * fit.misfit(&at_level) {
+            return (light, misfit);
         }
+        let light = self.plausible(light, &at_level);
+        let misfit = fit.misfit(&light);
+        (light, misfit)
     }
 
     /// The level at which they saturate for the light of all saturated pixels.

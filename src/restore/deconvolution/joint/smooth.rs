@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::frame::row;
 use super::sums::{LANES, Lanes};
+use crate::kernels::fourier::transpose;
 use crate::kernels::vectorised;
 
 /// Passes of a box; three are a cubic spline, within 3 % of a Gaussian.
@@ -68,7 +69,9 @@ fn smooth_rows(plane: &mut Array2<f32>, radius: usize, fill: impl Fn(usize, &mut
         for (index, mut row) in rows.rows_mut().into_iter().enumerate() {
             fill(group * LANES + index, row.as_slice_mut().expect("planes are contiguous"));
         }
-        smooth_along(lines, rows, radius);
+        lines.take_rows(rows.view());
+        smooth_taken(lines, radius);
+        lines.give_rows(rows);
     });
 }
 
@@ -89,14 +92,9 @@ fn columns_into(
 }
 
 vectorised! {
-    /// Smooths along rows, at most as many as there are lanes.
-    fn smooth_along<'a>(lines: &'a mut Lines, rows: ArrayViewMut2<'a, f32>, radius: usize) -> () {
-        let mut rows = rows;
-        lines.smooth_rows(rows.view(), radius);
-        for (index, mut row) in rows.rows_mut().into_iter().enumerate() {
-            let row = row.as_slice_mut().expect("planes are contiguous");
-            row.iter_mut().zip(&lines.0[0]).for_each(|(out, place)| *out = place[index]);
-        }
+    /// Smooths the lines that were taken in.
+    fn smooth_taken<'a>(lines: &'a mut Lines, radius: usize) -> () {
+        lines.smooth(radius);
     }
 }
 
@@ -124,17 +122,34 @@ vectorised! {
 struct Lines([Vec<Place>; 2]);
 
 impl Lines {
-    /// Takes rows in and smooths them.
-    #[inline(always)]
-    fn smooth_rows(&mut self, rows: ArrayView2<'_, f32>, radius: usize) {
+    /// Takes rows in, at most as many as there are lanes.
+    fn take_rows(&mut self, rows: ArrayView2<'_, f32>) {
         let [places, _] = &mut self.0;
         places.clear();
         places.resize(rows.ncols(), [0.0; LANES]);
-        for (index, row) in rows.rows().into_iter().enumerate() {
-            let row = row.to_slice().expect("rows are contiguous");
-            places.iter_mut().zip(row).for_each(|(place, value)| place[index] = *value);
+        let blocks = blocks_of(rows.dim());
+        if let Some(samples) = rows.as_slice() {
+            for (at, block) in places.as_chunks_mut::<LANES>().0.iter_mut().enumerate().take(blocks) {
+                transpose(&samples[at * LANES..], rows.ncols(), block.as_flattened_mut(), LANES);
+            }
         }
-        self.smooth(radius);
+        for (index, row) in rows.rows().into_iter().enumerate() {
+            places.iter_mut().zip(row).skip(blocks * LANES).for_each(|(place, value)| place[index] = *value);
+        }
+    }
+
+    /// Writes rows as they are now.
+    fn give_rows(&self, mut rows: ArrayViewMut2<'_, f32>) {
+        let [places, _] = &self.0;
+        let (blocks, width) = (blocks_of(rows.dim()), rows.ncols());
+        if let Some(samples) = rows.as_slice_mut() {
+            for (at, block) in places.as_chunks::<LANES>().0.iter().enumerate().take(blocks) {
+                transpose(block.as_flattened(), LANES, &mut samples[at * LANES..], width);
+            }
+        }
+        for (index, mut row) in rows.rows_mut().into_iter().enumerate() {
+            row.iter_mut().zip(places).skip(blocks * LANES).for_each(|(out, place)| *out = place[index]);
+        }
     }
 
     /// Takes columns in and smooths them.
@@ -205,8 +220,14 @@ fn radius_of(sigma_px: f32) -> usize {
 /// What a line of ones is smoothed to.
 fn coverage(length: usize, sigma_px: f32) -> Vec<f32> {
     let (ones, mut lines) = (Array2::ones((1, length)), Lines::default());
-    lines.smooth_rows(ones.view(), radius_of(sigma_px));
+    lines.take_rows(ones.view());
+    lines.smooth(radius_of(sigma_px));
     lines.0[0].iter().map(|place| place[0]).collect()
+}
+
+/// Blocks of as many columns as rows that are transposed whole: those of rows that are as many as there are lanes.
+fn blocks_of((rows, columns): (usize, usize)) -> usize {
+    if rows == LANES { columns / LANES } else { 0 }
 }
 
 /// Smooths lines by one box.
