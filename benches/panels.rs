@@ -2,7 +2,8 @@
 //!
 //! For each of three random panels, whose seeds no training used, views of the panoramas are degraded without noise and by a
 //! 10-bit sensor at two levels of light, and restored: by Wiener's filter, by deconvolution, by the guided network as it
-//! comes, by the guided network adapted to the panel, and by DISCNet trained on the panel with half of the panoramas. A PSF
+//! comes, by the guided network adapted to the panel, and by DISCNet trained on the panel with half of the panoramas; an
+//! oracle beside them says what is left. The bright captures are of all nine rotations, the others of the unrotated panel. A PSF
 //! with the errors of a measurement is tried beside the true one. Everything is a command of `udc`, printed before it runs;
 //! what is there is not made again, so that a run can be stopped and gone on with.
 //!
@@ -109,11 +110,10 @@ impl Table {
             [self.path(&name("discnet/model.safetensors")), self.path(&name("adapted/best.safetensors"))];
         let datasets = NOISES.map(|(noise, _)| self.path(&name(noise)));
         let [clean, bright, dim] = &datasets;
-        let mut eval =
-            vec!["eval", "--data", clean, bright, dim, "--model", &models[0], &models[1], "--regions"];
-        eval.extend(["--method", "wiener,constrained,joint,guided"]);
+        let mut how = vec!["--model", &models[0], &models[1], "--regions"];
+        how.extend(["--method", "wiener,constrained,joint,guided,oracle"]);
         if let Some([alexnet, linear]) = &self.lpips {
-            eval.extend([
+            how.extend([
                 "--metrics",
                 "psnr,ssim,lpips",
                 "--lpips-alexnet",
@@ -122,9 +122,11 @@ impl Table {
                 linear,
             ]);
         }
-        self.make(&name("results"), &eval);
+        self.make(&name("results"), &[&["eval", "--data", bright][..], &how].concat());
+        let others = ["eval", "--data", clean, dim, "--kernels", "r+00"];
+        self.make(&name("other-noise"), &[&others[..], &how].concat());
         // Told a PSF with errors, a restoration looks for the pose in each capture.
-        let captures = format!("{bright}/degraded/*/*");
+        let captures = format!("{bright}/degraded/r+00/*");
         self.make(
             &name("restored"),
             &["restore", &captures, "--psf", &measured, "--border", "zero", "--x-max", "16"],
@@ -141,7 +143,9 @@ impl Table {
                 "16",
             ],
         );
-        println!("panel {panel}: {}", self.path(&name("results/table.md")));
+        for results in ["results", "other-noise", "measured-results"] {
+            println!("panel {panel}: {}", self.path(&name(&format!("{results}/table.md"))));
+        }
     }
 
     fn synthesise(&self, name: &str, (split, seed): (&str, &str), psf: &str, electrons: Option<u32>) {

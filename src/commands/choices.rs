@@ -96,6 +96,11 @@ pub(crate) const RESTORATIONS: Choices<RestorationMethod> = Choices(&[
         RestorationMethod::Guided,
         "What `udc restore` does: joint, corrected by the network for any panel",
     ),
+    (
+        "oracle",
+        RestorationMethod::Oracle,
+        "A bound, no method: a filter that is told the scene's spectrum everywhere and the light of its lamps",
+    ),
 ]);
 
 const fn measured((name, method, help): Choice<Method>) -> Choice<RestorationMethod> {

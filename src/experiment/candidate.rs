@@ -5,7 +5,7 @@ use std::path::Path;
 use super::ComparedMethod;
 use super::score::MacCounts;
 use crate::core::error::{Error, Result};
-use crate::core::image::{LinearImage, ToneMappedImage};
+use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::tone::ToneCurve;
@@ -21,6 +21,8 @@ pub enum RestorationMethod {
     Guided,
     /// A deconvolution.
     Deconvolution(deconvolution::Method),
+    /// A filter that is told the scene: what is left to gain.
+    Oracle,
 }
 
 /// Something that makes an image of a degraded one.
@@ -34,12 +36,19 @@ pub enum Candidate {
     Guided(Backend, Highlights),
     /// A deconvolution with the kernel's PSF.
     Deconvolution(deconvolution::Method, Highlights),
+    /// A filter that is told the scene, with the kernel's PSF.
+    Oracle,
 }
+
+/// The name of [`Candidate::Oracle`].
+const ORACLE: &str = "oracle";
 
 /// A degraded image with what a restoration may know of it.
 pub(super) struct Degraded<'a> {
     pub(super) dataset: &'a Dataset,
     pub(super) image: &'a LinearImage,
+    /// What it is of, which only an oracle looks at.
+    pub(super) clean: &'a LinearImage,
     /// Index in the bank of the kernel that is taken for the image's.
     pub(super) kernel: usize,
     /// Memory that one restoration may take.
@@ -63,10 +72,16 @@ impl Candidate {
             candidates.extend(treatments.iter().map(of));
         }
         for &method in methods {
-            candidates.extend(treatments.iter().map(|&highlights| match method {
-                RestorationMethod::Guided => Self::Guided(backend, highlights),
-                RestorationMethod::Deconvolution(method) => Self::Deconvolution(method, highlights),
-            }));
+            match method {
+                RestorationMethod::Guided => {
+                    candidates.extend(treatments.iter().map(|&highlights| Self::Guided(backend, highlights)));
+                }
+                RestorationMethod::Deconvolution(method) => {
+                    let of = |&highlights| Self::Deconvolution(method, highlights);
+                    candidates.extend(treatments.iter().map(of));
+                }
+                RestorationMethod::Oracle => candidates.push(Self::Oracle),
+            }
         }
         candidates
     }
@@ -82,6 +97,7 @@ impl Candidate {
             Self::Deconvolution(method, highlights) => {
                 ComparedMethod::restored(with_highlights(method.name(), *highlights))
             }
+            Self::Oracle => ComparedMethod::restored(ORACLE),
         }
     }
 
@@ -94,17 +110,17 @@ impl Candidate {
                 guided = Model::load(Path::new(GUIDED)).ok()?;
                 guided.architecture()
             }
-            Self::Nothing | Self::Deconvolution(..) => return None,
+            Self::Nothing | Self::Deconvolution(..) | Self::Oracle => return None,
         };
         Some(MacCounts::of(architecture.parameters(), sizes, |height, width| {
             architecture.macs(height, width)
         }))
     }
 
-    /// Whether the result depends on the kernel that it is told.
+    /// Whether the result depends on the kernel that it is told, right or wrong.
     pub(super) fn knows_the_kernel(&self) -> bool {
         match self {
-            Self::Nothing => false,
+            Self::Nothing | Self::Oracle => false,
             Self::Network(_, model, _) => {
                 model.architecture().reads_code() || !model.architecture().planes().is_empty()
             }
@@ -116,11 +132,12 @@ impl Candidate {
     pub(super) fn check(&self, dataset: &Dataset) -> Result<()> {
         let root = dataset.root.display();
         match self {
-            Self::Guided(..) | Self::Deconvolution(..) if dataset.bank.is_none() => {
+            Self::Guided(..) | Self::Deconvolution(..) | Self::Oracle if dataset.bank.is_none() => {
                 Err(Error::Unsupported(format!(
                     "{root} has kernel codes and no PSFs, which --method {} needs; name a dataset of `udc synth`",
                     match self {
                         Self::Deconvolution(method, _) => method.name(),
+                        Self::Oracle => ORACLE,
                         _ => GUIDED,
                     }
                 )))
@@ -160,8 +177,12 @@ impl Candidate {
     }
 
     pub(super) fn restore(&self, degraded: &Degraded<'_>) -> Result<ToneMappedImage> {
+        let curve = degraded.dataset.formation.curve()?;
         let Some(restoration) = self.restoration(degraded)? else {
-            return Ok(degraded.dataset.formation.curve()?.tone_map(degraded.image));
+            return Ok(match (self, degraded.psf()) {
+                (Self::Oracle, Some(psf)) => curve.tone_map(&degraded.filtered_by_truth(&psf, curve)?),
+                _ => curve.tone_map(degraded.image),
+            });
         };
         let capture = Capture::from(degraded.image.clone());
         Ok(restoration.restore(capture, &Progress::default())?.into_tone_mapped())
@@ -171,7 +192,7 @@ impl Candidate {
     pub(super) fn restoration(&self, degraded: &Degraded<'_>) -> Result<Option<Restoration>> {
         let curve = degraded.dataset.formation.curve()?;
         let (restoration, highlights) = match self {
-            Self::Nothing => return Ok(None),
+            Self::Nothing | Self::Oracle => return Ok(None),
             Self::Network(_, model, highlights) => {
                 (Restoration::by_network(Model::clone(model), degraded.kernel_for(model)?)?, highlights)
             }
@@ -211,6 +232,17 @@ impl Degraded<'_> {
             (None, Some(code)) => KernelKnowledge::Code(code),
             (None, None) => KernelKnowledge::Nothing,
         })
+    }
+
+    /// The bound of [`Candidate::Oracle`].
+    fn filtered_by_truth(&self, psf: &Psf, ToneCurve { alpha, x_max }: ToneCurve) -> Result<LinearImage> {
+        let config = DeconvolutionConfig {
+            border: (&self.dataset.formation).into(),
+            alpha,
+            saturation: [x_max; CHANNELS],
+            ..DeconvolutionConfig::of_method(deconvolution::Method::Joint)
+        };
+        deconvolution::filter_by_truth((self.image, self.clean), psf, &config, &Progress::default())
     }
 
     /// The PSF of the kernel, where the dataset has PSFs.

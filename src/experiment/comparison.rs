@@ -108,7 +108,8 @@ impl<'a> Comparison<'a> {
             let (clean, degraded) = self.read(triplet)?;
             let kernel = self.dataset.kernel_index(triplet)?;
             let curve = self.dataset.formation.curve()?;
-            let images = self.candidates.iter().map(|candidate| self.restore(candidate, &degraded, kernel));
+            let images =
+                self.candidates.iter().map(|candidate| self.restore(candidate, (&clean, &degraded), kernel));
             let images = images.collect::<Result<_>>()?;
             let regions = regions.then(|| Regions::divide(&clean, &degraded, curve));
             let sample = Sample { ground_truth: curve.tone_map(&clean), images, regions };
@@ -133,7 +134,8 @@ impl<'a> Comparison<'a> {
         progress: &Progress,
     ) -> Result<(LinearCost, u64)> {
         let kernel = self.dataset.kernel_index(triplet)?;
-        let degraded = Degraded { dataset: self.dataset, image, kernel, max_memory: self.max_memory };
+        let (dataset, max_memory) = (self.dataset, self.max_memory);
+        let degraded = Degraded { dataset, image, clean: image, kernel, max_memory };
         let Some(restoration) = candidate.restoration(&degraded)? else { return Ok(Default::default()) };
         let capture = Capture::from(image.clone());
         let bytes = restoration.plan(capture.image.size())?.bytes;
@@ -177,7 +179,8 @@ impl<'a> Comparison<'a> {
                 self.dataset.kernel_names().iter().map(ComparedMethod::restored).collect();
             let sample = |_, triplet: &Triplet| {
                 let (clean, degraded) = self.read(triplet)?;
-                let images = (0..told.len()).map(|kernel| self.restore(candidate, &degraded, kernel));
+                let images =
+                    (0..told.len()).map(|kernel| self.restore(candidate, (&clean, &degraded), kernel));
                 let images = images.collect::<Result<_>>()?;
                 let ground_truth = self.dataset.formation.curve()?.tone_map(&clean);
                 Ok(Sample { ground_truth, images, regions: None })
@@ -225,9 +228,14 @@ impl<'a> Comparison<'a> {
         Ok((clean, degraded))
     }
 
-    fn restore(&self, candidate: &Candidate, image: &LinearImage, kernel: usize) -> Result<ToneMappedImage> {
+    fn restore(
+        &self,
+        candidate: &Candidate,
+        (clean, image): (&LinearImage, &LinearImage),
+        kernel: usize,
+    ) -> Result<ToneMappedImage> {
         self.listener.progress.check()?;
-        let degraded = Degraded { dataset: self.dataset, image, kernel, max_memory: self.max_memory };
+        let degraded = Degraded { dataset: self.dataset, image, clean, kernel, max_memory: self.max_memory };
         candidate.restore(&degraded).map_err(|error| match error {
             Error::Interrupted => error,
             other => Error::Unsupported(format!("restored by {}: {other}", candidate.method().name)),

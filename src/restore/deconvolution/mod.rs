@@ -231,6 +231,32 @@ pub fn solve(
     joint::solve(image, psf, config, progress)
 }
 
+/// What a linear filter makes of a capture that is told the true spectrum of every neighbourhood of the scene, its own noise, and the
+/// scene where the capture is saturated: a bound to compare restorations with. The scene may itself be clipped where the capture is.
+///
+/// # Method
+/// That of [`Method::Joint`] to the light around the frame and where the scene is clipped; then Wiener's filter of blocks of 8 × 8 pixels, `P²/(P² + N)` of the
+/// scene's coefficients P and of the variance N that the regularised inverse makes of the noise. What such a filter can't know, as where
+/// an edge goes on, a network may.
+///
+/// # Errors
+/// Those of [`deconvolve`]; [`Error::Shape`] for a scene of another size.
+pub fn filter_by_truth(
+    (image, scene): (&LinearImage, &LinearImage),
+    psf: &Psf,
+    config: &DeconvolutionConfig,
+    progress: &Progress,
+) -> Result<LinearImage> {
+    config.validate()?;
+    let size = |image: &LinearImage| format!("{} × {}", image.height(), image.width());
+    if size(scene) != size(image) {
+        return Err(Error::shape("scene", size(image), size(scene)));
+    }
+    let relieved = without_lamps_outside(image, psf, config, progress)?;
+    let image = relieved.as_ref().map_or(image, |relieved| &relieved.image);
+    joint::filter_by_truth((image, scene), psf, config, progress)
+}
+
 /// Bytes that [`deconvolve`] takes, the image and the result included.
 ///
 /// By [`Method::Joint`] those of an image with saturated pixels; without any it takes two thirds.

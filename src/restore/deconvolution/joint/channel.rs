@@ -1,6 +1,6 @@
 //! One channel of a capture on its way to the scene: what is presumed, and what is found.
 
-use ndarray::{Array2, ArrayViewMut2, Zip};
+use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
 
 use super::super::{constrained, objective};
 use super::conjugate::{Preconditioner, Room, System};
@@ -68,6 +68,8 @@ pub(super) struct Channel<'a> {
     brightness: Array2<f32>,
     lamps: Option<Lamps>,
     noise: NoiseLevel,
+    /// The pixels of the frame whose light is told.
+    told: Option<Array2<bool>>,
 }
 
 /// What channels share, one after another.
@@ -111,7 +113,7 @@ impl<'a> Channel<'a> {
                 true => frame.cap_surrounding(&mut scene),
                 false => frame.cap_by_border(&mut scene),
             }
-            return Ok(Self { frame, known, scene, brightness, lamps: Some(lamps), noise });
+            return Ok(Self { frame, known, scene, brightness, lamps: Some(lamps), noise, told: None });
         }
         let surrounded = frame.surround(capture);
         let brightness = known.brightness(&surrounded);
@@ -126,7 +128,7 @@ impl<'a> Channel<'a> {
         if noise.middle() > NOISE_FREE {
             frame.cap_by_border(&mut scene);
         }
-        Ok(Self { frame, known, scene, brightness, lamps: None, noise })
+        Ok(Self { frame, known, scene, brightness, lamps: None, noise, told: None })
     }
 
     /// Rounds and steps in each: more where there is hardly any noise that would hide what they gain.
@@ -161,6 +163,21 @@ impl<'a> Channel<'a> {
     /// Whether pixels are saturated.
     pub(super) fn has_lamps(&self) -> bool {
         self.lamps.is_some()
+    }
+
+    /// Takes the `scene` in the frame for what is there, but where it is as bright as what saturates, and may be brighter: only light
+    /// there and around the frame is looked for then.
+    pub(super) fn learn(&mut self, scene: ArrayView2<'_, f32>) {
+        let level = saturated_from(self.known.level());
+        let told = scene.mapv(|light| light < level);
+        Zip::from(self.frame.cut_mut(&mut self.scene)).and(scene).and(&told).for_each(
+            |light, scene, told| {
+                if *told {
+                    *light = *scene;
+                }
+            },
+        );
+        self.told = Some(told);
     }
 
     /// Improves the scene.
@@ -214,6 +231,7 @@ impl<'a> Channel<'a> {
                 inverse_brightness,
                 lamps: self.lamps.as_ref().and_then(|lamps| lamps.modest(&self.brightness)),
             },
+            told: self.told.as_ref(),
             preconditioner: match &diagonal {
                 Some(inverse) => Preconditioner::Diagonal(inverse),
                 None => {

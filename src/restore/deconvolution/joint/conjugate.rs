@@ -22,6 +22,8 @@ pub(super) struct System<'a> {
     /// W: the inverse of the variance where y is known, up to a factor.
     pub(super) weights: &'a Array2<f32>,
     pub(super) prior: Prior<'a>,
+    /// The pixels of the frame that stay as they are, if any do.
+    pub(super) told: Option<&'a Array2<bool>>,
     pub(super) preconditioner: Preconditioner<'a>,
 }
 
@@ -84,8 +86,9 @@ impl System<'_> {
             .par_for_each(|image, y, w| *image = w * (y.max(0.0) - *image));
         self.blur.transpose(&room.image, &mut room.gradient);
         self.prior.take_slope(x, (&mut room.gradient, &mut room.turned));
-        let held = Zip::from(&mut room.gradient).and(&*x).par_map_collect(|g, x| {
-            let held = *x <= 0.0 && *g <= 0.0;
+        let is_told = |place| self.told.is_some_and(|told| told.get(place) == Some(&true));
+        let held = Zip::indexed(&mut room.gradient).and(&*x).par_map_collect(|place, g, x| {
+            let held = *x <= 0.0 && *g <= 0.0 || is_told(place);
             if held {
                 *g = 0.0;
             }
@@ -220,6 +223,7 @@ mod tests {
             capture: capture.view(),
             weights: &weights,
             prior: Prior { weight: 0.0, edges: &edges, inverse_brightness: &ones, lamps: None },
+            told: None,
             preconditioner: Preconditioner::Convolution { brightness: &ones, lamps: None },
         };
         let (mut x, mut room) = (capture.clone(), Room::new(&frame));

@@ -54,7 +54,7 @@ use interpolation::is_interpolated;
 use known::Known;
 use noise_level::NoiseLevel;
 use prior::{Edges, InverseBrightness};
-use refine::{Refined, refine};
+use refine::{Pilot, Refined, refine};
 
 /// The share of a channel that is clipped, from which clipped light of small captures is first found at lower resolutions.
 const LEAST_CLIPPED: f64 = 5e-3;
@@ -111,6 +111,34 @@ pub(super) fn solve(
         is_noisy && !is_interpolated(image, config.alpha, config.saturation.map(saturated_from));
     let residual = colors.residual(&scene)?;
     Ok(Solution { scene: LinearImage::from_planes(scene)?, deviation, residual, relative_noise, is_measured })
+}
+
+/// Rounds that look for the light that a scene does not tell, and steps in each.
+const UNTOLD: [usize; 2] = [4, 10];
+
+/// Filters a capture of a known `scene` by the true spectra of its neighbourhoods; light around the frame, and where the scene is as
+/// bright as what saturates, is estimated, all else being known.
+pub(super) fn filter_by_truth(
+    (image, scene): (&LinearImage, &LinearImage),
+    psf: &Psf,
+    config: &DeconvolutionConfig,
+    progress: &Progress,
+) -> Result<LinearImage> {
+    let frame = frame_of(image, psf, config);
+    let mut colors = Colors::solve(&frame, (image, psf), config, progress)?;
+    for (index, channel) in colors.channels.iter_mut().enumerate() {
+        channel.learn(scene.channel(index));
+    }
+    let ([rounds, steps], mut workspace) = (UNTOLD, Workspace::new(&frame));
+    for _ in 0..rounds {
+        colors.find_edges();
+        let Colors { channels, edges, .. } = &mut colors;
+        for channel in channels {
+            channel.improve((edges, steps), &mut workspace, progress)?;
+        }
+    }
+    let refined = refine(&frame, &mut colors.channels, Pilot::Truth, progress)?;
+    LinearImage::from_planes(refined.scene)
 }
 
 fn frame_of(image: &LinearImage, psf: &Psf, config: &DeconvolutionConfig) -> Frame {
@@ -327,7 +355,7 @@ impl<'a> Colors<'a> {
         // Their planes make room.
         self.edges = Edges::unknown();
         self.channels.iter_mut().for_each(Channel::settle);
-        refine(self.frame, &mut self.channels, progress).map(Some)
+        refine(self.frame, &mut self.channels, Pilot::Estimate, progress).map(Some)
     }
 
     fn deviation(&self) -> Result<Array3<f32>> {

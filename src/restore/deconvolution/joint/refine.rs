@@ -28,7 +28,7 @@ const BEFORE: usize = SIDE - STEP;
 /// Passes: the second gains 0.2 dB.
 const PASSES: usize = 2;
 
-/// How much more the noise counts than it is: a pilot lacks detail.
+/// How much more the noise counts than it is: an estimated pilot lacks detail.
 const CAUTION: f32 = 2.0;
 
 /// Rows that one thread refines at a time; blocks above and below are computed twice.
@@ -53,12 +53,30 @@ pub(super) struct Refined {
     pub(super) deviation: Array3<f32>,
 }
 
+/// What the spectra of neighbourhoods are taken from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Pilot {
+    /// A scene that was found, and then what that refined it to.
+    Estimate,
+    /// The scene itself.
+    Truth,
+}
+
 /// Refines the scene of all channels, which becomes that of the first pass.
-pub(super) fn refine(frame: &Frame, channels: &mut [Channel<'_>], progress: &Progress) -> Result<Refined> {
+pub(super) fn refine(
+    frame: &Frame,
+    channels: &mut [Channel<'_>],
+    pilot: Pilot,
+    progress: &Progress,
+) -> Result<Refined> {
+    let (passes, caution, hidden_px) = match pilot {
+        Pilot::Estimate => (PASSES, CAUTION, HIDDEN_PX),
+        Pilot::Truth => (1, 1.0, 0),
+    };
     let [height, width] = frame.size();
     let is_saturated = |place: [usize; 2]| channels.iter().any(|channel| channel.is_saturated(place));
     let saturated = Array2::from_shape_fn((height, width), |(y, x)| is_saturated([y, x]));
-    let hidden = grown(&saturated, HIDDEN_PX);
+    let hidden = grown(&saturated, hidden_px);
     let (mut sharp, mut bands) = (Vec::with_capacity(CHANNELS), Vec::with_capacity(CHANNELS));
     for channel in channels.iter() {
         progress.check()?;
@@ -68,16 +86,17 @@ pub(super) fn refine(frame: &Frame, channels: &mut [Channel<'_>], progress: &Pro
     }
     let mut scene = Array3::zeros((CHANNELS, height, width));
     let mut variance = Array3::zeros((CHANNELS, height, width));
-    for pass in 1..=PASSES {
+    for pass in 1..=passes {
         progress.check()?;
         let pilots = channels.iter().map(|channel| frame.cut(&channel.scene)).collect();
-        let filter = Pass { channels, pilots, sharp: &sharp, bands: &bands, cosines: Cosines::new() };
+        let filter =
+            Pass { channels, pilots, sharp: &sharp, bands: &bands, caution, cosines: Cosines::new() };
         filter.run(&mut scene, &mut variance);
         for (channel, mut refined) in channels.iter_mut().zip(scene.outer_iter_mut()) {
             let places = Zip::from(frame.cut_mut(&mut channel.scene)).and(&mut refined).and(&hidden);
             places.par_for_each(|before, refined, hidden| {
                 *refined = if *hidden { *before } else { refined.max(0.0) };
-                if pass < PASSES {
+                if pass < passes {
                     *before = *refined;
                 }
             });
@@ -97,6 +116,8 @@ struct Pass<'a, 'c> {
     sharp: &'a [Array2<f32>],
     /// The means of the noise's spectrum for noise 1.
     bands: &'a [Block],
+    /// How much more the noise counts than it is.
+    caution: f32,
     cosines: Cosines,
 }
 
@@ -322,7 +343,7 @@ vectorised! {
                     for (weights, bands) in weights.iter().zip(pass.bands) {
                         add_times(&mut noise, bands[u][v], weights);
                     }
-                    filter(&mut sharp[v], &pilot[v], &noise, &mut left);
+                    filter(&mut sharp[v], &pilot[v], (&noise, pass.caution), &mut left);
                 }
                 for (x, value) in cosines.inverse(&sharp).iter().enumerate() {
                     add_at(filtered, layout.place(row, x), cosines.window[x], value);
@@ -353,10 +374,10 @@ const COEFFICIENTS: f32 = (SIDE * SIDE) as f32;
 
 /// Filters a coefficient with noise of a variance, and adds to the variance of what is left.
 #[inline(always)]
-fn filter(coefficient: &mut Lanes, pilot: &Lanes, noise: &Lanes, left: &mut Lanes) {
+fn filter(coefficient: &mut Lanes, pilot: &Lanes, (noise, caution): (&Lanes, f32), left: &mut Lanes) {
     for (((value, pilot), noise), left) in coefficient.iter_mut().zip(pilot).zip(noise).zip(left) {
         let power = pilot * pilot;
-        let gain = power / (power + CAUTION * noise + f32::MIN_POSITIVE);
+        let gain = power / (power + caution * noise + f32::MIN_POSITIVE);
         *value *= gain;
         *left += gain * noise;
     }
@@ -397,7 +418,8 @@ mod tests {
                 .collect();
             let pilots = planes.iter().map(|plane| plane.view()).collect();
             let bands = [[[1.0; SIDE]; SIDE]; CHANNELS];
-            let pass = Pass { channels: &[], pilots, sharp: &planes, bands: &bands, cosines: Cosines::new() };
+            let (bands, cosines) = (&bands, Cosines::new());
+            let pass = Pass { channels: &[], pilots, sharp: &planes, bands, caution: 1.0, cosines };
             let [mut scene, mut variance] = [(); 2].map(|()| Array3::ones((CHANNELS, height, width)));
             pass.run(&mut scene, &mut variance);
             for (plane, found) in planes.iter().zip(scene.outer_iter()) {

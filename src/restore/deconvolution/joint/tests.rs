@@ -1,7 +1,9 @@
 use super::*;
 use crate::core::rng;
 use crate::core::tone::ToneCurve;
-use crate::restore::deconvolution::{Border, LampOutside, Method, deconvolve, without_lamps_outside};
+use crate::restore::deconvolution::{
+    Border, LampOutside, Method, deconvolve, filter_by_truth, without_lamps_outside,
+};
 use ndarray::Array2;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -424,4 +426,22 @@ fn lamps_in_large_captures_are_found_at_half_the_resolution_first() {
         let part = restored.channel(1).slice(lamp).sum() / scene.channel(1).slice(lamp).sum();
         assert!((0.55..1.05).contains(&part), "{part}");
     }
+}
+
+/// Told the scene's spectra, a filter comes nearer to it than the search, and the light of its lamp is the scene's.
+#[test]
+fn a_filter_that_is_told_the_scene_is_a_bound() {
+    let (scene, level, config) = (room(1600.0), 16.0, config(Method::Joint, Border::Zero, 16.0));
+    let seen = capture(&scene, 0.02, level);
+    let progress = Progress::default();
+    let bound = filter_by_truth((&seen, &scene), &psf(), &config, &progress).unwrap();
+    let found = deconvolve(&seen, &psf(), &config, &progress).unwrap();
+    let (of_bound, of_found) = (psnr(&bound, &scene, level), psnr(&found, &scene, level));
+    assert!(of_bound > of_found + 1.0, "{of_bound} {of_found}");
+    assert_eq!(bound.planes()[[1, 61, 31]], 1600.0);
+    // It is a filter: noise keeps it from the scene.
+    assert!(of_bound < 50.0, "{of_bound}");
+    let other = image(|_, _, _| 1.0, [SIZE, SIZE - 1]);
+    let refused = filter_by_truth((&seen, &other), &psf(), &config, &progress).unwrap_err();
+    assert!(refused.to_string().contains("96 × 95"), "{refused}");
 }
