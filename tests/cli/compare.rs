@@ -73,14 +73,16 @@ fn svg(folder: &Path, name: &str) -> String {
 fn compares_networks_and_deconvolutions_under_every_rotation() {
     let scratch = scratch();
     let folder = scratch.path();
-    let methods = ["--method", "richardson-lucy", "--method", "wiener"];
+    let methods = ["--method", "richardson-lucy", "--method", "wiener,oracle"];
     let eval =
         [&["eval", "dataset", "--model", "net.safetensors"], &methods[..], &["-o", "results"]].concat();
     let said = succeed(folder, &eval);
     let results = json(folder, "results/metrics.json");
     let all = results["methods"].as_array().unwrap();
     let names: Vec<_> = all.iter().map(|method| method["name"].as_str().unwrap()).collect();
-    assert_eq!(names, ["degraded", "net.safetensors", "richardson-lucy", "wiener"]);
+    assert_eq!(names, ["degraded", "net.safetensors", "richardson-lucy", "wiener", "oracle"]);
+    let psnr = |method: usize| all[method]["kernels"]["r+00"]["psnr"].as_f64().unwrap();
+    assert!((0..4).all(|method| psnr(4) > psnr(method)), "an oracle is told the scene: {}", psnr(4));
     let architecture = Architecture { features: 2, filter_size: 3, code_dim: 2, ..Architecture::default() };
     assert_eq!(all[1]["parameters"], architecture.parameters());
     let gmac = architecture.macs(HEIGHT, WIDTH) as f64 / 1e9;

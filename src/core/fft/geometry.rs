@@ -2,6 +2,7 @@
 //! convolution never reaches a pixel that is kept.
 
 use super::Boundary;
+use crate::kernels::fourier::is_smooth;
 
 /// One axis of a convolution: where the scene lies in the transform and where each kernel sample wraps to.
 ///
@@ -94,15 +95,6 @@ pub fn fast_length(needed: usize) -> usize {
     let step = if needed >= 64 { 16 } else { 1 };
     let first = needed.max(1).div_ceil(step) * step;
     (first..).step_by(step).find(|&length| is_smooth(length)).expect("there is a power of two above")
-}
-
-fn is_smooth(mut length: usize) -> bool {
-    for prime in [2, 3, 5] {
-        while length.is_multiple_of(prime) {
-            length /= prime;
-        }
-    }
-    length == 1
 }
 
 #[cfg(test)]

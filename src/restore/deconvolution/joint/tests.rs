@@ -428,7 +428,8 @@ fn lamps_in_large_captures_are_found_at_half_the_resolution_first() {
     }
 }
 
-/// Told the scene's spectra, a filter comes nearer to it than the search, and the light of its lamp is the scene's.
+/// Told the scene's spectra, a filter comes nearer to it than the search; the light of a lamp that may be clipped in the scene too is
+/// estimated, all else being known.
 #[test]
 fn a_filter_that_is_told_the_scene_is_a_bound() {
     let (scene, level, config) = (room(1600.0), 16.0, config(Method::Joint, Border::Zero, 16.0));
@@ -438,7 +439,8 @@ fn a_filter_that_is_told_the_scene_is_a_bound() {
     let found = deconvolve(&seen, &psf(), &config, &progress).unwrap();
     let (of_bound, of_found) = (psnr(&bound, &scene, level), psnr(&found, &scene, level));
     assert!(of_bound > of_found + 1.0, "{of_bound} {of_found}");
-    assert_eq!(bound.planes()[[1, 61, 31]], 1600.0);
+    let lamp = bound.planes()[[1, 61, 31]];
+    assert!((lamp / 1600.0 - 1.0).abs() < 0.01, "{lamp}");
     // It is a filter: noise keeps it from the scene.
     assert!(of_bound < 50.0, "{of_bound}");
     let other = image(|_, _, _| 1.0, [SIZE, SIZE - 1]);
