@@ -6,7 +6,7 @@ use ndarray::{Array3, Zip};
 use serde::Serialize;
 
 use super::capture::{Capture, Restored};
-use super::deconvolution::{Relieved, solve, without_lamps_outside};
+use super::deconvolution::{LampOutside, Relieved, Solution, solve, without_lamps_outside};
 use super::guard::{Guard, Left};
 use super::highlights::blend_highlights;
 use super::lamps::find_lamps;
@@ -52,6 +52,32 @@ impl Default for GuidedOptions {
     }
 }
 
+/// What a deconvolution makes of a capture with a PSF.
+struct Solved {
+    /// The capture without the flare of lamps outside of it, if there are any.
+    relieved: Option<LinearImage>,
+    lamps_outside: Vec<LampOutside>,
+    solution: Solution,
+}
+
+impl Solved {
+    fn of(image: &LinearImage, psf: &Psf, planes: &PlaneConfig, progress: &Progress) -> Result<Self> {
+        let config = planes.deconvolution();
+        let relieved = without_lamps_outside(image, psf, &config, &progress.without_bars())?;
+        let (relieved, lamps_outside) = match relieved {
+            Some(Relieved { image, lamps }) => (Some(image), lamps),
+            None => (None, Vec::new()),
+        };
+        let solution = solve(relieved.as_ref().unwrap_or(image), psf, &config, progress)?;
+        Ok(Self { relieved, lamps_outside, solution })
+    }
+
+    /// The sum of squares of what the scene leaves of the capture.
+    fn left(&self) -> f64 {
+        self.solution.residual.iter().map(|left| f64::from(*left).powi(2)).sum()
+    }
+}
+
 impl Restoration {
     /// Restores a capture by a network that reads planes, which are made of its PSF.
     pub(super) fn restore_by_planes(
@@ -67,14 +93,19 @@ impl Restoration {
         let told = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..self.curve() };
         let curve = suited_curve(told, &image);
         let planes = PlaneConfig { curve, border: self.border(), saturation, noise: self.noise_curve() };
-        let (psf, pose) = self.posed_psf(&image, &planes, progress)?;
+        let (mut psf, mut pose) = self.posed_psf(&image, &planes, progress)?;
+        let mut solved = Solved::of(&image, &psf, &planes, progress)?;
+        if pose.is_some() && solved.solution.is_clean() {
+            // Where no noise hides it, what is left of the capture says which of the two is right.
+            let own = self.kernel().needed_psf()?;
+            let unmoved = Solved::of(&image, own, &planes, progress)?;
+            if unmoved.left() < solved.left() {
+                (psf, pose, solved) = (Cow::Borrowed(own), None, unmoved);
+            }
+        }
         let psf = &*psf;
-        let relieved = without_lamps_outside(&image, psf, &planes.deconvolution(), &progress.without_bars())?;
-        let (image, lamps_outside) = match relieved {
-            Some(Relieved { image, lamps }) => (image, lamps),
-            None => (image, Vec::new()),
-        };
-        let solution = solve(&image, psf, &planes.deconvolution(), progress)?;
+        let Solved { relieved, lamps_outside, solution } = solved;
+        let image = relieved.unwrap_or(image);
         let lamps = find_lamps(&image, &solution.scene, saturation);
         let options = self.guided_options();
         let light = options.filter(|options| options.true_highlights).map(|_| solution.scene.clone());
@@ -178,4 +209,47 @@ fn with_light(
         });
     }
     LinearImage::from_planes(planes)
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array2;
+
+    use super::*;
+    use crate::codes::MeasurementErrors;
+    use crate::core::fft::{Boundary, Convolver};
+    use crate::core::rng::stream;
+    use crate::restore::deconvolution::Border;
+
+    /// Of a capture without noise; one with some is not asked.
+    #[test]
+    fn what_is_left_of_a_clean_capture_tells_the_right_psf() {
+        let plane = Array2::from_shape_fn((65, 65), |(y, x)| {
+            let squares = (y as f32 - 32.0).powi(2) + (x as f32 - 32.0).powi(2);
+            let is_order = y.abs_diff(32) % 8 == 0 && x.abs_diff(32) % 8 == 0;
+            (-squares / 0.8).exp() + if is_order { 1e-3 } else { 1e-5 } * (-squares.sqrt() / 12.0).exp()
+        });
+        let of_channels = |plane: Array2<f32>| {
+            Array3::from_shape_fn((CHANNELS, plane.nrows(), plane.ncols()), |(_, y, x)| plane[[y, x]])
+        };
+        let psf = Psf::from_energy(of_channels(&plane / plane.sum())).unwrap();
+        let errors = MeasurementErrors { scale: 0.002, ..MeasurementErrors::default() };
+        let moved = errors.apply(&psf, &mut stream(0, "moved")).unwrap();
+        let scene = Array2::from_shape_fn((96, 96), |(y, x)| match (y, x) {
+            (20..40, 50..80) => 1.5,
+            (60..63, 30..33) => 40.0,
+            _ => 0.2 + 0.05 * ((y as f32 / 9.0).sin() + (x as f32 / 7.0).cos()),
+        });
+        let convolver = Convolver::new([96, 96], [65, 65], Boundary::Zero).unwrap();
+        let seen =
+            convolver.convolve_plane(scene.view(), &convolver.kernel_spectrum(psf.channel(0)).unwrap());
+        let image = LinearImage::from_planes(of_channels(seen)).unwrap();
+        let curve = ToneCurve::default();
+        let planes =
+            PlaneConfig { curve, border: Border::Zero, saturation: [curve.x_max; CHANNELS], noise: None };
+        let solved = |psf: &Psf| Solved::of(&image, psf, &planes, &Progress::default()).unwrap();
+        let (right, wrong) = (solved(&psf), solved(&moved));
+        assert!(right.solution.is_clean());
+        assert!(right.left() < wrong.left(), "{} {}", right.left(), wrong.left());
+    }
 }

@@ -26,8 +26,11 @@ const SMOOTHNESS: [f32; 2] = [1.5, 15.0];
 /// Noise below which the prior gives way: a tenth of a photograph's, whose 10 bits leave 2 %.
 const LOW_NOISE: f32 = 2e-3;
 
+/// Rounds and steps that explain a capture with lamps to its last digit.
+const EXACT_EFFORT: [usize; 2] = [8, 25];
+
 /// Noise below which a capture is a computed one: 70 dB, half a step of 12 bits.
-const NOISE_FREE: f32 = 3e-4;
+pub(super) const NOISE_FREE: f32 = 3e-4;
 
 /// The floor of |H|² in the first inverse, which is at most 1/(2√ε) = 50 times the capture.
 const LEAST_POWER: f32 = 1e-4;
@@ -68,6 +71,8 @@ pub(super) struct Channel<'a> {
     brightness: Array2<f32>,
     lamps: Option<Lamps>,
     noise: NoiseLevel,
+    /// Whether the capture, which has no noise, is explained to its last digit.
+    is_exact: bool,
     /// The pixels of the frame whose light is told.
     told: Option<Array2<bool>>,
 }
@@ -113,7 +118,16 @@ impl<'a> Channel<'a> {
                 true => frame.cap_surrounding(&mut scene),
                 false => frame.cap_by_border(&mut scene),
             }
-            return Ok(Self { frame, known, scene, brightness, lamps: Some(lamps), noise, told: None });
+            return Ok(Self {
+                frame,
+                known,
+                scene,
+                brightness,
+                lamps: Some(lamps),
+                noise,
+                told: None,
+                is_exact: false,
+            });
         }
         let surrounded = frame.surround(capture);
         let brightness = known.brightness(&surrounded);
@@ -128,7 +142,7 @@ impl<'a> Channel<'a> {
         if noise.middle() > NOISE_FREE {
             frame.cap_by_border(&mut scene);
         }
-        Ok(Self { frame, known, scene, brightness, lamps: None, noise, told: None })
+        Ok(Self { frame, known, scene, brightness, lamps: None, noise, told: None, is_exact: false })
     }
 
     /// Rounds and steps in each: more where there is hardly any noise that would hide what they gain.
@@ -140,8 +154,6 @@ impl<'a> Channel<'a> {
     pub(super) fn effort(&self) -> [usize; 2] {
         let sigma = self.sigma();
         match self.has_lamps() {
-            true if sigma <= NOISE_FREE => [8, 25],
-            true if sigma < LOW_NOISE => [4, 20],
             true if self.known.is_reduced => reduced_effort(self.frame.transform_samples()),
             true if self.lamps.as_ref().is_some_and(Lamps::has_coarse_light) => {
                 known_lamp_effort(self.frame.transform_samples())
@@ -153,6 +165,18 @@ impl<'a> Channel<'a> {
             false if self.frame.transform_samples() <= SWIFT_SAMPLES => [3, 2],
             false => [2, 1],
         }
+    }
+
+    /// From here on, explains a capture with lamps that has no noise to its last digit, where nothing around it is unknown; returns
+    /// rounds and steps for that, or none.
+    ///
+    /// Before, it is explained as if it had a little noise: without any, the least squares would be all, and what lamps hide is not told
+    /// by these. Of twelve captures six have lamps: four of them are restored 6 to 22 dB better so than from the first round on, and two
+    /// 10 and 12 dB; 24 painted views gain 2 dB on average, the last digits being half of that.
+    pub(super) fn finish(&mut self) -> [usize; 2] {
+        self.is_exact =
+            self.has_lamps() && !self.is_noisy() && !self.known.is_reduced && !self.frame.has_surrounding();
+        if self.is_exact { EXACT_EFFORT } else { [0, 0] }
     }
 
     /// Whether pixels are the means of blocks.
@@ -338,10 +362,10 @@ impl<'a> Channel<'a> {
         self.noise.middle()
     }
 
-    /// The deviation that the capture is explained to: light around the frame is not known so well that the flare of lamps in it
-    /// could be told from theirs any better.
+    /// The deviation that the capture is explained to: neither what lamps hide nor light around the frame is known so well that their
+    /// flare could be told any better.
     fn sigma(&self) -> f32 {
-        let least = if self.has_lamps() && self.frame.has_surrounding() { LOW_NOISE } else { 0.0 };
+        let least = if self.has_lamps() && !self.is_exact { LOW_NOISE } else { 0.0 };
         self.noise.middle().max(least)
     }
 
@@ -388,11 +412,6 @@ impl<'a> Channel<'a> {
                 .par_for_each(|weight, n| *weight = 1.0 / (n * n)),
         }
     }
-}
-
-/// Whether the capture has as much noise, or as much that is unknown around it, as a photograph.
-pub(super) fn is_photograph(noise: &NoiseLevel, frame: &Frame) -> bool {
-    noise.middle() >= LOW_NOISE || frame.has_surrounding()
 }
 
 /// Rounds and steps for a photograph with lamps, by the samples of its transforms: so many that they take seconds.

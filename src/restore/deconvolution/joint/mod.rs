@@ -47,7 +47,7 @@ use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
-use channel::{Channel, Workspace};
+use channel::{Channel, NOISE_FREE, Workspace};
 use coarse::Half;
 use frame::Frame;
 use interpolation::is_interpolated;
@@ -74,6 +74,13 @@ pub struct Solution {
     /// Whether the noise shows that pixels were measured: it is white, and that of one colour tells nothing of another's. Neither is
     /// so of demosaiced captures, and nothing is shown by captures without noise.
     pub is_measured: bool,
+}
+
+impl Solution {
+    /// Whether the capture has no noise, as computed ones have none.
+    pub fn is_clean(&self) -> bool {
+        self.relative_noise.iter().all(|sigma| *sigma <= NOISE_FREE)
+    }
 }
 
 /// Estimates the scene of which `image` is the convolution with `psf`, clipped at `config.saturation`.
@@ -230,22 +237,20 @@ impl<'a> Given<'a> {
         (0..CHANNELS).map(of_channel).collect::<Result<_>>().map(Some)
     }
 
-    /// The scene in the frame at half the resolution, `[3, ⌈height/2⌉, ⌈width/2⌉]`, of a photograph that is large, or of which
-    /// much is clipped: in small ones the light of few pixels is found sooner at full resolution, and as well.
+    /// The scene in the frame at half the resolution, `[3, ⌈height/2⌉, ⌈width/2⌉]`, of a capture that is large, or of which much
+    /// is clipped: in small ones the light of few pixels is found sooner at full resolution, and as well.
     fn coarse_scene(
         &self,
         frame: &Frame,
         noise: &[NoiseLevel],
         progress: &Progress,
     ) -> Result<Option<Array3<f32>>> {
-        let is_photograph = |channel: usize| channel::is_photograph(&noise[channel], frame);
         let much_is_clipped = |channel: usize| {
             let saturated = &self.saturated[channel];
             let clipped = saturated.iter().filter(|saturated| **saturated).count();
             clipped as f64 >= LEAST_CLIPPED * saturated.len() as f64
         };
-        let is_large = lamps::is_large(frame);
-        if !(0..CHANNELS).any(|channel| is_photograph(channel) && (is_large || much_is_clipped(channel))) {
+        if !lamps::is_large(frame) && !(0..CHANNELS).any(much_is_clipped) {
             return Ok(None);
         }
         let Some(half) = Half::of(self.image, self.psf, &self.saturated)? else { return Ok(None) };
@@ -293,9 +298,20 @@ impl<'a> Colors<'a> {
     }
 
     fn restore(mut self, progress: &Progress) -> Result<Self> {
+        let efforts: Vec<_> = self.channels.iter().map(Channel::effort).collect();
+        self.improve(&efforts, progress)?;
+        let efforts: Vec<_> = self.channels.iter_mut().map(Channel::finish).collect();
+        self.improve(&efforts, progress)?;
+        Ok(self)
+    }
+
+    /// Improves the scenes of all channels, each by rounds of some steps.
+    fn improve(&mut self, efforts: &[[usize; 2]], progress: &Progress) -> Result<()> {
         let has_lamps = self.channels.iter().any(Channel::has_lamps);
-        let efforts: Vec<[usize; 2]> = self.channels.iter().map(Channel::effort).collect();
         let rounds = efforts.iter().map(|[rounds, _]| *rounds).max().unwrap_or(0);
+        if rounds == 0 {
+            return Ok(());
+        }
         let bar = progress.bar((CHANNELS * rounds) as u64, "rounds of deconvolution");
         // Where pixels are the means of blocks, planes are small, and channels are worked on side by side.
         let is_reduced = self.channels.iter().all(Channel::is_reduced);
@@ -305,7 +321,7 @@ impl<'a> Colors<'a> {
             if round > 0 || !has_lamps {
                 self.find_edges();
             }
-            let Self { channels, edges, .. } = &mut self;
+            let Self { channels, edges, .. } = &mut *self;
             let improve =
                 |channel: &mut Channel<'_>, [rounds, steps]: [usize; 2], workspace: &mut Workspace| {
                     if round < rounds {
@@ -316,13 +332,13 @@ impl<'a> Colors<'a> {
                 };
             match &mut workspaces[..] {
                 [workspace] => {
-                    let channels = channels.iter_mut().zip(&efforts);
+                    let channels = channels.iter_mut().zip(efforts);
                     channels
                         .into_iter()
                         .try_for_each(|(channel, effort)| improve(channel, *effort, workspace))?;
                 }
                 workspaces => {
-                    let channels = channels.par_iter_mut().zip(&efforts).zip(workspaces);
+                    let channels = channels.par_iter_mut().zip(efforts).zip(workspaces);
                     channels.try_for_each(|((channel, effort), workspace)| {
                         improve(channel, *effort, workspace)
                     })?;
@@ -330,7 +346,7 @@ impl<'a> Colors<'a> {
             }
         }
         bar.finish_and_clear();
-        Ok(self)
+        Ok(())
     }
 
     fn find_edges(&mut self) {

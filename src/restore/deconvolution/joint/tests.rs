@@ -447,3 +447,27 @@ fn a_filter_that_is_told_the_scene_is_a_bound() {
     let refused = filter_by_truth((&seen, &other), &psf(), &config, &progress).unwrap_err();
     assert!(refused.to_string().contains("96 × 95"), "{refused}");
 }
+
+/// A window and a lamp are clipped: what they hide is told by no least squares, with noise or without, so that a capture without noise is
+/// explained as a photograph first, and to its last digit from there.
+#[test]
+fn a_capture_with_lamps_is_restored_no_worse_for_having_no_noise() {
+    let level = 1.2;
+    let (scene, config) = (room(40.0), config(Method::Joint, Border::Zero, level));
+    let restored = |sigma: f32| {
+        let seen = capture(&scene, sigma, level);
+        let clipped = seen.planes().iter().filter(|y| **y >= level).count();
+        assert!(clipped > 3 * 96 * 96 / 100, "{clipped}");
+        psnr(&deconvolve(&seen, &psf(), &config, &Progress::default()).unwrap(), &scene, level)
+    };
+    let (clean, noisy) = (restored(0.0), restored(0.02));
+    assert!(clean > noisy, "{clean} {noisy}");
+    let (seen, psf) = (capture(&scene, 0.0, level), psf());
+    let frame = frame_of(&seen, &psf, &config);
+    let colors = Colors::start(&frame, (&seen, &psf), &config, &Progress::default()).unwrap();
+    for mut channel in colors.channels {
+        let photograph = channel.effort();
+        assert!(channel.has_lamps() && photograph[0] > 0 && photograph != [8, 25], "{photograph:?}");
+        assert_eq!(channel.finish(), [8, 25]);
+    }
+}
