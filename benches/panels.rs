@@ -3,7 +3,7 @@
 //! For each of three random panels, whose seeds no training used, views of the panoramas are degraded without noise and by a
 //! 10-bit sensor at two levels of light, and restored: by Wiener's filter, by deconvolution, by the guided network as it
 //! comes, by the guided network adapted to the panel, and by DISCNet trained on the panel with half of the panoramas; an
-//! oracle beside them says what is left. The bright captures are of all nine rotations, the others of the unrotated panel. A PSF
+//! oracle beside them says what is left. All captures are of the unrotated panel. A PSF
 //! with the errors of a measurement is tried beside the true one. Everything is a command of `udc`, printed before it runs;
 //! what is there is not made again, so that a run can be stopped and gone on with.
 //!
@@ -123,8 +123,7 @@ impl Table {
             ]);
         }
         self.make(&name("results"), &[&["eval", "--data", bright][..], &how].concat());
-        let others = ["eval", "--data", clean, dim, "--kernels", "r+00"];
-        self.make(&name("other-noise"), &[&others[..], &how].concat());
+        self.make(&name("other-noise"), &[&["eval", "--data", clean, dim][..], &how].concat());
         // Told a PSF with errors, a restoration looks for the pose in each capture.
         let captures = format!("{bright}/degraded/r+00/*");
         self.make(
