@@ -12,7 +12,7 @@ const RADICES: [usize; 6] = [9, 8, 5, 4, 3, 2];
 /// # Method
 /// Stockham's: each pass takes numbers a radix-th of the line apart and leaves them so that after the last they stand in order,
 /// from one buffer to another. (C. Van Loan, "Computational Frameworks for the Fast Fourier Transform", 1992.) Passes of up to 81
-/// numbers by steps within the first cache take a fifth longer.
+/// numbers by steps within the first cache take a quarter longer for 960 places, and twice as long for 2880.
 pub struct LinePlan {
     length: usize,
     passes: Vec<Pass>,
