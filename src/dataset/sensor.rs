@@ -18,7 +18,7 @@ use crate::core::saturation::SATURATED_SHARE;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "SensorFile", rename_all = "kebab-case")]
 pub struct SensorConfig {
-    /// Electrons that a pixel holds before it saturates.
+    /// Electrons at which a pixel saturates: it reads white.
     pub full_well_e: f64,
     /// Standard deviation of the read-out noise.
     pub read_noise_e: f64,

@@ -11,7 +11,7 @@ use crate::core::rng::{Rng, stream};
 use crate::core::saturation::SATURATED_SHARE;
 use crate::dataset::{NoiseConfig, SensorConfig};
 
-/// Photon counts of this many standard deviations above the full well saturate without being drawn.
+/// Photon counts of this many standard deviations above the full well are above it without being drawn.
 const CERTAIN_SIGMAS: f64 = 9.0;
 
 /// Adds noise to irradiance, `[3, height, width]`.
@@ -51,10 +51,14 @@ fn each_row(
 ///
 /// # Equation
 /// For an exposure t, the longest whose reading is below saturation, of a pixel of irradiance x:
-/// 1. electrons `e = min(Poisson(x·q·g·t), w)`, q electrons per unit, g the channel's gain, w the full well;
+/// 1. electrons `e = Poisson(x·q·g·t)`, q electrons per unit, g the channel's gain;
 /// 2. reading `d = round((e + σ·N) / G + b)` within `0..=2^bits − 1`, with σ the read noise, N standard
 ///    normal, G electrons per digital number, b the black level;
 /// 3. irradiance `(d − b) · G / (q·g·t)`.
+///
+/// A full well reads white: it is the converter that ends there, after the read noise, as in a camera whose gain suits
+/// its wells or is above that. Were the electrons to end there instead, read noise would take half of all saturated
+/// pixels below white, and with small wells some so far that they pass for unsaturated, of whatever light.
 ///
 /// Below saturation its variance is `(x·q·g·t + σ² + G²/12) / (q·g·t)²`.
 fn capture(sensor: &SensorConfig, channel: usize, irradiance: f32, rng: &mut Rng) -> f32 {
@@ -81,10 +85,10 @@ fn capture(sensor: &SensorConfig, channel: usize, irradiance: f32, rng: &mut Rng
 
 fn photo_electrons(mean: f64, full_well: f64, rng: &mut Rng) -> f64 {
     if mean > full_well + CERTAIN_SIGMAS * mean.sqrt() {
-        return full_well;
+        return mean;
     }
     match Poisson::new(mean) {
-        Ok(poisson) => poisson.sample(rng).min(full_well),
+        Ok(poisson) => poisson.sample(rng),
         // No light: the distribution wants a positive mean.
         Err(_) => 0.0,
     }
@@ -150,12 +154,20 @@ mod tests {
         assert!(red > 3.5 * green, "red {red}, green {green}");
     }
 
+    /// However dim its captures are: read noise takes nothing that is brighter below white, so that no longer exposure
+    /// passes for unsaturated either.
     #[test]
     fn a_sensor_saturates_at_the_full_well_of_its_shortest_exposure() {
-        let sensor = SensorConfig { read_noise_e: 0.0, ..SensorConfig::default() };
-        let saturation = sensor.full_well_e / (sensor.electrons_per_unit * sensor.exposures[2]);
-        for value in samples(&NoiseConfig::Sensor(sensor), 1e6) {
-            assert!((value / saturation - 1.0).abs() < 1e-6, "{value}, expected {saturation}");
+        for full_well_e in [6000.0, 375.0, 190.0] {
+            let sensor =
+                SensorConfig { full_well_e, electrons_per_unit: full_well_e, ..SensorConfig::default() };
+            // Shot and read noise of fifteen standard deviations above white, and much more than can be drawn.
+            let clear = 16.0 * (1.0 + 15.0 * (full_well_e.sqrt() + sensor.read_noise_e) / full_well_e);
+            for irradiance in [clear as f32, 1e6] {
+                for value in samples(&NoiseConfig::Sensor(sensor.clone()), irradiance) {
+                    assert!((value / 16.0 - 1.0).abs() < 1e-6, "{value} of {irradiance} with {full_well_e} electrons");
+                }
+            }
         }
     }
 
