@@ -82,13 +82,17 @@ impl Guard<'_> {
         let shares = self.shares(deconvolved, &restored)?;
         let mut planes: Array3<f32> = restored.into_planes();
         for (channel, shares) in shares.iter().enumerate() {
-            let deconvolved = deconvolved.channel(channel);
+            let [deconvolved, capture] = [deconvolved.channel(channel), self.capture.channel(channel)];
+            let saturated_from = saturated_from(self.saturation[channel]);
             let mut plane = planes.index_axis_mut(Axis(0), channel);
             let columns: Vec<_> = (0..plane.ncols()).map(|x| between(x, shares.ncols())).collect();
             plane.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(y, mut row)| {
                 let rows = between(y, shares.nrows());
-                for ((r, d), columns) in row.iter_mut().zip(deconvolved.row(y)).zip(&columns) {
-                    *r = d + refine * interpolated(shares, rows, *columns) * (*r - d);
+                let values = row.iter_mut().zip(deconvolved.row(y)).zip(capture.row(y));
+                for (((r, d), y), columns) in values.zip(&columns) {
+                    let is_told = *y < saturated_from;
+                    let share = if is_told { interpolated(shares, rows, *columns) } else { 1.0 };
+                    *r = d + refine * share * (*r - d);
                 }
             });
         }
@@ -113,9 +117,13 @@ impl Guard<'_> {
         let mut shares: [Array2<f32>; CHANNELS] = Default::default();
         for (channel, shares) in shares.iter_mut().enumerate() {
             let [restored, deconvolved] = [restored, deconvolved].map(|image| image.channel(channel));
+            let capture = self.capture.channel(channel);
+            let saturated_from = saturated_from(self.saturation[channel]);
             let light = |y: usize, out: &mut [f32]| {
-                for ((out, r), d) in out.iter_mut().zip(restored.row(y)).zip(deconvolved.row(y)) {
-                    *out = self.curve.expand(*r) - self.curve.expand(*d);
+                let values = restored.row(y).into_iter().zip(deconvolved.row(y)).zip(capture.row(y));
+                for (out, ((r, d), y)) in out.iter_mut().zip(values) {
+                    let is_told = *y < saturated_from;
+                    *out = if is_told { self.curve.expand(*r) - self.curve.expand(*d) } else { 0.0 };
                 }
             };
             let otf = operator.transfer_function(self.psf.channel(channel), |k| k)?;

@@ -165,7 +165,10 @@ mod tests {
             let clear = 16.0 * (1.0 + 15.0 * (full_well_e.sqrt() + sensor.read_noise_e) / full_well_e);
             for irradiance in [clear as f32, 1e6] {
                 for value in samples(&NoiseConfig::Sensor(sensor.clone()), irradiance) {
-                    assert!((value / 16.0 - 1.0).abs() < 1e-6, "{value} of {irradiance} with {full_well_e} electrons");
+                    assert!(
+                        (value / 16.0 - 1.0).abs() < 1e-6,
+                        "{value} of {irradiance} with {full_well_e} electrons"
+                    );
                 }
             }
         }

@@ -155,9 +155,11 @@ impl DataConfig {
 pub struct LossConfig {
     /// Weight of the mean absolute difference between restored and clean crop, both tone-mapped.
     pub l1: f64,
-    /// Where above 0, that difference counts relative to itself, sample by sample, down to this: easy samples, whose errors are
+    /// Weight of the mean squared difference: where a value is one of two, as of a saturated pixel that is a lamp or its glare, the
+    /// absolute difference is least at one of them and the squared, which PSNR is made of, between them.
+    pub l2: f64,
+    /// Where above 0, these differences count relative to themselves, sample by sample, down to this: easy samples, whose errors are
     /// small, teach as much as hard ones.
-    #[serde(skip_serializing_if = "is_off")]
     pub relative_floor: f64,
     /// The distance of VGG-19's features of the two.
     pub perceptual: PerceptualConfig,
@@ -166,13 +168,8 @@ pub struct LossConfig {
 impl Default for LossConfig {
     /// The first alone: the second needs a file of weights.
     fn default() -> Self {
-        Self { l1: 1.0, relative_floor: 0.0, perceptual: PerceptualConfig::default() }
+        Self { l1: 1.0, l2: 0.0, relative_floor: 0.0, perceptual: PerceptualConfig::default() }
     }
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands references over")]
-fn is_off(value: &f64) -> bool {
-    *value <= 0.0
 }
 
 /// The part of the loss that compares features of VGG-19, conv5_4.
@@ -358,9 +355,16 @@ impl TrainConfig {
         let (optimizer, perceptual) = (&self.optimizer, self.loss.perceptual.weight);
         let is_share = |value: f64| (0.0..1.0).contains(&value);
         let is_positive = |value: f64| value > 0.0 && value.is_finite();
-        let floor = self.loss.relative_floor;
+        let LossConfig { l1, l2, relative_floor: floor, .. } = self.loss;
         let ranges = [
-            ("loss.l1", self.loss.l1, is_positive(self.loss.l1), "positive"),
+            ("loss.l2", l2, l2 == 0.0 || is_positive(l2), "0 (off) or positive"),
+            // One of the two has to pull towards the clean image.
+            (
+                "loss.l1",
+                l1,
+                is_positive(l1) || (l1 == 0.0 && l2 > 0.0),
+                "positive, or 0 where loss.l2 is positive",
+            ),
             ("loss.relative-floor", floor, (0.0..=1.0).contains(&floor), "between 0 (off) and 1"),
             (
                 "loss.perceptual.weight",

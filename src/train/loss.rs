@@ -15,7 +15,9 @@ use crate::perceptual::{PerceptualLoss, PerceptualTensors};
 pub(super) struct Loss {
     /// Weight of the mean absolute difference.
     l1: f64,
-    /// What that difference is relative to at least, where it is relative.
+    /// Weight of the mean squared difference.
+    l2: f64,
+    /// What these differences, the second's root, are relative to at least, where they are relative.
     relative_floor: Option<f64>,
     /// Weight and network of the perceptual distance.
     perceptual: Option<(f64, Perceptual)>,
@@ -55,7 +57,7 @@ impl Loss {
         };
         let perceptual = if *weight > 0.0 { Some((*weight, load()?)) } else { None };
         let relative_floor = (config.relative_floor > 0.0).then_some(config.relative_floor);
-        Ok(Self { l1: config.l1, relative_floor, perceptual })
+        Ok(Self { l1: config.l1, l2: config.l2, relative_floor, perceptual })
     }
 
     /// A loss with a network that was not read from a file.
@@ -63,6 +65,7 @@ impl Loss {
     pub(super) fn with_perceptual(l1: f64, weight: f64, perceptual: PerceptualLoss) -> Self {
         Self {
             l1,
+            l2: 0.0,
             relative_floor: None,
             perceptual: Some((weight, Perceptual::Kernels(Arc::new(perceptual)))),
         }
@@ -71,25 +74,29 @@ impl Loss {
     /// Computes the loss of a batch, and a tensor of one number with the same gradient.
     ///
     /// # Equation
-    /// `w₁ · mean |restored − clean| + w₂ · d(VGG(restored), VGG(clean))`, means over all values; with a floor f, the first is
-    /// `w₁ · mean ln(1 + e/f)`, e the mean absolute difference of each item: the error in decibels where it is above f.
+    /// `w₁ · mean |restored − clean| + w₂ · mean (restored − clean)² + w₃ · d(VGG(restored), VGG(clean))`, means over all values;
+    /// with a floor f, the first two are `w₁ · mean ln(1 + e/f)` and `w₂ · mean ½ ln(1 + s/f²)`, e and s the mean absolute and the
+    /// mean squared difference of each item: the error in decibels where it is above f.
     ///
     /// # Errors
     /// Those of [`PerceptualLoss::value_and_gradient`]; [`Error::Device`](crate::core::error::Error::Device).
     pub(super) fn of(&self, restored: Tensor<4>, clean: Tensor<4>) -> Result<(f64, Tensor<1>)> {
-        let difference = (restored.clone() - clean.clone()).abs();
-        let difference = match self.relative_floor {
-            None => mean(difference),
-            Some(floor) => mean(of_items(difference).mul_scalar(1.0 / floor).add_scalar(1.0).log()),
+        let difference = restored.clone() - clean.clone();
+        let absolute =
+            (self.l1 > 0.0).then(|| self.relative(difference.clone().abs(), 1).mul_scalar(self.l1));
+        let squared =
+            (self.l2 > 0.0).then(|| self.relative(difference.powi_scalar(2), 2).mul_scalar(self.l2));
+        let difference = match (absolute, squared) {
+            (Some(absolute), Some(squared)) => absolute + squared,
+            (absolute, squared) => absolute.or(squared).expect("a configuration names one of the two"),
         };
-        let l1 = difference.mul_scalar(self.l1);
-        let value = number(l1.clone())?;
+        let value = number(difference.clone())?;
         let (weight, perceptual) = match &self.perceptual {
-            None => return Ok((value, l1)),
+            None => return Ok((value, difference)),
             Some((weight, Perceptual::Tensors(tensors))) => {
                 let distance = tensors.distance(restored, clean)?.mul_scalar(*weight);
                 let of_distance = number(distance.clone())?;
-                return Ok((value + of_distance, l1 + distance));
+                return Ok((value + of_distance, difference + distance));
             }
             Some((weight, Perceptual::Kernels(kernels))) => (weight, kernels),
         };
@@ -102,7 +109,18 @@ impl Loss {
         let gradient = Tensor::<4>::from_data(gradient, &restored.device());
         // Its gradient to `restored` is the distance's; its value means nothing.
         let slope = (restored * gradient).sum().mul_scalar(*weight);
-        Ok((value + weight * distance, l1 + slope))
+        Ok((value + weight * distance, difference + slope))
+    }
+
+    /// The mean of powers of differences, or of their logarithms relative to the floor.
+    fn relative(&self, powers: Tensor<4>, power: i32) -> Tensor<1> {
+        match self.relative_floor {
+            None => mean(powers),
+            Some(floor) => {
+                let relative = of_items(powers).mul_scalar(floor.powi(-power)).add_scalar(1.0);
+                mean(relative.log()).mul_scalar(1.0 / f64::from(power))
+            }
+        }
     }
 }
 
@@ -126,22 +144,45 @@ mod tests {
     use burn::tensor::Device;
 
     /// Two items, one with errors of 0.3 and one with errors of 0.01.
+    const ERRORS: [f32; 4] = [0.3, 0.3, 0.01, 0.01];
+
+    /// The loss of two items with these errors, and its gradient.
+    fn loss_of_errors(config: &LossConfig) -> (f64, Vec<f64>) {
+        let device = Device::default().autodiff();
+        let restored =
+            Tensor::<4>::from_data(TensorData::new(ERRORS.to_vec(), [2, 1, 1, 2]), &device).require_grad();
+        let clean = Tensor::zeros([2, 1, 1, 2], &device);
+        let (value, loss) =
+            Loss::new(config, Backend::default()).unwrap().of(restored.clone(), clean).unwrap();
+        let gradient = restored.grad(&loss.backward()).unwrap().into_data().try_into_vec::<f32>().unwrap();
+        (value, gradient.into_iter().map(f64::from).collect())
+    }
+
+    fn agree(found: &(f64, Vec<f64>), value: f64, gradient: impl Fn(f64) -> f64) {
+        assert!((found.0 / value - 1.0).abs() < 1e-4, "{} {value}", found.0);
+        for (found, error) in found.1.iter().zip(ERRORS) {
+            let expected = gradient(f64::from(error));
+            assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected}");
+        }
+    }
+
     #[test]
     fn relative_to_itself_a_small_error_teaches_as_much_as_a_large_one() {
-        let device = Device::default().autodiff();
-        let errors = [0.3_f32, 0.3, 0.01, 0.01];
-        let restored =
-            Tensor::<4>::from_data(TensorData::new(errors.to_vec(), [2, 1, 1, 2]), &device).require_grad();
-        let clean = Tensor::zeros([2, 1, 1, 2], &device);
         let config = LossConfig { relative_floor: 0.001, ..LossConfig::default() };
-        let (value, loss) =
-            Loss::new(&config, Backend::default()).unwrap().of(restored.clone(), clean).unwrap();
-        let expected = 0.5 * ((1.0 + 300.0_f64).ln() + (1.0 + 10.0_f64).ln());
-        assert!((value - expected).abs() < 1e-4, "{value} {expected}");
-        let gradient = restored.grad(&loss.backward()).unwrap().into_data().try_into_vec::<f32>().unwrap();
-        for (gradient, error) in gradient.iter().zip(errors) {
-            let expected = 0.25 / (error + 0.001);
-            assert!((gradient / expected - 1.0).abs() < 1e-3, "{gradient} {expected}");
-        }
+        let absolute = loss_of_errors(&config);
+        agree(&absolute, 0.5 * (301.0_f64.ln() + 11.0_f64.ln()), |error| 0.25 / (error + 0.001));
+        let squared = loss_of_errors(&LossConfig { l1: 0.0, l2: 1.0, ..config.clone() });
+        let value = 0.25 * (90_001.0_f64.ln() + 101.0_f64.ln());
+        agree(&squared, value, |error| 0.25 * error / (error * error + 1e-6));
+        let both = loss_of_errors(&LossConfig { l1: 1.0, l2: 1.0, ..config });
+        agree(&both, absolute.0 + squared.0, |error| {
+            0.25 / (error + 0.001) + 0.25 * error / (error * error + 1e-6)
+        });
+    }
+
+    #[test]
+    fn squares_count_by_themselves() {
+        let found = loss_of_errors(&LossConfig { l1: 0.0, l2: 2.0, ..LossConfig::default() });
+        agree(&found, 0.09 + 0.0001, |error| error);
     }
 }

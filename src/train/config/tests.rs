@@ -108,6 +108,9 @@ fn values_of_another_type_or_out_of_range_are_refused() {
     assert!(message("", &["data.kernels=[]"]).contains("data.kernels: names no kernel"));
     assert!(message("", &["data.kernels=3"]).contains("expected \"all\", or a list of names"));
     assert!(message("", &["optimizer.beta1=1.0"]).contains("optimizer.beta1"));
+    assert!(message("", &["loss.relative-floor=2"]).contains("loss.relative-floor: must be between 0 (off)"));
+    assert!(message("", &["loss.l1=0"]).contains("loss.l1: must be positive, or 0 where loss.l2 is"));
+    assert!(message("", &["loss.l1=0", "loss.l2=-1"]).contains("loss.l2: must be 0 (off) or positive"));
     assert!(message("", &["loss.perceptual.weight=-1"]).contains("loss.perceptual.weight: must be 0 (off)"));
     assert!(message("", &["architecture.kind=unet"]).contains("must be \"none\""));
     assert!(message("", &["architecture.kind=sftmd", "initialisation=paper"]).contains("\"released\""));
