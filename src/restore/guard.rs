@@ -68,7 +68,8 @@ impl Guard<'_> {
     /// of what the deconvolution leaves of the capture, `(y − A d)/(y + α)`, q that over the unsaturated pixels of
     /// `max(|A(r − d)| − 4o, 0)/(y + α)` in linear light, o the light that would come from outside if that were as bright as the
     /// frame: a correction within the noise is believed as a whole, one that contradicts a capture without noise is not, unless
-    /// light from beyond the border explains it. σ and c are the root mean squares of the deviation and of the correction: a network
+    /// light from beyond the border explains it. A saturated pixel tells no more than that it is bright: its correction is taken
+    /// whole, t = 1, and is not in A(r − d). σ and c are the root mean squares of the deviation and of the correction: a network
     /// that was trained with captures of all kinds corrects those too much that were deconvolved well.
     ///
     /// # Errors
@@ -277,6 +278,33 @@ mod tests {
         };
         assert!(taken(0.1).iter().all(|taken| (taken - 0.01).abs() < 1e-6), "{:?}", taken(0.1));
         assert!(taken(0.0).iter().all(|taken| *taken == 0.0), "{:?}", taken(0.0));
+    }
+
+    /// What a saturated pixel has cannot contradict the capture: it is corrected as the network says, and takes nothing from its
+    /// neighbours' corrections.
+    #[test]
+    fn saturated_pixels_are_corrected_whole() {
+        const LAMP_PX: usize = 20;
+        let value = |(_, _, x)| if x < LAMP_PX { 4.0 } else { 0.5 };
+        let capture = LinearImage::from_planes(Array3::from_shape_fn((CHANNELS, SIDE, SIDE), value)).unwrap();
+        let known = (capture, Psf::from_energy(Array3::ones((CHANNELS, 3, 3))).unwrap());
+        let deconvolved = CURVE.tone_map(&known.0);
+        let lamp = CURVE.compress(4.0);
+        let corrected = deconvolved.map_values(|v| if v >= lamp { v - 0.6 } else { v + 0.01 });
+        let taken = |noise: f32, refine: f32| -> Vec<f32> {
+            let left = residual(|_| noise);
+            let refined = guard(&known, &left).refine(&deconvolved, corrected.clone(), refine).unwrap();
+            let pairs = refined.as_slice().iter().zip(deconvolved.as_slice());
+            pairs.map(|(after, before)| after - before).take(SIDE).collect()
+        };
+        for (x, taken) in taken(0.05, 0.5).iter().enumerate() {
+            let expected = if x < LAMP_PX { -0.3 } else { 0.005 };
+            assert!((taken - expected).abs() < 1e-6, "{x}: {taken}");
+        }
+        for (x, taken) in taken(0.0, 1.0).iter().enumerate() {
+            let expected = if x < LAMP_PX { -0.6 } else { 0.0 };
+            assert!((taken - expected).abs() < 1e-6, "{x}: {taken}");
+        }
     }
 
     #[test]

@@ -278,8 +278,10 @@ fn parts_that_do_not_belong_together_are_not_merged() {
     let said = merge(&["a", "b"]);
     assert!(said.contains("part-00001-of-00003.toml: is damaged") && said.contains("eval --shard"), "{said}");
     assert!(!folder.join("merged").exists());
-    let said = fail(folder, &["eval", "--merge", "a", "-o", "merged", "--metrics", "psnr"], 2);
-    assert!(said.contains("--metrics"), "{said}");
+    for flag in [["--metrics", "psnr"], ["--device", "cpu"]] {
+        let said = fail(folder, &[&["eval", "--merge", "a", "-o", "merged"][..], &flag].concat(), 2);
+        assert!(said.contains(flag[0]), "{said}");
+    }
     assert!(fail(folder, &["eval", "dataset", "--merge", "a", "-o", "merged"], 2).contains("--merge"));
     let again = ["eval", "dataset", "--method", "wiener", "-o", "b", "--shard", "3/3"];
     assert!(fail(folder, &again, 1).contains("--overwrite"));
