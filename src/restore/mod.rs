@@ -21,6 +21,7 @@ mod planes;
 mod pose;
 mod precision;
 mod restoration;
+mod shining;
 mod tiles;
 
 pub use crate::network::Precision;
