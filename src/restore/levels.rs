@@ -202,7 +202,7 @@ mod tests {
         let image = scene(8.0).map_values(|value| 1e-3 * value);
         let curve = suited_curve(ToneCurve::new(0.25, 8e-3).unwrap(), &image);
         let median = 0.2e-3;
-        assert!((curve.alpha / (2.0 * median) - 1.0).abs() < 0.1, "{curve:?}");
+        assert!((curve.alpha / (ALPHA_OVER_MEDIAN * median) - 1.0).abs() < 0.1, "{curve:?}");
         let unknown = suited_curve(ToneCurve::new(0.25, 500.0).unwrap(), &image);
         assert_eq!(unknown.alpha, curve.alpha);
     }

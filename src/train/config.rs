@@ -172,6 +172,26 @@ impl Default for LossConfig {
     }
 }
 
+impl LossConfig {
+    /// Each number with its key, whether it is right, and what it may be.
+    fn ranges(&self) -> [(&'static str, f64, bool, &'static str); 4] {
+        let Self { l1, l2, relative_floor: floor, perceptual: PerceptualConfig { weight, .. } } = *self;
+        let is_right = |weight: f64| weight == 0.0 || is_positive(weight);
+        // One of the two has to pull towards the clean image.
+        let pulls = is_positive(l1) || (l1 == 0.0 && l2 > 0.0);
+        [
+            ("loss.l2", l2, is_right(l2), "0 (off) or positive"),
+            ("loss.l1", l1, pulls, "positive, or 0 where loss.l2 is positive"),
+            ("loss.relative-floor", floor, (0.0..=1.0).contains(&floor), "between 0 (off) and 1"),
+            ("loss.perceptual.weight", weight, is_right(weight), "0 (off) or positive"),
+        ]
+    }
+}
+
+fn is_positive(value: f64) -> bool {
+    value > 0.0 && value.is_finite()
+}
+
 /// The part of the loss that compares features of VGG-19, conv5_4.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
@@ -352,26 +372,9 @@ impl TrainConfig {
         }
         self.data.kernels.check(KERNELS_KEY)?;
         self.data.check_size()?;
-        let (optimizer, perceptual) = (&self.optimizer, self.loss.perceptual.weight);
+        let optimizer = &self.optimizer;
         let is_share = |value: f64| (0.0..1.0).contains(&value);
-        let is_positive = |value: f64| value > 0.0 && value.is_finite();
-        let LossConfig { l1, l2, relative_floor: floor, .. } = self.loss;
         let ranges = [
-            ("loss.l2", l2, l2 == 0.0 || is_positive(l2), "0 (off) or positive"),
-            // One of the two has to pull towards the clean image.
-            (
-                "loss.l1",
-                l1,
-                is_positive(l1) || (l1 == 0.0 && l2 > 0.0),
-                "positive, or 0 where loss.l2 is positive",
-            ),
-            ("loss.relative-floor", floor, (0.0..=1.0).contains(&floor), "between 0 (off) and 1"),
-            (
-                "loss.perceptual.weight",
-                perceptual,
-                perceptual == 0.0 || is_positive(perceptual),
-                "0 (off) or positive",
-            ),
             (
                 "optimizer.learning-rate",
                 optimizer.learning_rate,
@@ -390,7 +393,7 @@ impl TrainConfig {
                 "between 0 and optimizer.learning-rate",
             ),
         ];
-        match ranges.into_iter().find(|(.., holds, _)| !holds) {
+        match self.loss.ranges().into_iter().chain(ranges).find(|(.., holds, _)| !holds) {
             Some((key, value, _, range)) => {
                 Err(Error::config(key, format!("must be {range}, found {value}")))
             }
