@@ -30,7 +30,7 @@ const NEXT: f32 = 0.9;
 const DARKEST: f32 = 1.0 / 3.0;
 
 /// α of a scene exposed like the brighter ones of those, over the median of its green light: 20 captures in counts are restored as at
-/// twice as much, within 0.1 dB, and lamps of short exposures, whose φ is nearly linear then, better.
+/// 2.5 times as much, within 0.1 dB, and one of a lamp over an even pattern, whose φ is nearly linear then, better.
 const ALPHA_OVER_MEDIAN: f32 = 0.8;
 
 /// The curve itself where a capture is of light as networks know it; for one in much larger units, counts of a sensor for

@@ -10,8 +10,8 @@ use crate::core::saturation::saturated_from;
 /// How far around a pixel its neighbourhood reaches along rows and columns.
 const REACH_PX: usize = 4;
 
-/// The share of its neighbourhood that a saturated pixel is not darker than. Beside nothing of the kind, panes and lamps of panoramas
-/// gain 0.02 to 0.15 dB by it, painted streets lose 0.05 to 0.3 in the worst, and gain 0.07 through another panel.
+/// The share of its neighbourhood that a saturated pixel is not darker than. Views of panoramas with panes and lamps gain 0.02 to
+/// 0.15 dB by it, painted ones lose 0.05 through one panel and gain 0.07 through another; one of these loses 0.3.
 const OUTSHONE: f64 = 0.35;
 
 /// Raises saturated pixels of a network's image to what a share of their neighbourhood in the deconvolved image is darker than.

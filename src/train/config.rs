@@ -166,7 +166,7 @@ pub struct LossConfig {
 }
 
 impl Default for LossConfig {
-    /// The first alone: the second needs a file of weights.
+    /// The first alone: the perceptual distance needs a file of weights.
     fn default() -> Self {
         Self { l1: 1.0, l2: 0.0, relative_floor: 0.0, perceptual: PerceptualConfig::default() }
     }
