@@ -212,7 +212,7 @@ impl<'a> Channel<'a> {
         progress: &Progress,
     ) -> Result<()> {
         if let Some(lamps) = &mut self.lamps {
-            lamps.presume(self.frame, &self.scene);
+            lamps.presume(&self.scene);
         }
         let Workspace { room, weights, inverse_brightness } = workspace;
         let mut blur = self.frame.blur(self.known.psf)?;

@@ -130,10 +130,10 @@ impl<'a> Fit<'a> {
 
     /// `w·h(y − A s)`, and the sum of its squares.
     fn residual(&self, light: &Array2<f32>) -> (Array2<f32>, f64) {
-        let mut residual = Array2::zeros(self.capture.dim());
-        self.blur.apply(light, &mut residual);
-        Zip::from(&mut residual).and(self.capture).par_for_each(|r, y| *r = y.max(0.0) - *r);
-        let misfit = self.high_pass.pass(&mut residual);
+        let [mut left, mut residual] = [(); 2].map(|()| Array2::zeros(self.capture.dim()));
+        self.blur.apply(light, &mut left);
+        Zip::from(&mut left).and(self.capture).par_for_each(|left, y| *left = y.max(0.0) - *left);
+        let misfit = self.high_pass.pass(&left, &mut residual);
         (residual, misfit)
     }
 
@@ -154,11 +154,11 @@ impl<'a> Fit<'a> {
         let inverse = inverse.borrow();
         let mut direction = inverse * &turned;
         let mut slope = inner(&turned, &direction);
-        let mut image = Array2::zeros(self.capture.dim());
+        let [mut image, mut passed] = [(); 2].map(|()| Array2::zeros(self.capture.dim()));
         for step in 1..=steps {
             progress.check()?;
             blur.apply(&direction, &mut image);
-            let curvature = self.high_pass.pass(&mut image);
+            let curvature = self.high_pass.pass(&image, &mut passed);
             if !(slope > LEAST_SLOPE && curvature > 0.0) {
                 break;
             }
@@ -168,7 +168,7 @@ impl<'a> Fit<'a> {
                 break;
             }
             misfit -= gain;
-            add_scaled(&mut residual, -length, &image);
+            add_scaled(&mut residual, -length, &passed);
             let turn = |y: usize, gradient: &[f32], out: &mut [f32]| turn(out, gradient, row(inverse, y));
             let next = self.high_pass.back_into(blur, &residual, (&mut turned, turn));
             let kept = narrow(next / slope);

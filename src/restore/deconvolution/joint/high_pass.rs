@@ -1,10 +1,10 @@
 //! Weighs what a capture has beside a model of it, without the smooth part that any scene has.
 
-use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
+use ndarray::{Array2, ArrayView2, Zip};
 
 use super::frame::{Blur, row};
-use super::smooth::{Place, smooth, smooth_beside, smooth_into};
-use super::sums::{LANES, add_products};
+use super::smooth::{smooth_into, smoothed};
+use super::sums::dot;
 use crate::core::fft::{Loan, Pool, copy_row};
 use crate::kernels::vectorised;
 
@@ -35,8 +35,7 @@ pub(super) struct HighPass {
 impl HighPass {
     /// A high pass over the pixels that are `known` (1, others 0), each relative to its brightness.
     pub(super) fn new(known: Array2<f32>, brightness: ArrayView2<'_, f32>, width_px: f32) -> Self {
-        let mut inverse_share = known.clone();
-        smooth(&mut inverse_share, width_px);
+        let mut inverse_share = smoothed(known.dim(), width_px, |y, out| out.copy_from_slice(row(&known, y)));
         inverse_share.par_mapv_inplace(|share| 1.0 / (share + LEAST_SHARE));
         let weights = Zip::from(&known).and(brightness).par_map_collect(|known, n| known / n);
         Self { known, inverse_share, weights, width_px, rooms: Pool::new() }
@@ -54,12 +53,17 @@ impl HighPass {
     /// `w ← w / √(G(left²)/G(M) + ε)`, G of `width_px` pixels and ε a small part of the mean of left²: then what is left is near
     /// 1 everywhere. Done again with what is left then, errors of the first weights vanish.
     pub(super) fn weigh(&mut self, left: &Array2<f32>, width_px: f32) {
-        let mut power = left.mapv(|left| left * left);
-        let mut share = self.known.clone();
-        let sum = |plane: &Array2<f32>| plane.iter().map(|value| f64::from(*value)).sum::<f64>();
-        let least = LEAST_POWER * narrow(sum(&power) / sum(&share).max(1.0));
-        smooth(&mut power, width_px);
-        smooth(&mut share, width_px);
+        let known = &self.known;
+        let sum = |of: &dyn Fn(f32) -> f32, plane: &Array2<f32>| {
+            plane.iter().map(|v| f64::from(of(*v))).sum::<f64>()
+        };
+        let least =
+            LEAST_POWER * narrow(sum(&|left| left * left, left) / sum(&|known| known, known).max(1.0));
+        let squares = |y: usize, out: &mut [f32]| {
+            out.iter_mut().zip(row(left, y)).for_each(|(out, left)| *out = left * left);
+        };
+        let power = smoothed(left.dim(), width_px, squares);
+        let share = smoothed(left.dim(), width_px, |y, out| out.copy_from_slice(row(known, y)));
         Zip::from(&mut self.weights).and(&power).and(&share).par_for_each(|w, power, share| {
             *w /= (power / (share + LEAST_SHARE) + least).sqrt().max(f32::MIN_POSITIVE);
         });
@@ -67,18 +71,19 @@ impl HighPass {
 
     /// `w·h(r)`.
     pub(super) fn passed(&self, r: &Array2<f32>) -> Array2<f32> {
-        let mut passed = r.clone();
-        self.pass(&mut passed);
+        let mut passed = Array2::zeros(r.dim());
+        self.pass(r, &mut passed);
         passed
     }
 
-    /// `w·h(r)`, in place; returns the sum of its squares.
-    pub(super) fn pass(&self, r: &mut Array2<f32>) -> f64 {
+    /// Writes `w·h(r)`; returns the sum of its squares.
+    pub(super) fn pass(&self, r: &Array2<f32>, out: &mut Array2<f32>) -> f64 {
         let Self { known, inverse_share, weights, width_px, .. } = self;
-        let believe = |y: usize, r: &[f32], out: &mut [f32]| believe(out, r, row(known, y));
-        let leave =
-            |x: usize, low: &[Place], r: ArrayViewMut2<'_, f32>| leave(r, low, x, [inverse_share, weights]);
-        smooth_beside((r, &mut self.lend_room()), *width_px, believe, leave)
+        let believe = |y: usize, out: &mut [f32]| believe(out, row(r, y), row(known, y));
+        let leave = |y: usize, low: &mut [f32], out: &mut [f32]| {
+            leave(out, row(r, y), low, [row(inverse_share, y), row(weights, y)])
+        };
+        smooth_into(out.view_mut(), *width_px, believe, leave)
     }
 
     /// `Aᵀ hᵀ(w·r)`.
@@ -97,11 +102,11 @@ impl HighPass {
         let mut passed = self.lend_room();
         let share =
             |y: usize, out: &mut [f32]| of_share(out, row(r, y), row(weights, y), row(inverse_share, y));
-        let leave = |x: usize, smoothed: &[Place], out: ArrayViewMut2<'_, f32>| {
-            leave_transposed(out, smoothed, x, [r, weights, known]);
+        let leave = |y: usize, smoothed: &mut [f32], out: &mut [f32]| {
+            leave_transposed(out, smoothed, row(r, y), [row(weights, y), row(known, y)]);
             0.0
         };
-        smooth_into((&mut passed, &mut self.lend_room()), *width_px, share, leave);
+        smooth_into(passed.view_mut(), *width_px, share, leave);
         blur.transpose_into(&passed, into)
     }
 }
@@ -114,19 +119,13 @@ vectorised! {
 }
 
 vectorised! {
-    /// Makes `w·(r − low/G(M))` of the r in a strip that begins at column x; returns the sum of its squares.
-    fn leave<'a>(strip: ArrayViewMut2<'a, f32>, low: &'a [Place], x: usize, planes: [&'a Array2<f32>; 2]) -> f64 {
-        let (mut strip, [inverse_share, weights]) = (strip, planes);
-        let mut sums = [0.0; LANES];
-        for (y, (mut r, low)) in strip.rows_mut().into_iter().zip(low).enumerate() {
-            let r = r.as_slice_mut().expect("rows are contiguous");
-            let (inverse_share, weights) = (&row(inverse_share, y)[x..], &row(weights, y)[x..]);
-            for (((r, low), inverse), w) in r.iter_mut().zip(low).zip(inverse_share).zip(weights) {
-                *r = w * (*r - low * inverse);
-            }
-            add_products(&mut sums, r, r);
+    /// Writes a row of `w·(r − low/G(M))`; returns the sum of its squares.
+    fn leave<'a>(out: &'a mut [f32], r: &'a [f32], low: &'a [f32], factors: [&'a [f32]; 2]) -> f64 {
+        let [inverse_share, weights] = factors;
+        for ((((out, r), low), inverse), w) in out.iter_mut().zip(r).zip(low).zip(inverse_share).zip(weights) {
+            *out = w * (*r - low * inverse);
         }
-        sums.iter().sum()
+        dot(out, out)
     }
 }
 
@@ -138,16 +137,11 @@ vectorised! {
 }
 
 vectorised! {
-    /// Writes `M·(w·r − smoothed)` to a strip that begins at column x.
-    fn leave_transposed<'a>(strip: ArrayViewMut2<'a, f32>, smoothed: &'a [Place], x: usize, planes: [&'a Array2<f32>; 3]) -> () {
-        let (mut strip, [r, weights, known]) = (strip, planes);
-        for (y, (mut out, smoothed)) in strip.rows_mut().into_iter().zip(smoothed).enumerate() {
-            let out = out.as_slice_mut().expect("rows are contiguous");
-            let (r, weights, known) = (&row(r, y)[x..], &row(weights, y)[x..], &row(known, y)[x..]);
-            for ((((out, smoothed), r), w), known) in out.iter_mut().zip(smoothed).zip(r).zip(weights).zip(known)
-            {
-                *out = (r * w - smoothed) * known;
-            }
+    /// Writes a row of `M·(w·r − smoothed)`.
+    fn leave_transposed<'a>(out: &'a mut [f32], smoothed: &'a [f32], r: &'a [f32], factors: [&'a [f32]; 2]) -> () {
+        let [weights, known] = factors;
+        for ((((out, smoothed), r), w), known) in out.iter_mut().zip(smoothed).zip(r).zip(weights).zip(known) {
+            *out = (r * w - smoothed) * known;
         }
     }
 }

@@ -8,7 +8,7 @@ use super::flare::{Clipped, Measured};
 use super::frame::{Blur, Frame, row};
 use super::members::{OfMembers, members};
 use super::prior::Modest;
-use super::smooth::{local_mean, paint};
+use super::smooth::{local_mean, local_mean_into, paint};
 use crate::core::error::Result;
 use crate::core::progress::Progress;
 
@@ -205,13 +205,11 @@ impl Lamps {
     }
 
     /// Presumes saturated pixels to be alike relative to their brightness in `scene`.
-    pub(super) fn presume(&mut self, frame: &Frame, scene: &Array2<f32>) {
-        let mean = local_mean(scene, super::known::NEAR_PX);
-        let level = self.level;
-        let inverses = Zip::from(frame.cut_mut(&mut self.inverse_brightness));
-        inverses.and(&self.saturated).and(frame.cut(&mean)).par_for_each(|inverse, saturated, mean| {
-            if *saturated {
-                *inverse = LIKENESS / (mean + level);
+    pub(super) fn presume(&mut self, scene: &Array2<f32>) {
+        let Self { inverse_brightness, saturated, level, .. } = self;
+        local_mean_into(scene, super::known::NEAR_PX, inverse_brightness.view_mut(), |y, mean, inverse| {
+            if y < saturated.nrows() {
+                members(row(saturated, y)).for_each(|x| inverse[x] = LIKENESS / (mean[x] + *level));
             }
         });
     }

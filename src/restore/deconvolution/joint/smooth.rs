@@ -1,7 +1,9 @@
 //! Smooths planes by a bell that costs the same whatever its width, and what is made of that: local brightness, painted
 //! holes.
 
-use ndarray::{Array2, ArrayView2, ArrayViewMut2, Axis, Zip};
+use std::ops::Range;
+
+use ndarray::{Array2, ArrayViewMut2, Axis, Zip, s};
 use rayon::prelude::*;
 
 use super::frame::row;
@@ -13,7 +15,12 @@ use crate::kernels::vectorised;
 const PASSES: usize = 3;
 
 /// A place of a line, of lines that are smoothed side by side: as many as a cache line holds.
-pub(super) type Place = [f32; LANES];
+type Place = [f32; LANES];
+
+/// Bands of rows that are smoothed side by side, and rows that each has at least, over the radius of a box: those around it are
+/// smoothed along for each of two bands.
+const BANDS: usize = 8;
+const LEAST_ROWS: usize = 12;
 
 /// Standard deviations, in pixels, of the bells that fill holes, from the finest that reaches a pixel.
 const PAINTING_PX: [f32; 6] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
@@ -21,74 +28,169 @@ const PAINTING_PX: [f32; 6] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 /// The part of a bell that has to lie on known pixels: fewer tell one of them rather than a mean.
 const LEAST_KNOWN: f32 = 0.05;
 
-/// Smooths with a bell of standard deviation `sigma_px`, the plane being zero outside: a symmetric matrix.
+/// Smooths a plane, of which `fill(y, row)` writes rows, with a bell of standard deviation `sigma_px`, the plane being zero outside: a
+/// symmetric matrix. `keep(y, smoothed, row)` takes each of its rows to that of `out`; the sum of what it returns is returned. Some rows
+/// are asked for twice.
 ///
 /// # Equation
 /// Three boxes of 2r + 1 pixels have the variance `3·((2r + 1)² − 1)/12`; r is the one that is nearest to σ.
-pub(super) fn smooth(plane: &mut Array2<f32>, sigma_px: f32) {
-    let radius = radius_of(sigma_px);
-    smooth_rows(plane, radius, |_, _| ());
-    plane.axis_chunks_iter_mut(Axis(1), LANES).into_par_iter().for_each_init(
-        Lines::default,
-        |lines, strip| {
-            smooth_columns(lines, strip, radius);
-        },
-    );
-}
-
-/// Smooths a plane whose rows `fill(y, row)` writes, as [`smooth`] does, and hands it on by strips of columns: `keep(x, smoothed,
-/// strip)` takes the rows of each, which begins at column x, to that of `out`. The sum of what it returns is returned. What `room`,
-/// of the size of `out`, holds is overwritten.
 pub(super) fn smooth_into(
-    (out, room): (&mut Array2<f32>, &mut Array2<f32>),
+    mut out: ArrayViewMut2<'_, f32>,
     sigma_px: f32,
     fill: impl Fn(usize, &mut [f32]) + Sync,
-    keep: impl Fn(usize, &[Place], ArrayViewMut2<'_, f32>) -> f64 + Sync,
+    keep: impl Fn(usize, &mut [f32], &mut [f32]) -> f64 + Sync,
 ) -> f64 {
+    let (height, width) = out.dim();
     let radius = radius_of(sigma_px);
-    smooth_rows(room, radius, fill);
-    columns_into(room, out, radius, keep)
-}
-
-/// [`smooth_into`], of a plane whose rows are made of those of `out`.
-pub(super) fn smooth_beside(
-    (out, room): (&mut Array2<f32>, &mut Array2<f32>),
-    sigma_px: f32,
-    fill: impl Fn(usize, &[f32], &mut [f32]) + Sync,
-    keep: impl Fn(usize, &[Place], ArrayViewMut2<'_, f32>) -> f64 + Sync,
-) -> f64 {
-    let radius = radius_of(sigma_px);
-    smooth_rows(room, radius, |y, samples| fill(y, row(out, y), samples));
-    columns_into(room, out, radius, keep)
-}
-
-/// Fills rows and smooths along them.
-fn smooth_rows(plane: &mut Array2<f32>, radius: usize, fill: impl Fn(usize, &mut [f32]) + Sync) {
-    let groups = plane.axis_chunks_iter_mut(Axis(0), LANES).into_par_iter().enumerate();
-    groups.for_each_init(Lines::default, |lines, (group, mut rows)| {
-        for (index, mut row) in rows.rows_mut().into_iter().enumerate() {
-            fill(group * LANES + index, row.as_slice_mut().expect("planes are contiguous"));
-        }
-        lines.take_rows(rows.view());
-        smooth_taken(lines, radius);
-        lines.give_rows(rows);
-    });
-}
-
-/// Smooths along the columns of `plane`, and hands the rows of strips on.
-fn columns_into(
-    plane: &Array2<f32>,
-    out: &mut Array2<f32>,
-    radius: usize,
-    keep: impl Fn(usize, &[Place], ArrayViewMut2<'_, f32>) -> f64 + Sync,
-) -> f64 {
-    let strips = plane.axis_chunks_iter(Axis(1), LANES).into_par_iter();
-    let strips = strips.zip(out.axis_chunks_iter_mut(Axis(1), LANES)).enumerate();
-    let sums = strips.map_init(Lines::default, |lines, (strip, (from, out))| {
-        take_columns(lines, from, radius);
-        keep(strip * LANES, &lines.0[0], out)
+    let rows = height.div_ceil(BANDS).max(LEAST_ROWS * radius).max(1);
+    let bands = out.axis_chunks_iter_mut(Axis(0), rows).into_par_iter().enumerate();
+    let sums = bands.map_init(Lines::default, |lines, (band, mut out)| {
+        let band = band * rows..(band * rows + out.nrows());
+        let mut cascade = Cascade::new(band.clone(), (height, width), radius);
+        let mut sum = 0.0;
+        cascade.run((&fill, lines), |y, smoothed| {
+            let mut out = out.row_mut(y - band.start);
+            sum += keep(y, smoothed, out.as_slice_mut().expect("rows are contiguous"));
+        });
+        sum
     });
     sums.collect::<Vec<f64>>().into_iter().sum()
+}
+
+/// The rows of a band on their way through boxes across them.
+struct Cascade {
+    stages: Vec<Stage>,
+    width: usize,
+    radius: usize,
+    smoothed: Vec<f32>,
+}
+
+/// Rows that are added up across them, by one box.
+struct Stage {
+    /// The rows of the plane that enter and those that come out.
+    rows: Range<usize>,
+    out: Range<usize>,
+    /// The latest rows that entered, one after another, around a ring of so many.
+    ring: Vec<f32>,
+    slots: usize,
+    /// The sum of the rows in the box.
+    sums: Vec<f64>,
+}
+
+impl Cascade {
+    fn new(band: Range<usize>, (height, width): (usize, usize), radius: usize) -> Self {
+        let grown = |rows: &Range<usize>| rows.start.saturating_sub(radius)..(rows.end + radius).min(height);
+        let mut stages = Vec::with_capacity(PASSES);
+        let mut out = band;
+        for pass in (0..PASSES).rev() {
+            let rows = grown(&out);
+            // Rows enter the first by whole groups.
+            let entering = if pass == 0 { LANES } else { 1 };
+            let slots = (2 * radius + 1 + entering).next_multiple_of(entering);
+            let (ring, sums) = (vec![0.0; slots * width], vec![0.0; width]);
+            stages.push(Stage { rows: rows.clone(), out, ring, slots, sums });
+            out = rows;
+        }
+        stages.reverse();
+        Self { stages, width, radius, smoothed: vec![0.0; width] }
+    }
+
+    /// Takes in all rows, which `fill` writes, and hands those that are smoothed to `keep`.
+    fn run(
+        &mut self,
+        (fill, lines): (&impl Fn(usize, &mut [f32]), &mut Lines),
+        mut keep: impl FnMut(usize, &mut [f32]),
+    ) {
+        let rows = self.stages[0].rows.clone();
+        for start in rows.clone().step_by(LANES) {
+            let entering = self.stages[0].slots_of(start..start + LANES, self.width);
+            let members = start..(start + LANES).min(rows.end);
+            for (y, row) in members.clone().zip(entering.chunks_exact_mut(self.width)) {
+                fill(y, row);
+            }
+            // Rows after the last are whatever stands there, and beside the others.
+            lines.smooth_rows(entering, self.radius);
+            for y in members {
+                self.stages[0].enter(y, self.width);
+                self.pass_on(0, y, &mut keep);
+            }
+        }
+    }
+
+    /// Lets the rows out of a stage that are told, row y having entered it last.
+    fn pass_on(&mut self, stage: usize, y: usize, keep: &mut impl FnMut(usize, &mut [f32])) {
+        let Self { width, radius, .. } = *self;
+        while let Some(leaving) = self.stages[stage].next_out(y, radius) {
+            let (before, after) = self.stages.split_at_mut(stage + 1);
+            let from = &mut before[stage];
+            match after.first_mut() {
+                Some(next) => {
+                    let row = next.slots_of(leaving..leaving + 1, width);
+                    from.give(leaving, row, radius);
+                    next.enter(leaving, width);
+                    self.pass_on(stage + 1, leaving, keep);
+                }
+                None => {
+                    from.give(leaving, &mut self.smoothed, radius);
+                    keep(leaving, &mut self.smoothed);
+                }
+            }
+        }
+    }
+}
+
+impl Stage {
+    /// The places of rows that follow one another there.
+    fn slots_of(&mut self, rows: Range<usize>, width: usize) -> &mut [f32] {
+        let slot = (rows.start - self.rows.start) % self.slots;
+        &mut self.ring[slot * width..][..rows.len() * width]
+    }
+
+    /// Adds a row that is at its place.
+    fn enter(&mut self, y: usize, width: usize) {
+        let slot = (y - self.rows.start) % self.slots;
+        add(&mut self.sums, &self.ring[slot * width..][..width]);
+    }
+
+    /// The next row that can come out, `latest` having entered last.
+    fn next_out(&self, latest: usize, radius: usize) -> Option<usize> {
+        let is_told = latest >= self.out.start + radius || latest + 1 == self.rows.end;
+        (!self.out.is_empty() && is_told).then_some(self.out.start)
+    }
+
+    /// Writes row y, which comes out, and takes the one away that the box leaves.
+    fn give(&mut self, y: usize, out: &mut [f32], radius: usize) {
+        let width = out.len();
+        match y.checked_sub(radius).filter(|leaving| *leaving >= self.rows.start) {
+            Some(leaving) => {
+                let slot = (leaving - self.rows.start) % self.slots;
+                mean_and_subtract(out, &mut self.sums, &self.ring[slot * width..][..width], scale_of(radius));
+            }
+            None => mean_of(out, &self.sums, scale_of(radius)),
+        }
+        self.out.start = y + 1;
+    }
+}
+
+vectorised! {
+    fn add<'a>(sums: &'a mut [f64], row: &'a [f32]) -> () {
+        sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += f64::from(*value));
+    }
+}
+
+vectorised! {
+    fn mean_of<'a>(out: &'a mut [f32], sums: &'a [f64], scale: f64) -> () {
+        out.iter_mut().zip(sums).for_each(|(out, sum)| *out = narrow(sum * scale));
+    }
+}
+
+vectorised! {
+    fn mean_and_subtract<'a>(out: &'a mut [f32], sums: &'a mut [f64], leaving: &'a [f32], scale: f64) -> () {
+        for ((out, sum), leaving) in out.iter_mut().zip(sums).zip(leaving) {
+            *out = narrow(*sum * scale);
+            *sum -= f64::from(*leaving);
+        }
+    }
 }
 
 vectorised! {
@@ -98,75 +200,31 @@ vectorised! {
     }
 }
 
-vectorised! {
-    /// Smooths along columns, at most as many as there are lanes.
-    fn smooth_columns<'a>(lines: &'a mut Lines, strip: ArrayViewMut2<'a, f32>, radius: usize) -> () {
-        let mut strip = strip;
-        lines.smooth_columns(strip.view(), radius);
-        for (mut row, places) in strip.rows_mut().into_iter().zip(&lines.0[0]) {
-            let row = row.as_slice_mut().expect("rows are contiguous");
-            row.iter_mut().zip(places).for_each(|(out, place)| *out = *place);
-        }
-    }
-}
-
-vectorised! {
-    /// As [`smooth_columns`]; the result stays among the lines.
-    fn take_columns<'a>(lines: &'a mut Lines, columns: ArrayView2<'a, f32>, radius: usize) -> () {
-        lines.smooth_columns(columns, radius);
-    }
-}
-
 /// Lines that are smoothed side by side, and room for as many.
 #[derive(Default)]
 struct Lines([Vec<Place>; 2]);
 
 impl Lines {
-    /// Takes rows in, at most as many as there are lanes.
-    fn take_rows(&mut self, rows: ArrayView2<'_, f32>) {
-        let [places, _] = &mut self.0;
-        places.clear();
-        places.resize(rows.ncols(), [0.0; LANES]);
-        let blocks = blocks_of(rows.dim());
-        if let Some(samples) = rows.as_slice() {
-            for (at, block) in places.as_chunks_mut::<LANES>().0.iter_mut().enumerate().take(blocks) {
-                transpose(&samples[at * LANES..], rows.ncols(), block.as_flattened_mut(), LANES);
-            }
+    /// Smooths along rows, as many as there are lanes.
+    fn smooth_rows(&mut self, rows: &mut [f32], radius: usize) {
+        let width = rows.len() / LANES;
+        let whole = width - width % LANES;
+        let places = &mut self.0[0];
+        places.resize(width, [0.0; LANES]);
+        for (at, block) in places.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
+            transpose(&rows[at * LANES..], width, block.as_flattened_mut(), LANES);
         }
-        for (index, row) in rows.rows().into_iter().enumerate() {
-            places.iter_mut().zip(row).skip(blocks * LANES).for_each(|(place, value)| place[index] = *value);
+        for (x, place) in places.iter_mut().enumerate().skip(whole) {
+            place.iter_mut().enumerate().for_each(|(y, value)| *value = rows[y * width + x]);
         }
-    }
-
-    /// Writes rows as they are now.
-    fn give_rows(&self, mut rows: ArrayViewMut2<'_, f32>) {
-        let [places, _] = &self.0;
-        let (blocks, width) = (blocks_of(rows.dim()), rows.ncols());
-        if let Some(samples) = rows.as_slice_mut() {
-            for (at, block) in places.as_chunks::<LANES>().0.iter().enumerate().take(blocks) {
-                transpose(block.as_flattened(), LANES, &mut samples[at * LANES..], width);
-            }
+        smooth_taken(self, radius);
+        let places = &self.0[0];
+        for (at, block) in places.as_chunks::<LANES>().0.iter().enumerate() {
+            transpose(block.as_flattened(), LANES, &mut rows[at * LANES..], width);
         }
-        for (index, mut row) in rows.rows_mut().into_iter().enumerate() {
-            row.iter_mut().zip(places).skip(blocks * LANES).for_each(|(out, place)| *out = place[index]);
+        for (x, place) in places.iter().enumerate().skip(whole) {
+            place.iter().enumerate().for_each(|(y, value)| rows[y * width + x] = *value);
         }
-    }
-
-    /// Takes columns in and smooths them.
-    #[inline(always)]
-    fn smooth_columns(&mut self, columns: ArrayView2<'_, f32>, radius: usize) {
-        let [places, _] = &mut self.0;
-        places.clear();
-        places.extend(columns.rows().into_iter().map(|row| {
-            let row = row.to_slice().expect("rows are contiguous");
-            let mut place = [0.0; LANES];
-            match row.first_chunk() {
-                Some(whole) => place = *whole,
-                None => place[..row.len()].copy_from_slice(row),
-            }
-            place
-        }));
-        self.smooth(radius);
     }
 
     #[inline(always)]
@@ -180,36 +238,94 @@ impl Lines {
     }
 }
 
+/// Smooths a plane, of which `fill` writes rows.
+pub(super) fn smoothed(
+    (height, width): (usize, usize),
+    sigma_px: f32,
+    fill: impl Fn(usize, &mut [f32]) + Sync,
+) -> Array2<f32> {
+    let mut out = Array2::zeros((height, width));
+    let copy = |_: usize, smoothed: &mut [f32], out: &mut [f32]| {
+        out.copy_from_slice(smoothed);
+        0.0
+    };
+    smooth_into(out.view_mut(), sigma_px, fill, copy);
+    out
+}
+
 /// The local mean with a bell of `sigma_px`, of those pixels alone that lie in the plane.
 pub(super) fn local_mean(plane: &Array2<f32>, sigma_px: f32) -> Array2<f32> {
-    let mut mean = plane.clone();
-    smooth(&mut mean, sigma_px);
-    let [rows, columns] = [plane.nrows(), plane.ncols()].map(|length| coverage(length, sigma_px));
-    Zip::indexed(mean.rows_mut()).par_for_each(|y, mut row| {
-        row.iter_mut().zip(&columns).for_each(|(value, of_column)| *value /= rows[y] * of_column);
-    });
+    let mut mean = Array2::zeros(plane.dim());
+    local_mean_into(plane, sigma_px, mean.view_mut(), |_, mean, out| out.copy_from_slice(mean));
     mean
+}
+
+/// [`local_mean`], of which `keep(y, mean, row)` takes each row to that of `out`.
+pub(super) fn local_mean_into(
+    plane: &Array2<f32>,
+    sigma_px: f32,
+    out: ArrayViewMut2<'_, f32>,
+    keep: impl Fn(usize, &[f32], &mut [f32]) + Sync,
+) {
+    let [rows, columns] = [plane.nrows(), plane.ncols()].map(|length| coverage(length, sigma_px));
+    let copy = |y: usize, out: &mut [f32]| out.copy_from_slice(row(plane, y));
+    smooth_into(out, sigma_px, copy, |y, smoothed, out| {
+        divide(smoothed, rows[y], &columns);
+        keep(y, smoothed, out);
+        0.0
+    });
+}
+
+vectorised! {
+    /// Divides a row by what ones are smoothed to.
+    fn divide<'a>(row: &'a mut [f32], of_row: f32, of_columns: &'a [f32]) -> () {
+        row.iter_mut().zip(of_columns).for_each(|(value, of_column)| *value /= of_row * of_column);
+    }
 }
 
 /// Fills what is not `known` from its surroundings, from the finest bell that reaches it.
 pub(super) fn paint(plane: &mut Array2<f32>, known: &Array2<f32>) {
     let mut holes = Zip::from(known).par_map_collect(|known| *known <= 0.0);
-    let seen = Zip::from(&*plane).and(known).par_map_collect(|value, known| value * known);
     for sigma_px in PAINTING_PX {
-        if !holes.iter().any(|hole| *hole) {
-            return;
-        }
-        let (mut light, mut share) = (seen.clone(), known.clone());
-        smooth(&mut light, sigma_px);
-        smooth(&mut share, sigma_px);
-        Zip::from(&mut *plane).and(&mut holes).and(&light).and(&share).par_for_each(
-            |value, hole, light, share| {
-                if *hole && *share > LEAST_KNOWN {
-                    (*value, *hole) = (light / share, false);
+        let Some([rows, columns]) = around(&holes, PASSES * radius_of(sigma_px)) else { return };
+        let window = s![rows, columns];
+        let known = known.slice(window);
+        let seen = Zip::from(plane.slice(window)).and(known).par_map_collect(|value, known| value * known);
+        let copy = |y: usize, out: &mut [f32]| {
+            out.copy_from_slice(known.row(y).to_slice().expect("rows are contiguous"))
+        };
+        let share = smoothed(seen.dim(), sigma_px, copy);
+        let mut holes = holes.slice_mut(window);
+        let is_filled = |hole: bool, share: f32| hole && share > LEAST_KNOWN;
+        let copy = |y: usize, out: &mut [f32]| out.copy_from_slice(row(&seen, y));
+        let was = holes.view();
+        smooth_into(plane.slice_mut(window), sigma_px, copy, |y, light, out| {
+            let places = out.iter_mut().zip(light).zip(was.row(y)).zip(row(&share, y));
+            for (((value, light), hole), share) in places {
+                if is_filled(*hole, *share) {
+                    *value = *light / share;
                 }
-            },
-        );
+            }
+            0.0
+        });
+        Zip::from(&mut holes).and(&share).par_for_each(|hole, share| *hole &= !is_filled(*hole, *share));
     }
+}
+
+/// The rows and columns that are at most so many pixels from a member of a set, if it has any.
+fn around(set: &Array2<bool>, pixels: usize) -> Option<[Range<usize>; 2]> {
+    let (mut rows, mut columns) = (usize::MAX..0, usize::MAX..0);
+    for (y, row) in set.rows().into_iter().enumerate() {
+        let Some(first) = row.iter().position(|member| *member) else { continue };
+        let last = row.iter().rposition(|member| *member).unwrap_or(first);
+        rows = rows.start.min(y)..y + 1;
+        columns = columns.start.min(first)..columns.end.max(last + 1);
+    }
+    let (height, width) = set.dim();
+    let grown = |range: Range<usize>, length: usize| {
+        range.start.saturating_sub(pixels)..(range.end + pixels).min(length)
+    };
+    (!rows.is_empty()).then(|| [grown(rows, height), grown(columns, width)])
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few pixels")]
@@ -219,15 +335,10 @@ fn radius_of(sigma_px: f32) -> usize {
 
 /// What a line of ones is smoothed to.
 fn coverage(length: usize, sigma_px: f32) -> Vec<f32> {
-    let (ones, mut lines) = (Array2::ones((1, length)), Lines::default());
-    lines.take_rows(ones.view());
-    lines.smooth(radius_of(sigma_px));
-    lines.0[0].iter().map(|place| place[0]).collect()
-}
-
-/// Blocks of as many columns as rows that are transposed whole: those of rows that are as many as there are lanes.
-fn blocks_of((rows, columns): (usize, usize)) -> usize {
-    if rows == LANES { columns / LANES } else { 0 }
+    let mut ones = vec![1.0; LANES * length];
+    Lines::default().smooth_rows(&mut ones, radius_of(sigma_px));
+    ones.truncate(length);
+    ones
 }
 
 /// Smooths lines by one box.
@@ -265,6 +376,10 @@ fn narrow(value: f64) -> f32 {
 mod tests {
     use super::*;
 
+    fn smooth(plane: &Array2<f32>, sigma_px: f32) -> Array2<f32> {
+        smoothed(plane.dim(), sigma_px, |y, out| out.copy_from_slice(row(plane, y)))
+    }
+
     fn plane(seed: usize) -> Array2<f32> {
         Array2::from_shape_fn((40, 90), |(y, x)| ((y * 31 + x * 17 + seed) % 23) as f32 / 23.0)
     }
@@ -272,12 +387,34 @@ mod tests {
     #[test]
     fn smoothing_is_symmetric_at_the_borders_too() {
         let (a, b) = (plane(1), plane(7));
-        let (mut of_a, mut of_b) = (a.clone(), b.clone());
-        smooth(&mut of_a, 6.0);
-        smooth(&mut of_b, 6.0);
+        let [of_a, of_b] = [&a, &b].map(|plane| smooth(plane, 6.0));
         let (left, right) = ((&of_a * &b).sum(), (&a * &of_b).sum());
         // Sums of 3600 products of 32 bits.
         assert!((left - right).abs() < 1e-4 * left, "{left} {right}");
+    }
+
+    /// Three boxes along rows, then three along columns, each of a plane that is zero outside; of several bands, and of rows that no
+    /// lanes divide.
+    #[test]
+    fn bells_are_three_boxes_in_bands_too() {
+        let plane = Array2::from_shape_fn((211, 37), |(y, x)| ((y * 31 + x * 17) % 23) as f32 / 23.0);
+        for radius in [1, 2, 6] {
+            let sigma_px = radius as f32;
+            assert_eq!(radius_of(sigma_px), radius);
+            let mut expected = plane.clone();
+            for axis in [Axis(1), Axis(1), Axis(1), Axis(0), Axis(0), Axis(0)] {
+                let before = expected.clone();
+                for (mut after, before) in expected.lanes_mut(axis).into_iter().zip(before.lanes(axis)) {
+                    for at in 0..after.len() {
+                        let box_of = at.saturating_sub(radius)..(at + radius + 1).min(before.len());
+                        after[at] = before.slice(s![box_of]).sum() / (2 * radius + 1) as f32;
+                    }
+                }
+            }
+            let found = smooth(&plane, sigma_px);
+            let worst = (&found - &expected).iter().fold(0.0, |worst: f32, v| worst.max(v.abs()));
+            assert!(worst < 1e-5, "{radius}: {worst}");
+        }
     }
 
     #[test]
@@ -285,7 +422,7 @@ mod tests {
         for sigma_px in [1.0_f32, 4.0, 6.0, 16.0] {
             let mut bell = Array2::zeros((161, 161));
             bell[[80, 80]] = 1.0;
-            smooth(&mut bell, sigma_px);
+            let bell = smooth(&bell, sigma_px);
             let variance: f32 = bell.indexed_iter().map(|((y, _), v)| v * (y as f32 - 80.0).powi(2)).sum();
             // The boxes' widths are odd: a standard deviation is met to half a pixel at most.
             assert!((bell.sum() - 1.0).abs() < 1e-4, "{sigma_px}: {}", bell.sum());

@@ -77,8 +77,7 @@ impl Scene {
     pub(super) fn seen(&self, blur: &Blur<'_>, light: &Array2<f32>) -> Array2<f32> {
         let mut image = self.frame.plane();
         blur.apply(light, &mut image);
-        self.high_pass.pass(&mut image);
-        image
+        self.high_pass.passed(&image)
     }
 
     /// `w·h(y − A x)`.
