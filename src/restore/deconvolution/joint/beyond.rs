@@ -5,6 +5,7 @@
 //! explain the scene's own detail. One place that explains much in all colours is believed, and nothing else: what is taken for a
 //! lamp and is none costs up to 18 dB.
 
+use std::borrow::Cow;
 use std::fmt;
 
 use ndarray::{Array2, Array3, ArrayView2, Axis, Zip};
@@ -160,9 +161,9 @@ impl Known<'_> {
 }
 
 /// A capture at some resolution.
-struct View {
-    image: LinearImage,
-    psf: Psf,
+struct View<'a> {
+    image: Cow<'a, LinearImage>,
+    psf: Cow<'a, Psf>,
     frame: Frame,
     /// Of each channel.
     saturated: Vec<Array2<bool>>,
@@ -171,27 +172,27 @@ struct View {
 /// Light around a frame, of each channel, on planes.
 type Light = Vec<Array2<f32>>;
 
-impl View {
-    fn new(image: &LinearImage, psf: &Psf, config: &DeconvolutionConfig) -> Self {
+impl<'a> View<'a> {
+    fn new(image: &'a LinearImage, psf: &'a Psf, config: &DeconvolutionConfig) -> Self {
         let saturated = |channel: usize| {
             let from = saturated_from(config.saturation[channel]);
             Zip::from(image.channel(channel)).par_map_collect(|y| *y >= from)
         };
         let saturated = (0..CHANNELS).map(saturated).collect();
         Self {
-            image: image.clone(),
-            psf: psf.clone(),
+            image: Cow::Borrowed(image),
+            psf: Cow::Borrowed(psf),
             frame: frame_around(image, psf, TransformPrecision::Single),
             saturated,
         }
     }
 
-    fn half(&self) -> Result<Option<Self>> {
+    fn half(&self) -> Result<Option<View<'static>>> {
         let Some(Half { image, psf, saturated }) = Half::of(&self.image, &self.psf, &self.saturated)? else {
             return Ok(None);
         };
         let frame = frame_around(&image, &psf, TransformPrecision::Single);
-        Ok(Some(Self { image, psf, frame, saturated }))
+        Ok(Some(View { image: Cow::Owned(image), psf: Cow::Owned(psf), frame, saturated }))
     }
 
     /// The light of lamps around the frame, found at lower resolutions and measured at this one unless it is high.
@@ -256,7 +257,7 @@ impl View {
         Ok((left <= EXPLAINED.powi(3)).then_some(found))
     }
 
-    fn known<'a>(&'a self, channel: usize, frame: &'a Frame, alpha: f32) -> Result<Known<'a>> {
+    fn known<'k>(&'k self, channel: usize, frame: &'k Frame, alpha: f32) -> Result<Known<'k>> {
         let psf = self.psf.channel(channel);
         let brightness = self.brightness(channel, alpha);
         let mut known = Known {
@@ -304,9 +305,9 @@ impl View {
     }
 
     /// Light that was found at half the resolution, each pixel's shared by the four of its block.
-    fn refined(&self, light: &Light, coarse: &Self) -> Light {
+    fn refined(&self, light: &Light, coarse: &View<'_>) -> Light {
         let of_axis = |axis: usize| -> Vec<Vec<usize>> {
-            let [fine, coarse] = [self, coarse].map(|view| view.axis(axis));
+            let [fine, coarse] = [self.axis(axis), coarse.axis(axis)];
             let places = 0..coarse.plane;
             places
                 .map(|index| {

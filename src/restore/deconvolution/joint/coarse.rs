@@ -24,14 +24,18 @@ impl Half {
         if image.height().min(image.width()) < LEAST_SIDE {
             return Ok(None);
         }
-        let mean = |plane: ArrayView2<'_, f32>| of_blocks(plane, |block| block.sum() / block.len() as f32);
-        let any = |set: &Array2<bool>| of_blocks(set.view(), |block| block.iter().any(|member| *member));
+        let mean = |plane: ArrayView2<'_, f32>| of_blocks(plane, mean);
+        let any = |set: &Array2<bool>| of_blocks(set.view(), |block| block.contains(&true));
         Ok(Some(Self {
             image: LinearImage::from_planes(of_channels(image.planes(), mean))?,
             psf: Psf::from_energy(of_channels(psf.planes(), between_blocks))?,
             saturated: saturated.iter().map(any).collect(),
         }))
     }
+}
+
+fn mean(block: &[f32]) -> f32 {
+    block.iter().sum::<f32>() / block.len() as f32
 }
 
 fn of_channels(
@@ -43,15 +47,26 @@ fn of_channels(
     ndarray::stack(Axis(0), &views).expect("channels are of one size")
 }
 
-/// What there is of each block of 2 × 2 pixels.
-fn of_blocks<T: Sync, U: Clone + Default + Send>(
+/// What there is of each block of 2 × 2 pixels; at the end of odd sides, of smaller ones.
+fn of_blocks<T: Copy + Sync, U: Clone + Default + Send>(
     plane: ArrayView2<'_, T>,
-    of_block: impl Fn(ArrayView2<'_, T>) -> U + Sync + Send,
+    of_block: impl Fn(&[T]) -> U + Sync + Send,
 ) -> Array2<U> {
     let (height, width) = plane.dim();
     let mut halved = Array2::default((height.div_ceil(2), width.div_ceil(2)));
-    Zip::indexed(&mut halved)
-        .par_for_each(|(y, x), out| *out = of_block(plane.slice(block(y, x, (height, width)))));
+    Zip::indexed(halved.rows_mut()).par_for_each(|y, mut out| {
+        let row = |y: usize| plane.slice_move(s![y, ..]).to_slice().expect("rows are contiguous");
+        let pairs = row(2 * y).chunks(2);
+        match 2 * y + 1 < height {
+            true => out.iter_mut().zip(pairs.zip(row(2 * y + 1).chunks(2))).for_each(|(out, pairs)| {
+                *out = match pairs {
+                    ([a, b], [c, d]) => of_block(&[*a, *b, *c, *d]),
+                    (above, below) => of_block(&[above[0], below[0]]),
+                };
+            }),
+            false => out.iter_mut().zip(pairs).for_each(|(out, pair)| *out = of_block(pair)),
+        }
+    });
     halved
 }
 
@@ -139,7 +154,7 @@ mod tests {
             let [mut seen, mut seen_by_half] = [Array2::zeros((96, 96)), Array2::zeros((48, 48))];
             frame.blur(psf.view()).unwrap().apply(&fine, &mut seen);
             frame_of_half.blur(half.view()).unwrap().apply(&coarse, &mut seen_by_half);
-            let means = of_blocks(seen.view(), |block| block.sum() / block.len() as f32);
+            let means = of_blocks(seen.view(), mean);
             for (mean, seen) in means.iter().zip(&seen_by_half) {
                 assert!((mean - seen).abs() < 1e-4 * mean.max(1.0), "{mean} {seen}");
             }

@@ -1,6 +1,7 @@
 //! The least squares that tell the light of some places by the flare that it throws over a capture.
 
-use ndarray::{Array2, ArrayView2, Zip, s};
+use ndarray::{Array2, ArrayView1, ArrayView2, Axis, Zip, s};
+use rayon::prelude::*;
 
 use super::frame::{Blur, row};
 use super::high_pass::HighPass;
@@ -114,7 +115,7 @@ impl<'a> Fit<'a> {
         Zip::from(&mut image).and(&self.high_pass.weights).par_for_each(|image, w| *image *= w * w);
         let mut curvature = Array2::zeros(light.dim());
         self.blur.transpose(&image, &mut curvature);
-        let most = curvature.iter().fold(0.0, |most: f32, value| most.max(*value));
+        let most = largest(curvature.view());
         let least = (LEAST_CURVATURE * most).max(f32::MIN_POSITIVE);
         Zip::from(&above).and(&curvature).par_map_collect(|above, c| above / c.max(least))
     }
@@ -152,7 +153,8 @@ impl<'a> Fit<'a> {
         self.high_pass.back(blur, &residual, &mut turned);
         let inverse = preconditioner(&turned);
         let inverse = inverse.borrow();
-        let mut direction = inverse * &turned;
+        let mut direction =
+            Zip::from(inverse).and(&turned).par_map_collect(|inverse, turned| inverse * turned);
         let mut slope = inner(&turned, &direction);
         let [mut image, mut passed] = [(); 2].map(|()| Array2::zeros(self.capture.dim()));
         for step in 1..=steps {
@@ -224,9 +226,15 @@ pub(super) fn inverse_diagonal(
     squared.transpose(weights, room);
     let (height, width) = places.dim();
     let of_places = room.slice(s![..height, ..width]);
-    let most = of_places.iter().fold(0.0, |most: f32, value| most.max(*value));
+    let most = largest(of_places);
     let least = (least * most).max(f32::MIN_POSITIVE);
     OfMembers::new(places, |place| 1.0 / of_places[place].max(least))
+}
+
+/// The largest number of a plane, or zero.
+fn largest(plane: ArrayView2<'_, f32>) -> f32 {
+    let of_row = |row: ArrayView1<'_, f32>| row.iter().fold(0.0, |most: f32, value| most.max(*value));
+    plane.axis_iter(Axis(0)).into_par_iter().map(of_row).reduce(|| 0.0, f32::max)
 }
 
 /// A set with the pixels that are at most so many steps along rows and columns away.

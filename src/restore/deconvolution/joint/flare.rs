@@ -2,8 +2,9 @@
 
 use ndarray::{Array2, ArrayView2, Zip};
 
+use super::super::objective::sum_of_rows;
 use super::fit::{Fit, Places, grown};
-use super::frame::Blur;
+use super::frame::{Blur, row};
 use crate::core::error::Result;
 use crate::core::progress::Progress;
 
@@ -127,12 +128,12 @@ impl Clipped<'_> {
 
     /// The level at which they saturate for the light of all saturated pixels.
     pub(super) fn at_level(&self) -> Array2<f32> {
-        self.saturated.mapv(|saturated| if saturated { self.level } else { 0.0 })
+        Zip::from(self.saturated).par_map_collect(|saturated| if *saturated { self.level } else { 0.0 })
     }
 
     /// A light, or the part of it above another that is believed where it would throw more flare than is plausible.
     fn plausible(&self, light: Array2<f32>, least: &Array2<f32>) -> Array2<f32> {
-        let more = light - least;
+        let more = Zip::from(&light).and(least).par_map_collect(|light, least| light - least);
         let of = |light: &Array2<f32>| {
             let mut flare = Array2::zeros(self.capture.dim());
             self.blur.apply(light, &mut flare);
@@ -140,10 +141,11 @@ impl Clipped<'_> {
         };
         let flares = [of(least), of(&more)];
         let hidden = grown(self.saturated, 1);
-        let overshoot = |part: f32| self.overshoot([&flares[0], &flares[1]], part, &hidden);
+        let pixels = hidden.iter().filter(|hidden| !**hidden).count().max(1) as f64;
+        let overshoot = |part: f32| self.overshoot([&flares[0], &flares[1]], part, &hidden) / pixels;
         let whole = overshoot(1.0);
         if whole <= PLAUSIBLE {
-            return more + least;
+            return light;
         }
         if whole > IMPLAUSIBLE && self.shining(&more) > WIDESPREAD {
             return least.clone();
@@ -153,7 +155,7 @@ impl Clipped<'_> {
             let middle = 0.5 * (low + high);
             *(if overshoot(middle) > BELIEVED { &mut high } else { &mut low }) = middle;
         }
-        more * low + least
+        Zip::from(&more).and(least).par_map_collect(|more, least| low * more + least)
     }
 
     /// The share of the saturated pixels that a light comes from, as if all of those were alike.
@@ -163,18 +165,18 @@ impl Clipped<'_> {
         light.sum().powi(2) / of_squares / saturated as f32
     }
 
-    /// The mean, over pixels that are not hidden, of what one flare with a part of another is brighter than the capture.
+    /// The sum, over pixels that are not hidden, of what one flare with a part of another is brighter than the capture.
     fn overshoot(&self, [flare, more]: [&Array2<f32>; 2], part: f32, hidden: &Array2<bool>) -> f64 {
-        let (mut beyond, mut pixels) = (0.0, 0_usize);
-        Zip::from(flare).and(more).and(self.capture).and(hidden).and(self.brightness).for_each(
-            |flare, more, y, hidden, n| {
-                if !*hidden {
-                    beyond += f64::from(((flare + part * more - y) / n - NOISE).max(0.0));
-                    pixels += 1;
-                }
-            },
-        );
-        beyond / pixels.max(1) as f64
+        sum_of_rows(hidden.nrows(), |y| {
+            let flares = row(flare, y).iter().zip(row(more, y));
+            let capture = self.capture.row(y);
+            let pixels = flares.zip(capture).zip(row(hidden, y).iter().zip(self.brightness.row(y)));
+            let beyond = pixels.map(|(((flare, more), y), (hidden, n))| match hidden {
+                true => 0.0,
+                false => f64::from(((flare + part * more - y) / n - NOISE).max(0.0)),
+            });
+            beyond.sum()
+        })
     }
 
     fn fitted(&self, fit: &Fit<'_>, squared: &Blur<'_>, progress: &Progress) -> Result<Measured> {

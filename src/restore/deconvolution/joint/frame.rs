@@ -13,6 +13,9 @@ use crate::core::fft::{
 const BORDER_PX: usize = 4;
 const ALONG_BORDER_PX: usize = 8;
 
+/// The floor of |H|² in the first inverse, which is at most 1/(2√ε) = 50 times the capture.
+const LEAST_POWER: f32 = 1e-4;
+
 /// The planes of a frame: itself, or larger where light around it is unknown.
 pub(super) struct Frame {
     operator: PlaneOperator,
@@ -193,6 +196,19 @@ impl Blur<'_> {
             samples.iter_mut().zip(row(x, y)).zip(row(divisors, y)).for_each(|((out, x), d)| *out = x / d);
         };
         self.frame.operator.filter(&self.otf, Response::Inverse(damping), (x.nrows(), fill), (out, copy_row));
+    }
+
+    /// A regularised inverse of the convolution, of a capture relative to its local brightness, without negative light.
+    pub(super) fn first_inverse(
+        &self,
+        capture: &Array2<f32>,
+        brightness: &Array2<f32>,
+        smoothness: f32,
+    ) -> Array2<f32> {
+        let mut scene = self.frame.plane();
+        self.invert(capture, brightness, Damping { smoothness, floor: LEAST_POWER }, &mut scene);
+        Zip::from(&mut scene).and(brightness).par_for_each(|x, n| *x = (*x * n).max(0.0));
+        scene
     }
 
     /// The parts of a scene's detail that are left in each of the bands that noise is estimated from.

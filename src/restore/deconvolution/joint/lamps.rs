@@ -78,11 +78,28 @@ pub(super) struct Saturated<'a> {
     pub(super) level: f32,
 }
 
+/// What is presumed of a scene with lamps.
+pub(super) struct Presumed {
+    /// What is added to the scene's brightness that differences of neighbours are relative to.
+    pub(super) darkness: f32,
+    /// Whether pixels next to saturated ones may have been interpolated from them.
+    pub(super) is_interpolated: bool,
+    /// The smoothness of an inverse of what is left without the flare, where the first scene is to be that.
+    pub(super) smoothness: Option<f32>,
+}
+
 /// The light of saturated pixels, which is all that is kept of them until that of all channels is found.
 pub(super) struct Light {
     of_pixels: OfMembers,
     is_measured: bool,
     is_coarse: bool,
+}
+
+impl Light {
+    /// Whether it was found at half the resolution.
+    pub(super) fn is_coarse(&self) -> bool {
+        self.is_coarse
+    }
 }
 
 impl Saturated<'_> {
@@ -121,27 +138,34 @@ impl Saturated<'_> {
     }
 
     /// The first scene with the light of saturated pixels in it, a whole plane. `brightness` is D, also a plane, and becomes zero at
-    /// saturated pixels; `darkness` is added to the scene's brightness that differences of neighbours are relative to. Pixels next to
-    /// saturated ones may have been interpolated from them where the capture `is_interpolated`.
+    /// saturated pixels.
     pub(super) fn start(
         &self,
         light: Light,
         brightness: &mut Array2<f32>,
-        (darkness, is_interpolated): (f32, bool),
+        Presumed { darkness, is_interpolated, smoothness }: Presumed,
     ) -> Result<(Lamps, Array2<f32>)> {
         let Self { frame, capture, psf, pixels: saturated, level } = *self;
         let Light { of_pixels, is_measured, is_coarse: has_coarse_light } = light;
         let guarded = is_interpolated.then(|| grown(saturated, GUARD_PX));
         let hidden = guarded.as_ref().unwrap_or(saturated);
+        let blur = frame.blur(psf)?;
         let mut scene = {
             let [mut light, mut flare] = [Array2::zeros(frame.size()), Array2::zeros(frame.size())];
             of_pixels.write(saturated, &mut light);
-            frame.blur(psf)?.apply(&light, &mut flare);
+            blur.apply(&light, &mut flare);
             rest(frame, capture, flare, hidden)
         };
         let mut inverse_brightness = local_mean(&scene, super::known::NEAR_PX);
         inverse_brightness.par_mapv_inplace(|mean| 1.0 / (mean + darkness));
         let certainty = OfMembers::new(saturated, |place| 1.0 / (brightness[place] * brightness[place]));
+        if let Some(smoothness) = smoothness {
+            let mut sharp = blur.first_inverse(&scene, brightness, smoothness);
+            let painted = Zip::from(frame.cut_mut(&mut sharp)).and(frame.cut(&scene)).and(hidden);
+            painted.par_for_each(|sharp, painted, hidden| *sharp = if *hidden { *painted } else { *sharp });
+            scene = sharp;
+        }
+        drop(blur);
         of_pixels.write(saturated, &mut scene);
         for plane in [&mut inverse_brightness, brightness] {
             let pixels = Zip::from(frame.cut_mut(plane)).and(saturated);

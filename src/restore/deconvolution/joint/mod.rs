@@ -307,7 +307,7 @@ impl<'a> Colors<'a> {
 
     /// Improves the scenes of all channels, each by rounds of some steps.
     fn improve(&mut self, efforts: &[[usize; 2]], progress: &Progress) -> Result<()> {
-        let has_lamps = self.channels.iter().any(Channel::has_lamps);
+        let are_sharp = self.channels.iter().all(Channel::is_sharp);
         let rounds = efforts.iter().map(|[rounds, _]| *rounds).max().unwrap_or(0);
         if rounds == 0 {
             return Ok(());
@@ -318,7 +318,7 @@ impl<'a> Colors<'a> {
         let workspaces = if is_reduced { CHANNELS } else { 1 };
         let mut workspaces: Vec<_> = (0..workspaces).map(|_| Workspace::new(self.frame)).collect();
         for round in 0..rounds {
-            if round > 0 || !has_lamps {
+            if round > 0 || are_sharp {
                 self.find_edges();
             }
             let Self { channels, edges, .. } = &mut *self;
