@@ -240,19 +240,23 @@ fn largest(plane: ArrayView2<'_, f32>) -> f32 {
 /// A set with the pixels that are at most so many steps along rows and columns away.
 pub(super) fn grown(set: &Array2<bool>, steps: usize) -> Array2<bool> {
     let mut grown = set.clone();
-    let (height, width) = set.dim();
     for _ in 0..steps {
         let before = grown.clone();
-        let has = |y: usize, x: usize| before[[y, x]];
-        Zip::indexed(&mut grown).par_for_each(|(y, x), member| {
-            *member = *member
-                || (y > 0 && has(y - 1, x))
-                || (y + 1 < height && has(y + 1, x))
-                || (x > 0 && has(y, x - 1))
-                || (x + 1 < width && has(y, x + 1));
+        Zip::indexed(grown.rows_mut()).par_for_each(|y, mut out| {
+            let (here, out) = (row(&before, y), out.as_slice_mut().expect("planes are contiguous"));
+            unite(&mut out[1..], here);
+            unite(out, &here[1..]);
+            for beside in [y.checked_sub(1), (y + 1 < before.nrows()).then_some(y + 1)].into_iter().flatten()
+            {
+                unite(out, row(&before, beside));
+            }
         });
     }
     grown
+}
+
+fn unite(members: &mut [bool], with: &[bool]) {
+    members.iter_mut().zip(with).for_each(|(member, other)| *member |= other);
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "planes are of 32 bits")]

@@ -1,8 +1,8 @@
 //! Measures the light that the sensor clipped by the flare that it throws over the rest of the frame.
 
 use ndarray::{Array2, ArrayView2, Zip};
+use rayon::prelude::*;
 
-use super::super::objective::sum_of_rows;
 use super::fit::{Fit, Places, grown};
 use super::frame::{Blur, row};
 use crate::core::error::Result;
@@ -121,9 +121,9 @@ impl Clipped<'_> {
         if misfit <= CONVINCING * fit.misfit(&at_level) {
             return (light, misfit);
         }
-        let light = self.plausible(light, &at_level);
-        let misfit = fit.misfit(&light);
-        (light, misfit)
+        let Some(plausible) = self.plausible(&light, &at_level) else { return (light, misfit) };
+        let misfit = fit.misfit(&plausible);
+        (plausible, misfit)
     }
 
     /// The level at which they saturate for the light of all saturated pixels.
@@ -131,31 +131,34 @@ impl Clipped<'_> {
         Zip::from(self.saturated).par_map_collect(|saturated| if *saturated { self.level } else { 0.0 })
     }
 
-    /// A light, or the part of it above another that is believed where it would throw more flare than is plausible.
-    fn plausible(&self, light: Array2<f32>, least: &Array2<f32>) -> Array2<f32> {
-        let more = Zip::from(&light).and(least).par_map_collect(|light, least| light - least);
+    /// The part of a light above another that is believed where all of it would throw more flare than is plausible.
+    fn plausible(&self, light: &Array2<f32>, least: &Array2<f32>) -> Option<Array2<f32>> {
+        let more = Zip::from(light).and(least).par_map_collect(|light, least| light - least);
         let of = |light: &Array2<f32>| {
             let mut flare = Array2::zeros(self.capture.dim());
             self.blur.apply(light, &mut flare);
             flare
         };
-        let flares = [of(least), of(&more)];
         let hidden = grown(self.saturated, 1);
         let pixels = hidden.iter().filter(|hidden| !**hidden).count().max(1) as f64;
-        let overshoot = |part: f32| self.overshoot([&flares[0], &flares[1]], part, &hidden) / pixels;
+        let brighter = self.brighter([&of(least), &of(&more)], &hidden);
+        let overshoot = |part: f32| {
+            brighter.iter().map(|[least, more]| f64::from((least + part * more).max(0.0))).sum::<f64>()
+                / pixels
+        };
         let whole = overshoot(1.0);
         if whole <= PLAUSIBLE {
-            return light;
+            return None;
         }
         if whole > IMPLAUSIBLE && self.shining(&more) > WIDESPREAD {
-            return least.clone();
+            return Some(least.clone());
         }
         let [mut low, mut high] = [0.0, 1.0];
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
             *(if overshoot(middle) > BELIEVED { &mut high } else { &mut low }) = middle;
         }
-        Zip::from(&more).and(least).par_map_collect(|more, least| low * more + least)
+        Some(Zip::from(&more).and(least).par_map_collect(|more, least| low * more + least))
     }
 
     /// The share of the saturated pixels that a light comes from, as if all of those were alike.
@@ -165,18 +168,20 @@ impl Clipped<'_> {
         light.sum().powi(2) / of_squares / saturated as f32
     }
 
-    /// The sum, over pixels that are not hidden, of what one flare with a part of another is brighter than the capture.
-    fn overshoot(&self, [flare, more]: [&Array2<f32>; 2], part: f32, hidden: &Array2<bool>) -> f64 {
-        sum_of_rows(hidden.nrows(), |y| {
+    /// What one flare is brighter than the capture, and another beside it, over the brightness, in pixels that are not hidden and where
+    /// both are brighter.
+    fn brighter(&self, [flare, more]: [&Array2<f32>; 2], hidden: &Array2<bool>) -> Vec<[f32; 2]> {
+        let of_row = |y: usize| {
             let flares = row(flare, y).iter().zip(row(more, y));
-            let capture = self.capture.row(y);
-            let pixels = flares.zip(capture).zip(row(hidden, y).iter().zip(self.brightness.row(y)));
-            let beyond = pixels.map(|(((flare, more), y), (hidden, n))| match hidden {
-                true => 0.0,
-                false => f64::from(((flare + part * more - y) / n - NOISE).max(0.0)),
+            let pixels =
+                flares.zip(self.capture.row(y)).zip(row(hidden, y).iter().zip(self.brightness.row(y)));
+            let brighter = pixels.filter_map(|(((flare, more), y), (hidden, n))| {
+                let [flare, more] = [(flare - y) / n - NOISE, more / n];
+                (!*hidden && flare + more.max(0.0) > 0.0).then_some([flare, more])
             });
-            beyond.sum()
-        })
+            brighter.collect::<Vec<_>>()
+        };
+        (0..hidden.nrows()).into_par_iter().map(of_row).collect::<Vec<_>>().concat()
     }
 
     fn fitted(&self, fit: &Fit<'_>, squared: &Blur<'_>, progress: &Progress) -> Result<Measured> {
@@ -289,12 +294,14 @@ mod tests {
         .with(|clipped, _, count| {
             assert!(count > 100, "{count} pixels are saturated");
             let of_level = clipped.at_level();
-            assert_eq!(clipped.plausible(of_level.clone(), &of_level), of_level);
-            assert_eq!(clipped.plausible(&of_level * 100.0, &of_level), of_level);
+            let believed =
+                |light: &Array2<f32>| clipped.plausible(light, &of_level).unwrap_or_else(|| light.clone());
+            assert_eq!(believed(&of_level), of_level);
+            assert_eq!(believed(&(&of_level * 100.0)), of_level);
             // As a lamp shines, and some flare is believed.
             let mut light = of_level.clone();
             light[[10, 8]] = 1e4 * LEVEL;
-            let part = clipped.plausible(light.clone(), &of_level)[[10, 8]] / light[[10, 8]];
+            let part = believed(&light)[[10, 8]] / light[[10, 8]];
             assert!((0.01..0.5).contains(&part), "{part}");
         });
     }
