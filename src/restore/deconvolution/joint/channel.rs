@@ -51,10 +51,14 @@ const KNOWN_LAMP_STEPS: [usize; 2] = [9, 160];
 const SHARP_SAMPLES: usize = 2_000_000;
 const SHARP_EFFORT: [usize; 2] = [3, 1];
 
+/// Rounds and steps at reduced resolutions with as many samples: what edges tell is more than what further steps do. Three rounds of
+/// three steps restore those photographs the same, three of one 0.1 dB worse.
+const LARGE_REDUCED_EFFORT: [usize; 2] = [4, 1];
+
 /// At reduced resolutions: rounds at most, steps in all at least and at most, and the samples that all steps may transform beyond
 /// the least. Four rounds of 15 steps have 1.6 dB less than six of ten.
 const REDUCED_ROUNDS: usize = 6;
-const REDUCED_STEPS: [usize; 2] = [9, 60];
+const REDUCED_STEPS: [usize; 2] = [12, 60];
 const REDUCED_WORK: usize = 11_000_000;
 
 /// Steps that a round takes at least.
@@ -464,6 +468,9 @@ fn of_rounds(steps: usize) -> [usize; 2] {
 
 /// Rounds and steps for a photograph with lamps at a reduced resolution.
 fn reduced_effort(samples: usize) -> [usize; 2] {
+    if samples > SHARP_SAMPLES {
+        return LARGE_REDUCED_EFFORT;
+    }
     let [least, most] = REDUCED_STEPS;
     let steps = (REDUCED_WORK / samples.max(1)).clamp(least, most);
     let rounds = REDUCED_ROUNDS.min(steps / LEAST_STEPS);
@@ -494,6 +501,7 @@ mod tests {
         assert_eq!(known_lamp_effort(4096 * 3328), [3, 3]);
         assert_eq!(reduced_effort(400 * 400), [6, 10]);
         assert_eq!(reduced_effort(600 * 600), [6, 5]);
-        assert_eq!(reduced_effort(2048 * 1664), [3, 3]);
+        assert_eq!(reduced_effort(1400 * 1400), [4, 3]);
+        assert_eq!(reduced_effort(2048 * 1664), [4, 1]);
     }
 }

@@ -8,6 +8,7 @@ use super::high_pass::HighPass;
 use super::members::OfMembers;
 use super::sums::{add_scaled, dot, inner};
 use crate::core::error::Result;
+use crate::core::fft::{Loan, Pool};
 use crate::core::progress::Progress;
 use crate::kernels::vectorised;
 
@@ -44,6 +45,9 @@ pub(super) struct Fit<'a> {
     capture: ArrayView2<'a, f32>,
     places: Places<'a>,
     high_pass: HighPass,
+    /// Planes of the frame's size and of the places' that are written over: new ones come from the system page by page.
+    frames: Pool<Array2<f32>>,
+    planes: Pool<Array2<f32>>,
 }
 
 impl<'a> Fit<'a> {
@@ -55,7 +59,18 @@ impl<'a> Fit<'a> {
     ) -> Self {
         let around = grown(saturated, GUARD_PX);
         let known = Zip::from(&around).par_map_collect(|around| if *around { 0.0 } else { 1.0 });
-        Self { blur, capture, places, high_pass: HighPass::new(known, brightness, HIGH_PASS_PX) }
+        let high_pass = HighPass::new(known, brightness, HIGH_PASS_PX);
+        Self { blur, capture, places, high_pass, frames: Pool::new(), planes: Pool::new() }
+    }
+
+    /// Lends a plane of the frame's size, of which stale contents are to be overwritten.
+    fn lend_frame(&self) -> Loan<'_, Array2<f32>> {
+        self.frames.lend(|| Array2::zeros(self.capture.dim()))
+    }
+
+    /// Lends a plane of the places' size.
+    fn lend_plane(&self) -> Loan<'_, Array2<f32>> {
+        self.planes.lend(|| Array2::zeros(self.places.may_shine.dim()))
     }
 
     /// The sum of squares.
@@ -107,17 +122,18 @@ impl<'a> Fit<'a> {
     /// `s/(AᵀW²A s)` of the light s above the least (De Pierro 1995).
     pub(super) fn gathering(&self, light: &Array2<f32>) -> Array2<f32> {
         let Places { may_shine, at_least, seed } = self.places;
-        let above = Zip::from(light)
-            .and(may_shine)
-            .par_map_collect(|light, may_shine| if *may_shine { light - at_least + seed } else { 0.0 });
-        let mut image = Array2::zeros(self.capture.dim());
+        let mut above = self.lend_plane();
+        Zip::from(&mut *above).and(light).and(may_shine).par_for_each(|above, light, may_shine| {
+            *above = if *may_shine { light - at_least + seed } else { 0.0 };
+        });
+        let mut image = self.lend_frame();
         self.blur.apply(&above, &mut image);
-        Zip::from(&mut image).and(&self.high_pass.weights).par_for_each(|image, w| *image *= w * w);
-        let mut curvature = Array2::zeros(light.dim());
+        Zip::from(&mut *image).and(&self.high_pass.weights).par_for_each(|image, w| *image *= w * w);
+        let mut curvature = self.lend_plane();
         self.blur.transpose(&image, &mut curvature);
         let most = largest(curvature.view());
         let least = (LEAST_CURVATURE * most).max(f32::MIN_POSITIVE);
-        Zip::from(&above).and(&curvature).par_map_collect(|above, c| above / c.max(least))
+        Zip::from(&*above).and(&*curvature).par_map_collect(|above, c| above / c.max(least))
     }
 
     /// The norm of the weighted flare of unit light at each place: how well it is seen. `squared` is A with the squares of the PSF.
@@ -130,10 +146,10 @@ impl<'a> Fit<'a> {
     }
 
     /// `w·h(y − A s)`, and the sum of its squares.
-    fn residual(&self, light: &Array2<f32>) -> (Array2<f32>, f64) {
-        let [mut left, mut residual] = [(); 2].map(|()| Array2::zeros(self.capture.dim()));
+    fn residual(&self, light: &Array2<f32>) -> (Loan<'_, Array2<f32>>, f64) {
+        let [mut left, mut residual] = [(); 2].map(|()| self.lend_frame());
         self.blur.apply(light, &mut left);
-        Zip::from(&mut left).and(self.capture).par_for_each(|left, y| *left = y.max(0.0) - *left);
+        Zip::from(&mut *left).and(self.capture).par_for_each(|left, y| *left = y.max(0.0) - *left);
         let misfit = self.high_pass.pass(&left, &mut residual);
         (residual, misfit)
     }
@@ -149,14 +165,13 @@ impl<'a> Fit<'a> {
         let blur = self.blur;
         let (mut residual, before) = self.residual(light);
         let mut misfit = before;
-        let mut turned = Array2::zeros(light.dim());
+        let [mut turned, mut direction] = [(); 2].map(|()| self.lend_plane());
         self.high_pass.back(blur, &residual, &mut turned);
         let inverse = preconditioner(&turned);
         let inverse = inverse.borrow();
-        let mut direction =
-            Zip::from(inverse).and(&turned).par_map_collect(|inverse, turned| inverse * turned);
+        Zip::from(&mut *direction).and(inverse).and(&*turned).par_for_each(|d, p, g| *d = p * g);
         let mut slope = inner(&turned, &direction);
-        let [mut image, mut passed] = [(); 2].map(|()| Array2::zeros(self.capture.dim()));
+        let [mut image, mut passed] = [(); 2].map(|()| self.lend_frame());
         for step in 1..=steps {
             progress.check()?;
             blur.apply(&direction, &mut image);
@@ -174,7 +189,7 @@ impl<'a> Fit<'a> {
             let turn = |y: usize, gradient: &[f32], out: &mut [f32]| turn(out, gradient, row(inverse, y));
             let next = self.high_pass.back_into(blur, &residual, (&mut turned, turn));
             let kept = narrow(next / slope);
-            Zip::from(&mut *light).and(&mut direction).and(&turned).par_for_each(|light, d, z| {
+            Zip::from(&mut *light).and(&mut *direction).and(&*turned).par_for_each(|light, d, z| {
                 *light += length * *d;
                 *d = z + kept * *d;
             });

@@ -34,6 +34,9 @@ const GATHERED: f64 = 0.985;
 /// photographs of 800 × 800 pixels 0.1 dB worse, two or three of as many no better.
 const CORRECTION: (usize, usize) = (2, 6);
 
+/// Samples of a transform above which one round corrects it: eleven photographs of 2.5 and 8 megapixels are restored the same.
+const CORRECTED_ONCE: usize = 2_000_000;
+
 /// The part of the misfit that a step of a correction lowers it by at least, or it is the last of its round: streets and halls at
 /// full resolution end after two to four steps so, skies with a sun take all. Five photographs of 8 megapixels are restored as before,
 /// and 0.15 dB worse at three times as much.
@@ -110,6 +113,7 @@ impl Clipped<'_> {
         });
         let mut light = coarse.clone();
         let (rounds, steps) = CORRECTION;
+        let rounds = if self.blur.frame.transform_samples() > CORRECTED_ONCE { 1 } else { rounds };
         let of_coarse = fit.gather_in_rounds(&mut light, (rounds, steps, LEAST_GAIN), progress)?;
         let (light, of_light) = self.believed(&fit, light);
         Ok(if of_coarse < of_light { coarse } else { light })
