@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use ndarray::{Array2, ArrayViewMut2, Axis, Zip, s};
+use ndarray::{Array2, ArrayView1, ArrayViewMut2, Axis, Zip, s};
 use rayon::prelude::*;
 
 use super::frame::row;
@@ -292,7 +292,7 @@ pub(super) fn paint(plane: &mut Array2<f32>, known: &Array2<f32>) {
         let known = known.slice(window);
         let seen = Zip::from(plane.slice(window)).and(known).par_map_collect(|value, known| value * known);
         let copy = |y: usize, out: &mut [f32]| {
-            out.copy_from_slice(known.row(y).to_slice().expect("rows are contiguous"))
+            out.copy_from_slice(known.row(y).to_slice().expect("rows are contiguous"));
         };
         let share = smoothed(seen.dim(), sigma_px, copy);
         let mut holes = holes.slice_mut(window);
@@ -314,18 +314,18 @@ pub(super) fn paint(plane: &mut Array2<f32>, known: &Array2<f32>) {
 
 /// The rows and columns that are at most so many pixels from a member of a set, if it has any.
 fn around(set: &Array2<bool>, pixels: usize) -> Option<[Range<usize>; 2]> {
-    let (mut rows, mut columns) = (usize::MAX..0, usize::MAX..0);
-    for (y, row) in set.rows().into_iter().enumerate() {
-        let Some(first) = row.iter().position(|member| *member) else { continue };
-        let last = row.iter().rposition(|member| *member).unwrap_or(first);
-        rows = rows.start.min(y)..y + 1;
-        columns = columns.start.min(first)..columns.end.max(last + 1);
-    }
-    let (height, width) = set.dim();
-    let grown = |range: Range<usize>, length: usize| {
-        range.start.saturating_sub(pixels)..(range.end + pixels).min(length)
+    let of_row = |(y, row): (usize, ArrayView1<'_, bool>)| {
+        let first = row.iter().position(|member| *member)?;
+        Some([[y, y], [first, row.iter().rposition(|member| *member)?]])
     };
-    (!rows.is_empty()).then(|| [grown(rows, height), grown(columns, width)])
+    let of_rows = set.rows().into_iter().enumerate().filter_map(of_row);
+    let [rows, columns] = of_rows.reduce(|a, b| {
+        std::array::from_fn(|axis| [a[axis][0].min(b[axis][0]), a[axis][1].max(b[axis][1])])
+    })?;
+    let grown = |[first, last]: [usize; 2], length: usize| {
+        first.saturating_sub(pixels)..(last + 1 + pixels).min(length)
+    };
+    Some([grown(rows, set.nrows()), grown(columns, set.ncols())])
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few pixels")]
