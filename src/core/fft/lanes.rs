@@ -21,6 +21,8 @@ pub(super) struct LaneTransform {
     along_columns: LinePlan,
     /// What stands between the row and the column pass, one at a time for each plane in work: `[row / 16][kx / 16]` tiles.
     tiles: Pool<Vec<f32>>,
+    /// Spectra that nobody needs any more.
+    spectra: Pool<LaneSpectrum>,
     /// What a thread works in.
     scratches: Pool<Scratch>,
 }
@@ -46,7 +48,8 @@ impl LaneTransform {
     pub(super) fn new(height: usize, width: usize) -> Self {
         assert!(Self::serves(height, width), "sides of {height} × {width} are no multiples of {WIDE}");
         let (along_rows, along_columns) = (RealPlan::new(width), LinePlan::new(height));
-        Self { height, width, along_rows, along_columns, tiles: Pool::new(), scratches: Pool::new() }
+        let (tiles, spectra, scratches) = (Pool::new(), Pool::new(), Pool::new());
+        Self { height, width, along_rows, along_columns, tiles, spectra, scratches }
     }
 
     /// Samples of a spectrum.
@@ -77,10 +80,11 @@ impl LaneTransform {
             }
         };
         self.transform_rows(&groups, &fill, &mut tiles);
-        let mut spectrum = vec![0.0; self.spectrum_len()];
+        let mut spectrum = self.spectra.take().unwrap_or_else(|| vec![0.0; self.spectrum_len()]);
         spectrum.par_chunks_mut(self.height * COMPLEX).enumerate().for_each_init(
             || self.lend_scratch(),
             |scratch, (column, lines)| {
+                lines.fill(0.0);
                 for (group, tiles) in groups.iter().zip(tiles.chunks_exact(self.floats_of_tiles())) {
                     place_rows(&tiles[column * TILE..][..TILE], &mut lines[group * TILE..][..TILE]);
                 }
@@ -92,6 +96,11 @@ impl LaneTransform {
             },
         );
         spectrum
+    }
+
+    /// Takes a spectrum of this size back, for the next one: a new one would come from the system page by page.
+    pub(super) fn take_back(&self, spectrum: LaneSpectrum) {
+        self.spectra.put(spectrum);
     }
 
     /// Transforms a plane of which only the first `rows` rows are not zero, lets `multiply(column, lines)` change each sixteen
@@ -209,14 +218,14 @@ impl LaneTransform {
         self.along_rows.floats_of_tiles()
     }
 
-    /// Lends so many rows of tiles; stale contents are overwritten before they are read.
+    /// Lends so many rows of tiles at least; stale contents are overwritten before they are read.
     fn lend_tiles(&self, rows: usize) -> Loan<'_, Vec<f32>> {
         let (mut tiles, len) = (self.tiles.lend(Vec::new), rows * self.floats_of_tiles());
-        if tiles.capacity() < len {
-            // Nothing that is to be overwritten is copied.
-            *tiles = Vec::with_capacity(len);
+        if tiles.len() < len {
+            // Nothing that is to be overwritten is copied, and what is too small goes before the new comes.
+            *tiles = Vec::new();
+            *tiles = vec![0.0; len];
         }
-        tiles.resize(len, 0.0);
         tiles
     }
 

@@ -141,6 +141,15 @@ impl PlaneOperator {
         }))
     }
 
+    /// Takes the room of what [`transfer_function`](Self::transfer_function) made for the next one; what is left is of no use.
+    pub(crate) fn take_back(&self, kernel: &mut TransferFunction) {
+        if let (EitherTransform::Lanes(transform), EitherSpectrum::Lanes(spectrum)) =
+            (&self.transform, &mut kernel.0)
+        {
+            transform.take_back(std::mem::take(spectrum));
+        }
+    }
+
     /// A x: `fill(row, samples)` writes the first `rows` rows of x, which come as zeros as the others are; `keep(row, samples,
     /// out)` takes the rows of the result to those of `out`, which may be smaller than a plane and takes its top left. The sum of
     /// what `keep` returns is returned, added in the order of the rows; [`copy_row`](super::copy_row) does no more than its name

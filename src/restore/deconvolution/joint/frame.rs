@@ -28,6 +28,12 @@ pub(super) struct Blur<'a> {
     otf: TransferFunction,
 }
 
+impl Drop for Blur<'_> {
+    fn drop(&mut self) {
+        self.frame.operator.take_back(&mut self.otf);
+    }
+}
+
 impl Frame {
     pub(super) fn new(
         size: [usize; 2],

@@ -226,6 +226,7 @@ impl<'a> Search<'a> {
         let squared = scene.frame.squared_blur(movable.at([0.0; 2]).view())?;
         let fit = LampFit::new(&scene, &squared, progress);
         let light = scene.base.clone();
+        drop(squared);
         Ok(Self { scene, movable, fit, light, pose: [0.0; 2], step: [0.0; 2] })
     }
 
