@@ -64,12 +64,12 @@ impl<'a> Fit<'a> {
     }
 
     /// Lends a plane of the frame's size, of which stale contents are to be overwritten.
-    fn lend_frame(&self) -> Loan<'_, Array2<f32>> {
+    pub(super) fn lend_frame(&self) -> Loan<'_, Array2<f32>> {
         self.frames.lend(|| Array2::zeros(self.capture.dim()))
     }
 
     /// Lends a plane of the places' size.
-    fn lend_plane(&self) -> Loan<'_, Array2<f32>> {
+    pub(super) fn lend_plane(&self) -> Loan<'_, Array2<f32>> {
         self.planes.lend(|| Array2::zeros(self.places.may_shine.dim()))
     }
 

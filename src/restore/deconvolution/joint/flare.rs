@@ -125,7 +125,7 @@ impl Clipped<'_> {
         if misfit <= CONVINCING * fit.misfit(&at_level) {
             return (light, misfit);
         }
-        let Some(plausible) = self.plausible(&light, &at_level) else { return (light, misfit) };
+        let Some(plausible) = self.plausible(fit, &light, &at_level) else { return (light, misfit) };
         let misfit = fit.misfit(&plausible);
         (plausible, misfit)
     }
@@ -136,10 +136,11 @@ impl Clipped<'_> {
     }
 
     /// The part of a light above another that is believed where all of it would throw more flare than is plausible.
-    fn plausible(&self, light: &Array2<f32>, least: &Array2<f32>) -> Option<Array2<f32>> {
-        let more = Zip::from(light).and(least).par_map_collect(|light, least| light - least);
+    fn plausible(&self, fit: &Fit<'_>, light: &Array2<f32>, least: &Array2<f32>) -> Option<Array2<f32>> {
+        let mut more = fit.lend_plane();
+        Zip::from(&mut *more).and(light).and(least).par_for_each(|more, light, least| *more = light - least);
         let of = |light: &Array2<f32>| {
-            let mut flare = Array2::zeros(self.capture.dim());
+            let mut flare = fit.lend_frame();
             self.blur.apply(light, &mut flare);
             flare
         };
@@ -162,7 +163,7 @@ impl Clipped<'_> {
             let middle = 0.5 * (low + high);
             *(if overshoot(middle) > BELIEVED { &mut high } else { &mut low }) = middle;
         }
-        Some(Zip::from(&more).and(least).par_map_collect(|more, least| low * more + least))
+        Some(Zip::from(&*more).and(least).par_map_collect(|more, least| low * more + least))
     }
 
     /// The share of the saturated pixels that a light comes from, as if all of those were alike.
@@ -298,8 +299,10 @@ mod tests {
         .with(|clipped, _, count| {
             assert!(count > 100, "{count} pixels are saturated");
             let of_level = clipped.at_level();
-            let believed =
-                |light: &Array2<f32>| clipped.plausible(light, &of_level).unwrap_or_else(|| light.clone());
+            let fit = clipped.fit();
+            let believed = |light: &Array2<f32>| {
+                clipped.plausible(&fit, light, &of_level).unwrap_or_else(|| light.clone())
+            };
             assert_eq!(believed(&of_level), of_level);
             assert_eq!(believed(&(&of_level * 100.0)), of_level);
             // As a lamp shines, and some flare is believed.
