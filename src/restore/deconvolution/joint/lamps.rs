@@ -277,3 +277,49 @@ impl Lamps {
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::panel_psf;
+    use super::*;
+    use crate::core::fft::TransformPrecision;
+    use crate::restore::deconvolution::Border;
+
+    const LEVEL: f32 = 16.0;
+
+    /// The light of the lamp is that at which it saturates either way; what is around it is nearer to the scene.
+    #[test]
+    fn scenes_with_lamps_begin_sharper_from_an_inverse() {
+        let truth = Array2::from_shape_fn((96, 96), |(y, x)| match (y, x) {
+            (48..50, 48..50) => 1.5 * LEVEL,
+            _ => 0.2 + 0.3 * ((y / 4 + x / 4) % 2) as f32,
+        });
+        let psf = panel_psf(65);
+        let frame = Frame::new([96, 96], [65, 65], Border::Zero, TransformPrecision::Single);
+        let mut capture = frame.plane();
+        frame.blur(psf.view()).unwrap().apply(&truth, &mut capture);
+        let pixels = Array2::from_shape_fn((96, 96), |(y, x)| (47..51).contains(&y) && (47..51).contains(&x));
+        capture.zip_mut_with(&pixels, |y, saturated| *y = if *saturated { LEVEL } else { *y });
+        let saturated = Saturated {
+            frame: &frame,
+            capture: capture.view(),
+            psf: psf.view(),
+            pixels: &pixels,
+            level: LEVEL,
+        };
+        let first = |smoothness: Option<f32>| {
+            let of_pixels = OfMembers::new(&pixels, |_| LEVEL);
+            let light = Light { of_pixels, is_measured: true, is_coarse: true };
+            let mut brightness = local_mean(&capture, 4.0) + 0.25;
+            let given = Presumed { darkness: 0.2, is_interpolated: false, smoothness };
+            saturated.start(light, &mut brightness, given).unwrap().1
+        };
+        let scenes = [None, Some(0.01)].map(first);
+        let errors = scenes.map(|scene| {
+            assert!(scene.iter().zip(&pixels).all(|(light, saturated)| !*saturated || *light == LEVEL));
+            let apart = ndarray::s![8..40, 8..88];
+            (&scene.slice(apart) - &truth.slice(apart)).mapv(|error| error * error).sum()
+        });
+        assert!(errors[1] < 0.3 * errors[0], "{errors:?}");
+    }
+}
