@@ -148,7 +148,11 @@ impl Clipped<'_> {
         let pixels = hidden.iter().filter(|hidden| !**hidden).count().max(1) as f64;
         let brighter = self.brighter([&of(least), &of(&more)], &hidden);
         let overshoot = |part: f32| {
-            brighter.iter().map(|[least, more]| f64::from((least + part * more).max(0.0))).sum::<f64>()
+            brighter
+                .iter()
+                .flatten()
+                .map(|[least, more]| f64::from((least + part * more).max(0.0)))
+                .sum::<f64>()
                 / pixels
         };
         let whole = overshoot(1.0);
@@ -174,8 +178,8 @@ impl Clipped<'_> {
     }
 
     /// What one flare is brighter than the capture, and another beside it, over the brightness, in pixels that are not hidden and where
-    /// both are brighter.
-    fn brighter(&self, [flare, more]: [&Array2<f32>; 2], hidden: &Array2<bool>) -> Vec<[f32; 2]> {
+    /// both are brighter, row by row.
+    fn brighter(&self, [flare, more]: [&Array2<f32>; 2], hidden: &Array2<bool>) -> Vec<Vec<[f32; 2]>> {
         let of_row = |y: usize| {
             let flares = row(flare, y).iter().zip(row(more, y));
             let pixels =
@@ -186,7 +190,7 @@ impl Clipped<'_> {
             });
             brighter.collect::<Vec<_>>()
         };
-        (0..hidden.nrows()).into_par_iter().map(of_row).collect::<Vec<_>>().concat()
+        (0..hidden.nrows()).into_par_iter().map(of_row).collect()
     }
 
     fn fitted(&self, fit: &Fit<'_>, squared: &Blur<'_>, progress: &Progress) -> Result<Measured> {
