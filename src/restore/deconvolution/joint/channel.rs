@@ -4,6 +4,7 @@ use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
 
 use super::super::{constrained, objective};
 use super::conjugate::{Preconditioner, Room, System};
+use super::effort::{SHARP_EFFORT, known_lamp_effort, lamp_effort, reduced_effort, takes_few_steps};
 use super::frame::{Blur, Frame, row};
 use super::known::{Found, Known};
 use super::lamps::{Lamps, Presumed};
@@ -34,35 +35,6 @@ pub(super) const NOISE_FREE: f32 = 3e-4;
 
 /// The floor of |H|² in the inverse that a scene is refined from: three times as much restores the same, a tenth 0.1 dB worse.
 const REFINED_POWER: f32 = 1e-2;
-
-/// Samples of transforms that the light of lamps is looked for with, and the steps that are taken at least and at most.
-const LAMP_WORK: usize = 80_000_000;
-const LAMP_STEPS: [usize; 2] = [20, 200];
-
-/// The same where that light is known from half the resolution: the samples of a transform up to which the most steps are taken. The
-/// more samples there are, the more has been told before. Four rounds of four steps restore photographs of 800 × 800 pixels 0.1 dB
-/// better than four of 13 without what half the resolution tells, and 0.2 dB better than three of four.
-const KNOWN_LAMP_SAMPLES: usize = 500_000;
-const KNOWN_LAMP_STEPS: [usize; 2] = [9, 160];
-
-/// Samples of a transform above which the first scene with such lamps is an inverse, whose edges are known, and the rounds and steps
-/// that are taken from there. Five photographs of 8 megapixels are restored 0.2 dB better so than by three rounds of three steps from
-/// the blurred one, six of 2.5 megapixels as well; below, many steps find more: sixteen of 800 × 800 pixels would lose 0.1 dB.
-const SHARP_SAMPLES: usize = 2_000_000;
-const SHARP_EFFORT: [usize; 2] = [3, 1];
-
-/// Rounds and steps at reduced resolutions with as many samples: what edges tell is more than what further steps do. Three rounds of
-/// three steps restore those photographs the same, three of one 0.1 dB worse.
-const LARGE_REDUCED_EFFORT: [usize; 2] = [4, 1];
-
-/// At reduced resolutions: rounds at most, steps in all at least and at most, and the samples that all steps may transform beyond
-/// the least. Four rounds of 15 steps have 1.6 dB less than six of ten.
-const REDUCED_ROUNDS: usize = 6;
-const REDUCED_STEPS: [usize; 2] = [12, 60];
-const REDUCED_WORK: usize = 11_000_000;
-
-/// Steps that a round takes at least.
-const LEAST_STEPS: usize = 3;
 
 /// Samples of transforms up to which photographs without lamps are given three rounds of two steps instead of two of one: 0.3 dB on
 /// scenes with much detail, 0.05 dB on others, a tenth of the time of 800 × 800 pixels.
@@ -125,7 +97,7 @@ impl<'a> Channel<'a> {
             let is_sharp = noise.middle() > NOISE_FREE
                 && !known.is_reduced
                 && light.is_coarse()
-                && frame.transform_samples() > SHARP_SAMPLES;
+                && takes_few_steps(frame.transform_samples());
             let smoothness = is_sharp.then(|| first_smoothness(&noise));
             let given = Presumed { darkness, is_interpolated, smoothness };
             let (lamps, mut scene) = saturated.start(light, &mut brightness, given)?;
@@ -444,37 +416,9 @@ impl<'a> Channel<'a> {
     }
 }
 
-/// Rounds and steps for a photograph with lamps, by the samples of its transforms: so many that they take seconds.
-fn lamp_effort(samples: usize) -> [usize; 2] {
-    let [least, most] = LAMP_STEPS;
-    of_rounds((LAMP_WORK / samples.max(1)).clamp(least, most))
-}
-
-/// The same where the light of the lamps is known from half the resolution.
-fn known_lamp_effort(samples: usize) -> [usize; 2] {
-    let ([least, most], samples) = (KNOWN_LAMP_STEPS, samples.max(1));
-    of_rounds((most * KNOWN_LAMP_SAMPLES / samples * KNOWN_LAMP_SAMPLES / samples).clamp(least, most))
-}
-
 /// λ of a scene of which nothing is known.
 fn first_smoothness(noise: &NoiseLevel) -> f32 {
     smoothness(SMOOTHNESS[0], noise.middle())
-}
-
-fn of_rounds(steps: usize) -> [usize; 2] {
-    let rounds = (steps / 20).clamp(4, 10).min(steps / LEAST_STEPS);
-    [rounds, steps / rounds]
-}
-
-/// Rounds and steps for a photograph with lamps at a reduced resolution.
-fn reduced_effort(samples: usize) -> [usize; 2] {
-    if samples > SHARP_SAMPLES {
-        return LARGE_REDUCED_EFFORT;
-    }
-    let [least, most] = REDUCED_STEPS;
-    let steps = (REDUCED_WORK / samples.max(1)).clamp(least, most);
-    let rounds = REDUCED_ROUNDS.min(steps / LEAST_STEPS);
-    [rounds, steps / rounds]
 }
 
 /// λ for a deviation of the noise.
@@ -483,25 +427,4 @@ fn reduced_effort(samples: usize) -> [usize; 2] {
 /// `c·σ`, and `c·σ²/σ₀` below σ₀: the prior has to give way faster than noise where there is hardly any.
 fn smoothness(factor: f32, sigma: f32) -> f32 {
     factor * sigma * (sigma / LOW_NOISE).min(1.0)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn lamps_get_as_many_steps_as_time_allows() {
-        assert_eq!(lamp_effort(100 * 100), [10, 20]);
-        assert_eq!(lamp_effort(800 * 800), [6, 20]);
-        assert_eq!(lamp_effort(1200 * 1200), [4, 13]);
-        assert_eq!(lamp_effort(4096 * 3328), [4, 5]);
-        assert_eq!(known_lamp_effort(640 * 640), [8, 20]);
-        assert_eq!(known_lamp_effort(1024 * 1024), [4, 9]);
-        assert_eq!(known_lamp_effort(1200 * 1200), [4, 4]);
-        assert_eq!(known_lamp_effort(4096 * 3328), [3, 3]);
-        assert_eq!(reduced_effort(400 * 400), [6, 10]);
-        assert_eq!(reduced_effort(600 * 600), [6, 5]);
-        assert_eq!(reduced_effort(1400 * 1400), [4, 3]);
-        assert_eq!(reduced_effort(2048 * 1664), [4, 1]);
-    }
 }

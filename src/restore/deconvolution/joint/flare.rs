@@ -3,6 +3,7 @@
 use ndarray::{Array2, ArrayView2, Zip};
 use rayon::prelude::*;
 
+use super::effort::takes_few_steps;
 use super::fit::{Fit, Places, grown};
 use super::frame::{Blur, row};
 use crate::core::error::Result;
@@ -31,11 +32,9 @@ const PROMISING: f64 = 0.99;
 const GATHERED: f64 = 0.985;
 
 /// Rounds in which light that is known from half the resolution is corrected, and steps in each: one round of eight restores
-/// photographs of 800 × 800 pixels 0.1 dB worse, two or three of as many no better.
+/// photographs of 800 × 800 pixels 0.1 dB worse, two or three of as many no better. Eleven of 2.5 and 8 megapixels are restored the same
+/// by one of six.
 const CORRECTION: (usize, usize) = (2, 6);
-
-/// Samples of a transform above which one round corrects it: eleven photographs of 2.5 and 8 megapixels are restored the same.
-const CORRECTED_ONCE: usize = 2_000_000;
 
 /// The part of the misfit that a step of a correction lowers it by at least, or it is the last of its round: streets and halls at
 /// full resolution end after two to four steps so, skies with a sun take all. Five photographs of 8 megapixels are restored as before,
@@ -113,7 +112,7 @@ impl Clipped<'_> {
         });
         let mut light = coarse.clone();
         let (rounds, steps) = CORRECTION;
-        let rounds = if self.blur.frame.transform_samples() > CORRECTED_ONCE { 1 } else { rounds };
+        let rounds = if takes_few_steps(self.blur.frame.transform_samples()) { 1 } else { rounds };
         let of_coarse = fit.gather_in_rounds(&mut light, (rounds, steps, LEAST_GAIN), progress)?;
         let (light, of_light) = self.believed(&fit, light);
         Ok(if of_coarse < of_light { coarse } else { light })

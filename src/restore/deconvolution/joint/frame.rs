@@ -252,7 +252,12 @@ impl Blur<'_> {
 }
 
 fn rows_of(x: &Array2<f32>) -> (usize, impl Fn(usize, &mut [f32]) + Sync) {
-    (x.nrows(), move |y, samples: &mut [f32]| samples[..x.ncols()].copy_from_slice(row(x, y)))
+    (x.nrows(), copy_of(x))
+}
+
+/// Writes the rows of a plane to the begin of others.
+pub(super) fn copy_of(x: &Array2<f32>) -> impl Fn(usize, &mut [f32]) + Sync {
+    move |y: usize, samples: &mut [f32]| samples[..x.ncols()].copy_from_slice(row(x, y))
 }
 
 /// A row of a plane.

@@ -2,7 +2,7 @@
 
 use ndarray::{Array2, ArrayView2, Zip};
 
-use super::frame::{Blur, row};
+use super::frame::{Blur, copy_of, row};
 use super::smooth::{smooth_into, smoothed};
 use super::sums::dot;
 use crate::core::fft::{Loan, Pool, copy_row};
@@ -35,7 +35,7 @@ pub(super) struct HighPass {
 impl HighPass {
     /// A high pass over the pixels that are `known` (1, others 0), each relative to its brightness.
     pub(super) fn new(known: Array2<f32>, brightness: ArrayView2<'_, f32>, width_px: f32) -> Self {
-        let mut inverse_share = smoothed(known.dim(), width_px, |y, out| out.copy_from_slice(row(&known, y)));
+        let mut inverse_share = smoothed(known.dim(), width_px, copy_of(&known));
         inverse_share.par_mapv_inplace(|share| 1.0 / (share + LEAST_SHARE));
         let weights = Zip::from(&known).and(brightness).par_map_collect(|known, n| known / n);
         Self { known, inverse_share, weights, width_px, rooms: Pool::new() }
@@ -63,7 +63,7 @@ impl HighPass {
             out.iter_mut().zip(row(left, y)).for_each(|(out, left)| *out = left * left);
         };
         let power = smoothed(left.dim(), width_px, squares);
-        let share = smoothed(left.dim(), width_px, |y, out| out.copy_from_slice(row(known, y)));
+        let share = smoothed(left.dim(), width_px, copy_of(known));
         Zip::from(&mut self.weights).and(&power).and(&share).par_for_each(|w, power, share| {
             *w /= (power / (share + LEAST_SHARE) + least).sqrt().max(f32::MIN_POSITIVE);
         });

@@ -21,6 +21,7 @@ mod channel;
 mod coarse;
 mod conjugate;
 mod cosines;
+mod effort;
 mod fit;
 mod flare;
 mod frame;

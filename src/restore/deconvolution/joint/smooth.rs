@@ -6,7 +6,7 @@ use std::ops::Range;
 use ndarray::{Array2, ArrayView1, ArrayViewMut2, Axis, Zip, s};
 use rayon::prelude::*;
 
-use super::frame::row;
+use super::frame::{copy_of, row};
 use super::sums::{LANES, Lanes};
 use crate::kernels::fourier::transpose;
 use crate::kernels::vectorised;
@@ -268,8 +268,7 @@ pub(super) fn local_mean_into(
     keep: impl Fn(usize, &[f32], &mut [f32]) + Sync,
 ) {
     let [rows, columns] = [plane.nrows(), plane.ncols()].map(|length| coverage(length, sigma_px));
-    let copy = |y: usize, out: &mut [f32]| out.copy_from_slice(row(plane, y));
-    smooth_into(out, sigma_px, copy, |y, smoothed, out| {
+    smooth_into(out, sigma_px, copy_of(plane), |y, smoothed, out| {
         divide(smoothed, rows[y], &columns);
         keep(y, smoothed, out);
         0.0
@@ -289,17 +288,14 @@ pub(super) fn paint(plane: &mut Array2<f32>, known: &Array2<f32>) {
     for sigma_px in PAINTING_PX {
         let Some([rows, columns]) = around(&holes, PASSES * radius_of(sigma_px)) else { return };
         let window = s![rows, columns];
-        let known = known.slice(window);
-        let seen = Zip::from(plane.slice(window)).and(known).par_map_collect(|value, known| value * known);
-        let copy = |y: usize, out: &mut [f32]| {
-            out.copy_from_slice(known.row(y).to_slice().expect("rows are contiguous"));
-        };
-        let share = smoothed(seen.dim(), sigma_px, copy);
+        let known = known.slice(window).to_owned();
+        let seen = Zip::from(plane.slice(window)).and(&known).par_map_collect(|value, known| value * known);
+        let share = smoothed(seen.dim(), sigma_px, copy_of(&known));
+        drop(known);
         let mut holes = holes.slice_mut(window);
         let is_filled = |hole: bool, share: f32| hole && share > LEAST_KNOWN;
-        let copy = |y: usize, out: &mut [f32]| out.copy_from_slice(row(&seen, y));
         let was = holes.view();
-        smooth_into(plane.slice_mut(window), sigma_px, copy, |y, light, out| {
+        smooth_into(plane.slice_mut(window), sigma_px, copy_of(&seen), |y, light, out| {
             let places = out.iter_mut().zip(light).zip(was.row(y)).zip(row(&share, y));
             for (((value, light), hole), share) in places {
                 if is_filled(*hole, *share) {
@@ -377,7 +373,7 @@ mod tests {
     use super::*;
 
     fn smooth(plane: &Array2<f32>, sigma_px: f32) -> Array2<f32> {
-        smoothed(plane.dim(), sigma_px, |y, out| out.copy_from_slice(row(plane, y)))
+        smoothed(plane.dim(), sigma_px, copy_of(plane))
     }
 
     fn plane(seed: usize) -> Array2<f32> {
