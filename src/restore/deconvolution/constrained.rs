@@ -5,7 +5,7 @@
 //! where it does not help; then conjugate gradients on the pixels that are not held at zero, which never make the
 //! objective worse.
 
-use ndarray::{Array2, ArrayView1, ArrayView2, Zip};
+use ndarray::{Array2, ArrayView1, ArrayView2, Zip, s};
 use rustfft::num_complex::Complex64;
 
 use super::objective::{Objective, sum_of_rows};
@@ -69,6 +69,23 @@ pub(super) fn restore(
     channel: usize,
     progress: &Progress,
 ) -> Result<Array2<f32>> {
+    let (height, width) = capture.dim();
+    let surrounded = restore_surrounded(capture, psf, config, channel, progress)?;
+    Ok(if surrounded.dim() == (height, width) {
+        surrounded
+    } else {
+        surrounded.slice(s![..height, ..width]).to_owned()
+    })
+}
+
+/// As [`restore`], with the light that was found around the frame, where any is unknown.
+pub(super) fn restore_surrounded(
+    capture: ArrayView2<'_, f32>,
+    psf: ArrayView2<'_, f32>,
+    config: &DeconvolutionConfig,
+    channel: usize,
+    progress: &Progress,
+) -> Result<Array2<f32>> {
     let blur = Blur::new([capture.nrows(), capture.ncols()], psf, config.border)?;
     let level = config.saturated_from(channel);
     let alpha = config.alpha;
@@ -82,7 +99,7 @@ pub(super) fn restore(
         state = iterate_fixed_point(&objective, state, &limits)?;
     }
     let state = descend(&objective, state, DARKNESS * alpha, &limits)?;
-    Ok(blur.frame_of(state.x))
+    Ok(state.x)
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "a weight in f32")]

@@ -4,11 +4,14 @@ use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
 
 use super::super::{constrained, objective};
 use super::conjugate::{Preconditioner, Room, System};
-use super::effort::{SHARP_EFFORT, known_lamp_effort, lamp_effort, reduced_effort, takes_few_steps};
+use super::effort::{
+    CLEAN_EFFORT, SHARP_EFFORT, explains_at_once, known_lamp_effort, lamp_effort, reduced_effort,
+    takes_few_steps,
+};
 use super::frame::{Blur, Frame, row};
 use super::known::{Found, Known};
 use super::lamps::{Lamps, Presumed};
-use super::noise_level::NoiseLevel;
+use super::noise_level::{NOISE_FREE, NoiseLevel};
 use super::prior::{Edges, Prior};
 use super::uncertainty::NoiseGain;
 use crate::core::error::Result;
@@ -29,9 +32,6 @@ const LOW_NOISE: f32 = 2e-3;
 
 /// Rounds and steps that explain a capture with lamps to its last digit.
 const EXACT_EFFORT: [usize; 2] = [8, 25];
-
-/// Noise below which a capture is a computed one: 70 dB, half a step of 12 bits.
-pub(super) const NOISE_FREE: f32 = 3e-4;
 
 /// The floor of |H|² in the inverse that a scene is refined from: three times as much restores the same, a tenth 0.1 dB worse.
 const REFINED_POWER: f32 = 1e-2;
@@ -75,20 +75,15 @@ impl Workspace {
 }
 
 impl<'a> Channel<'a> {
-    /// Sets a channel up. `pixels` are saturated, and `found` is their light, if there are any; `noise` is that of the capture, if it
-    /// has been estimated.
+    /// Sets a channel up. `pixels` are saturated, and `found` is their light, if there are any; `noise` is that of the capture.
     pub(super) fn new(
         frame: &'a Frame,
         known: Known<'a>,
-        (pixels, found, noise): (Array2<bool>, Option<Found>, Option<NoiseLevel>),
+        (pixels, found, noise): (Array2<bool>, Option<Found>, NoiseLevel),
         progress: &Progress,
     ) -> Result<Self> {
         progress.check()?;
         let Known { capture, psf, channel, config, is_interpolated, .. } = known;
-        let noise = match noise {
-            Some(noise) => noise,
-            None => known.noise_level(&frame.blur(psf)?),
-        };
         if let Some(Found { light, mut brightness }) = found {
             let is_computed = noise.middle() <= NOISE_FREE && !frame.has_surrounding();
             let is_interpolated = is_interpolated && !is_computed;
@@ -122,7 +117,10 @@ impl<'a> Channel<'a> {
         let blur = frame.blur(psf)?;
         let mut scene = match (noise.middle() <= NOISE_FREE, frame.has_surrounding()) {
             (true, false) => constrained::restore(capture, psf, config, channel, progress)?,
-            (true, true) => surrounded.mapv_into(|light| light.max(0.0)),
+            (true, true) if known.is_reduced || explains_at_once(frame.transform_samples()) => {
+                surrounded.mapv_into(|light| light.max(0.0))
+            }
+            (true, true) => constrained::restore_surrounded(capture, psf, config, channel, progress)?,
             (false, _) => blur.first_inverse(&surrounded, &brightness, first_smoothness(&noise)),
         };
         if noise.middle() > NOISE_FREE {
@@ -157,7 +155,7 @@ impl<'a> Channel<'a> {
             }
             true => lamp_effort(self.frame.transform_samples()),
             false if sigma <= NOISE_FREE && !self.frame.has_surrounding() => [0, 0],
-            false if sigma <= NOISE_FREE => [3, 10],
+            false if sigma <= NOISE_FREE => CLEAN_EFFORT,
             false if sigma < LOW_NOISE => [3, 8],
             false if self.frame.transform_samples() <= SWIFT_SAMPLES => [3, 2],
             false => [2, 1],
@@ -221,7 +219,11 @@ impl<'a> Channel<'a> {
         blur.apply(&self.scene, room.image());
         self.write_weights(room.image(), weights);
         let is_careful = self.lamps.is_none() && !self.is_noisy();
-        let diagonal = is_careful.then(|| self.inverse_majoriser(&blur, weights));
+        let framed = is_careful.then(|| {
+            let mut brightness = self.brightness.clone();
+            self.frame.clear_surrounding(&mut brightness);
+            (brightness, self.inverse_majoriser(&blur, weights))
+        });
         let lamps = match &self.lamps {
             Some(lamps) => {
                 let presumed = 4.0 * edges.mean() * self.smoothness();
@@ -258,8 +260,8 @@ impl<'a> Channel<'a> {
                 lamps: self.lamps.as_ref().and_then(|lamps| lamps.modest(&self.brightness)),
             },
             told: self.told.as_ref(),
-            preconditioner: match &diagonal {
-                Some(inverse) => Preconditioner::Diagonal(inverse),
+            preconditioner: match &framed {
+                Some((brightness, around)) => Preconditioner::Framed { brightness, around },
                 None => {
                     let lamps = lamps.as_ref().map(|(pixels, inverse)| (*pixels, inverse));
                     Preconditioner::Convolution { brightness: &self.brightness, lamps }

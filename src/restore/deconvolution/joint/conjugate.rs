@@ -5,7 +5,7 @@ use ndarray::{Array2, ArrayView2, Zip};
 use super::frame::{Blur, Frame, row};
 use super::members::{OfMembers, members};
 use super::prior::Prior;
-use super::sums::{add_scaled, dot, inner};
+use super::sums::{add_scaled, dot};
 use crate::core::error::Result;
 use crate::core::fft::Damping;
 use crate::core::progress::Progress;
@@ -37,8 +37,8 @@ pub(super) enum Preconditioner<'a> {
         /// The pixels of lamps, of the frame's size, and the inverse of the diagonal there.
         lamps: Option<(&'a Array2<bool>, &'a OfMembers)>,
     },
-    /// The inverse of a diagonal: pixels that are hardly seen hardly change.
-    Diagonal(&'a Array2<f32>),
+    /// The same within the frame, D zero around it, and numbers around it: light of which the frame sees the flare alone.
+    Framed { brightness: &'a Array2<f32>, around: &'a Array2<f32> },
 }
 
 /// Planes that are written over in each step.
@@ -141,22 +141,27 @@ impl System<'_> {
     /// Writes P times the gradient to `turned`; returns their inner product.
     fn precondition(&self, room: &mut Room, held: &Array2<bool>) -> f64 {
         let Room { gradient, turned, .. } = room;
-        let (brightness, lamps) = match self.preconditioner {
-            Preconditioner::Convolution { brightness, lamps } => (brightness, lamps),
-            Preconditioner::Diagonal(inverse) => {
-                Zip::from(&mut *turned).and(&*gradient).and(inverse).par_for_each(|z, g, p| *z = p * g);
-                return inner(gradient, turned);
-            }
-        };
         let smoothness = self.prior.weight * self.prior.edges.mean();
         let damping = Damping { smoothness, floor: LEAST_POWER };
         let gradient = &*gradient;
-        let turn = |y: usize, filtered: &[f32], out: &mut [f32]| {
-            let lamps = lamps.filter(|(pixels, _)| y < pixels.nrows());
-            let lamps = lamps.map(|(pixels, inverse)| (row(pixels, y), inverse.row(y)));
-            turn(out, [filtered, row(gradient, y), row(brightness, y)], row(held, y), lamps)
-        };
-        self.blur.invert_normal_into((gradient, brightness), damping, (turned, turn))
+        match self.preconditioner {
+            Preconditioner::Convolution { brightness, lamps } => {
+                let turn = |y: usize, filtered: &[f32], out: &mut [f32]| {
+                    let lamps = lamps.filter(|(pixels, _)| y < pixels.nrows());
+                    let lamps = lamps.map(|(pixels, inverse)| (row(pixels, y), inverse.row(y)));
+                    turn(out, [filtered, row(gradient, y), row(brightness, y)], row(held, y), lamps)
+                };
+                self.blur.invert_normal_into((gradient, brightness), damping, (turned, turn))
+            }
+            Preconditioner::Framed { brightness, around } => {
+                let (height, width) = self.capture.dim();
+                let turn = |y: usize, filtered: &[f32], out: &mut [f32]| {
+                    let parts = [filtered, row(gradient, y), row(brightness, y), row(around, y)];
+                    turn_framed(out, parts, row(held, y), if y < height { width } else { 0 })
+                };
+                self.blur.invert_normal_into((gradient, brightness), damping, (turned, turn))
+            }
+        }
     }
 }
 
@@ -189,6 +194,21 @@ vectorised! {
         if let Some((pixels, inverse)) = lamps {
             members(pixels).zip(inverse).for_each(|(x, p)| out[x] += p * gradient[x]);
         }
+        dot(out, gradient)
+    }
+}
+
+vectorised! {
+    /// Writes a row of what the preconditioner makes of the gradient, of which `width` pixels are of the frame: these from the `filtered`
+    /// one, and others by their numbers; returns its part of their inner product.
+    fn turn_framed<'a>(out: &'a mut [f32], from: [&'a [f32]; 4], held: &'a [bool], width: usize) -> f64 {
+        let [filtered, gradient, brightness, around] = from;
+        let (frame, beyond) = out.split_at_mut(width);
+        let of_frame = frame.iter_mut().zip(filtered).zip(brightness).zip(held);
+        of_frame.for_each(|(((z, filtered), d), held)| *z = if *held { 0.0 } else { filtered * d });
+        // The gradient is zero at pixels that are held.
+        let of_beyond = beyond.iter_mut().zip(&gradient[width..]).zip(&around[width..]);
+        of_beyond.for_each(|((z, g), p)| *z = p * g);
         dot(out, gradient)
     }
 }

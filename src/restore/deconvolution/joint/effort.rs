@@ -31,6 +31,18 @@ const REDUCED_WORK: usize = 11_000_000;
 /// Steps that a round takes at least.
 const LEAST_STEPS: usize = 3;
 
+/// Samples of a transform up to which captures without noise and lamps begin from what [`constrained`](super::super::constrained)
+/// makes of them.
+const CAREFUL_SAMPLES: usize = 600_000;
+
+/// Rounds and steps for a capture without noise and lamps, with light from outside.
+pub(super) const CLEAN_EFFORT: [usize; 2] = [2, 2];
+
+/// Whether a capture without noise is so large that it is explained from the blurred scene, in few steps.
+pub(super) fn explains_at_once(samples: usize) -> bool {
+    samples > CAREFUL_SAMPLES
+}
+
 /// Whether a capture is so large that it is given rounds of one step, from a first scene that is sharp.
 pub(super) fn takes_few_steps(samples: usize) -> bool {
     samples > FEW_STEPS_SAMPLES

@@ -75,6 +75,13 @@ impl Frame {
         border::extend(frame, self.plane_size(), Border::Smooth)
     }
 
+    /// Sets what lies around the frame to zero.
+    pub(super) fn clear_surrounding(&self, plane: &mut Array2<f32>) {
+        let [height, width] = self.size;
+        plane.slice_mut(s![height.., ..]).fill(0.0);
+        plane.slice_mut(s![..height, width..]).fill(0.0);
+    }
+
     /// Takes light around the frame down to what three quarters of the frame are darker than.
     ///
     /// For captures with lamps that have no noise: haze that is mirrored there, up to three times the light that there is, goes slowly

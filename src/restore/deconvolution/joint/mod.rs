@@ -48,12 +48,12 @@ use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
-use channel::{Channel, NOISE_FREE, Workspace};
+use channel::{Channel, Workspace};
 use coarse::Half;
 use frame::Frame;
 use interpolation::is_interpolated;
 use known::Known;
-use noise_level::NoiseLevel;
+use noise_level::{NOISE_FREE, NoiseLevel};
 use prior::{Edges, InverseBrightness};
 use refine::{Pilot, Refined, refine};
 
@@ -191,10 +191,7 @@ impl<'a> Given<'a> {
 
     fn start(self, frame: &'a Frame, progress: &Progress) -> Result<Colors<'a>> {
         let noise = self.noise_levels(frame)?;
-        let coarse = match &noise {
-            Some(noise) => self.coarse_scene(frame, noise, progress)?,
-            None => None,
-        };
+        let coarse = self.coarse_scene(frame, &noise, progress)?;
         let known: Vec<_> = (0..CHANNELS).map(|channel| self.known(channel)).collect();
         let find_light = |channel: usize| {
             let coarse = coarse.as_ref().map(|scene| scene.index_axis(Axis(0), channel));
@@ -208,12 +205,12 @@ impl<'a> Given<'a> {
             false => (0..CHANNELS).map(find_light).collect(),
         };
         drop(coarse);
-        let mut noise = noise.into_iter().flatten();
         let given: Vec<_> = known
             .iter()
             .zip(self.saturated)
             .zip(found?)
-            .map(|((known, saturated), found)| (*known, (saturated, found, noise.next())))
+            .zip(noise)
+            .map(|(((known, saturated), found), noise)| (*known, (saturated, found, noise)))
             .collect();
         let channel = |(known, found)| Channel::new(frame, known, found, progress);
         let channels: Result<_> = match is_reduced {
@@ -223,19 +220,20 @@ impl<'a> Given<'a> {
         Ok(Colors { frame, channels: channels?, edges: Edges::unknown() })
     }
 
-    /// The noise of all channels, if there are lamps.
-    fn noise_levels(&self, frame: &Frame) -> Result<Option<Vec<NoiseLevel>>> {
-        if !self.saturated.iter().flatten().any(|saturated| *saturated) {
-            return Ok(None);
-        }
+    /// The noise of all channels.
+    fn noise_levels(&self, frame: &Frame) -> Result<Vec<NoiseLevel>> {
         if let Some(noise) = self.noise {
-            return Ok(Some(noise.to_vec()));
+            return Ok(noise.to_vec());
         }
         let of_channel = |channel| {
             let known = self.known(channel);
             Ok(known.noise_level(&frame.blur(known.psf)?))
         };
-        (0..CHANNELS).map(of_channel).collect::<Result<_>>().map(Some)
+        let mut levels: Vec<_> = (0..CHANNELS).map(of_channel).collect::<Result<_>>()?;
+        if self.config.noise.is_none() {
+            NoiseLevel::agree(&mut levels);
+        }
+        Ok(levels)
     }
 
     /// The scene in the frame at half the resolution, `[3, ⌈height/2⌉, ⌈width/2⌉]`, of a capture that is large, or of which much
@@ -246,12 +244,13 @@ impl<'a> Given<'a> {
         noise: &[NoiseLevel],
         progress: &Progress,
     ) -> Result<Option<Array3<f32>>> {
-        let much_is_clipped = |channel: usize| {
-            let saturated = &self.saturated[channel];
+        let clipped = |saturated: &Array2<bool>| {
             let clipped = saturated.iter().filter(|saturated| **saturated).count();
-            clipped as f64 >= LEAST_CLIPPED * saturated.len() as f64
+            clipped as f64 / saturated.len() as f64
         };
-        if !lamps::is_large(frame) && !(0..CHANNELS).any(much_is_clipped) {
+        let clipped = self.saturated.iter().map(clipped).fold(0.0, f64::max);
+        let least = if lamps::is_large(frame) { f64::MIN_POSITIVE } else { LEAST_CLIPPED };
+        if clipped < least {
             return Ok(None);
         }
         let Some(half) = Half::of(self.image, self.psf, &self.saturated)? else { return Ok(None) };

@@ -22,11 +22,16 @@ const STRIP_ROWS: usize = 16;
 /// Standard deviation below which a capture counts as free of noise: 80 dB below one half of φ.
 const LEAST: f32 = 1e-4;
 
+/// Noise below which a capture is a computed one: 70 dB, half a step of 12 bits.
+pub(crate) const NOISE_FREE: f32 = 3e-4;
+
 /// The standard deviation of the noise of `log(y + α)` by the capture's brightness.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct NoiseLevel {
     /// `ln(y + α)` and the deviation there, from dark to bright.
     knots: Vec<(f32, f32)>,
+    /// That of all pixels as one class.
+    overall: f32,
 }
 
 impl NoiseLevel {
@@ -50,23 +55,39 @@ impl NoiseLevel {
                 });
             }
         }
-        let knots = limits.iter().zip(classes).filter(|(_, details)| details[0].len() >= LEAST_PIXELS);
-        let mut knots: Vec<(f32, f32)> = knots
-            .map(|((middle, _), mut details)| {
-                let variance = |details: &mut Vec<f32>| {
-                    median(details).map_or(0.0, |m| (f64::from(m) / MEDIAN_OF_NORMAL).powi(2))
-                };
-                let details: [Detail; 3] = std::array::from_fn(|band| Detail {
-                    variance: variance(&mut details[band]),
-                    left: left[band],
-                });
-                (*middle, narrow(of_details(details)).max(LEAST))
-            })
+        let told: Vec<_> =
+            limits.iter().zip(classes).filter(|(_, details)| details[0].len() >= LEAST_PIXELS).collect();
+        let mut all: [Vec<f32>; 3] = std::array::from_fn(|band| {
+            told.iter().flat_map(|(_, details)| &details[band]).copied().collect()
+        });
+        let overall = deviation(&mut all, left);
+        let mut knots: Vec<_> = told
+            .into_iter()
+            .map(|((middle, _), mut details)| (*middle, deviation(&mut details, left)))
             .collect();
         if knots.is_empty() {
             knots.push((0.0, LEAST));
         }
-        Self { knots: steadied(knots) }
+        Self { knots: steadied(knots), overall }
+    }
+
+    /// Lets the channels of a capture agree whether there is noise: one sensor took them all, and detail passes for noise in one of them,
+    /// as does noise for detail.
+    ///
+    /// There is some where all pixels of a channel show it together. A channel that shows none is given its own of all pixels, or
+    /// as much as another has at least.
+    pub(crate) fn agree(channels: &mut [Self]) {
+        let noise = channels.iter().map(|channel| channel.overall).filter(|noise| *noise > NOISE_FREE);
+        let others = noise.reduce(f32::min);
+        for channel in channels {
+            let noise = match others {
+                Some(_) if channel.middle() > NOISE_FREE => continue,
+                Some(_) if channel.overall > NOISE_FREE => channel.overall,
+                Some(others) => others,
+                None => LEAST,
+            };
+            *channel = Self { knots: vec![(0.0, noise)], overall: noise };
+        }
     }
 
     /// The noise of one channel where the standard deviation of its light is known, at the brightness that the capture has.
@@ -80,7 +101,8 @@ impl NoiseLevel {
             (middle, (deviation((brightness - alpha).max(0.0)) / brightness).max(LEAST))
         };
         let limits = limits_of_classes(&logarithms(capture, alpha), saturated_from);
-        Self { knots: limits.into_iter().map(of_class).collect() }
+        let knots: Vec<_> = limits.into_iter().map(of_class).collect();
+        Self { overall: knots[knots.len() / 2].1, knots }
     }
 
     /// The deviation at a brightness, `y + α`.
@@ -104,6 +126,16 @@ impl NoiseLevel {
 
 /// The median of the modulus of a standard normal variable.
 const MEDIAN_OF_NORMAL: f64 = 0.6745;
+
+/// The deviation of the noise of pixels that have these details, which are put in another order, in each band.
+fn deviation(details: &mut [Vec<f32>; 3], left: [f64; 3]) -> f32 {
+    let variance = |details: &mut Vec<f32>| {
+        median(details).map_or(0.0, |median| (f64::from(median) / MEDIAN_OF_NORMAL).powi(2))
+    };
+    let details =
+        std::array::from_fn(|band| Detail { variance: variance(&mut details[band]), left: left[band] });
+    narrow(of_details(details)).max(LEAST)
+}
 
 /// The strips that noise is estimated from, with `ln(y + α)`.
 fn logarithms(capture: ArrayView2<'_, f32>, alpha: f32) -> Vec<(ArrayView2<'_, f32>, Array2<f32>)> {
