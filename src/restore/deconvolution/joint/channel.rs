@@ -5,7 +5,7 @@ use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
 use super::super::{constrained, objective};
 use super::conjugate::{Preconditioner, Room, System};
 use super::effort::{
-    CLEAN_EFFORT, SHARP_EFFORT, explains_at_once, known_lamp_effort, lamp_effort, reduced_effort,
+    SHARP_EFFORT, clean_effort, is_explained_first, known_lamp_effort, lamp_effort, reduced_effort,
     takes_few_steps,
 };
 use super::frame::{Blur, Frame, row};
@@ -114,18 +114,18 @@ impl<'a> Channel<'a> {
         }
         let surrounded = frame.surround(capture);
         let brightness = known.brightness(&surrounded);
-        let blur = frame.blur(psf)?;
-        let mut scene = match (noise.middle() <= NOISE_FREE, frame.has_surrounding()) {
-            (true, false) => constrained::restore(capture, psf, config, channel, progress)?,
-            (true, true) if known.is_reduced || explains_at_once(frame.transform_samples()) => {
-                surrounded.mapv_into(|light| light.max(0.0))
-            }
-            (true, true) => constrained::restore_surrounded(capture, psf, config, channel, progress)?,
-            (false, _) => blur.first_inverse(&surrounded, &brightness, first_smoothness(&noise)),
-        };
-        if noise.middle() > NOISE_FREE {
+        let is_explained =
+            !frame.has_surrounding() || !known.is_reduced && is_explained_first(frame.transform_samples());
+        let scene = if noise.middle() <= NOISE_FREE && is_explained {
+            constrained::restore_surrounded(capture, psf, config, channel, progress)?
+        } else {
+            let mut scene = match noise.middle() <= NOISE_FREE {
+                true => surrounded.mapv_into(|light| light.max(0.0)),
+                false => frame.blur(psf)?.first_inverse(&surrounded, &brightness, first_smoothness(&noise)),
+            };
             frame.cap_by_border(&mut scene);
-        }
+            scene
+        };
         Ok(Self {
             frame,
             known,
@@ -155,7 +155,7 @@ impl<'a> Channel<'a> {
             }
             true => lamp_effort(self.frame.transform_samples()),
             false if sigma <= NOISE_FREE && !self.frame.has_surrounding() => [0, 0],
-            false if sigma <= NOISE_FREE => CLEAN_EFFORT,
+            false if sigma <= NOISE_FREE => clean_effort(self.frame.transform_samples()),
             false if sigma < LOW_NOISE => [3, 8],
             false if self.frame.transform_samples() <= SWIFT_SAMPLES => [3, 2],
             false => [2, 1],
@@ -271,11 +271,11 @@ impl<'a> Channel<'a> {
         system.descend(&mut self.scene, steps, (room, progress))
     }
 
-    /// The inverse of a diagonal that is nowhere less curved than the least squares.
+    /// The inverse of a diagonal that is nowhere less curved than the least squares, for light around the frame.
     ///
-    /// Where there is no noise and light around the frame is unknown, steps along it leave that light as it was presumed for longer
-    /// than those along an inverse of the convolution, which throw all into it that the scene does not explain yet: 0.7 dB on
-    /// average over twelve views, 4 dB with lamps just outside of the frame.
+    /// Steps along an inverse of the convolution throw all into that light that the scene does not explain yet, 4 dB with lamps just
+    /// outside of the frame; within it they tell in three steps what steps along the diagonal do in thirty: two photographs of 8
+    /// megapixels have 47.7 dB after three so, and 46.0 after three rounds of ten along the diagonal everywhere.
     ///
     /// # Equation
     /// `x̂/(AᵀW A x̂)` with the capture for x̂ (De Pierro 1995), as [`constrained`] has it.

@@ -31,16 +31,24 @@ const REDUCED_WORK: usize = 11_000_000;
 /// Steps that a round takes at least.
 const LEAST_STEPS: usize = 3;
 
-/// Samples of a transform up to which captures without noise and lamps begin from what [`constrained`](super::super::constrained)
-/// makes of them.
-const CAREFUL_SAMPLES: usize = 600_000;
+/// Samples of a transform up to which captures without noise and lamps, with light from outside, begin from what
+/// [`constrained`](super::super::constrained) makes of them: how much of the light it takes to come from outside is then kept, and none
+/// of 60 is restored worse than by it. Its many steps take three times as long as all of the restoration of 800 × 800 pixels,
+/// where twelve captures from the blurred scene have 43.9 dB, and 42.1 by it alone.
+const EXPLAINED_SAMPLES: usize = 600_000;
+
+/// Rounds and steps for such captures, up to so many samples and above.
+const CLEAN_EFFORTS: [[usize; 2]; 2] = [[2, 2], [1, 3]];
+
+/// Whether a capture without noise is explained by many steps first.
+pub(super) fn is_explained_first(samples: usize) -> bool {
+    samples <= EXPLAINED_SAMPLES
+}
 
 /// Rounds and steps for a capture without noise and lamps, with light from outside.
-pub(super) const CLEAN_EFFORT: [usize; 2] = [2, 2];
-
-/// Whether a capture without noise is so large that it is explained from the blurred scene, in few steps.
-pub(super) fn explains_at_once(samples: usize) -> bool {
-    samples > CAREFUL_SAMPLES
+pub(super) fn clean_effort(samples: usize) -> [usize; 2] {
+    let [careful, swift] = CLEAN_EFFORTS;
+    if is_explained_first(samples) { careful } else { swift }
 }
 
 /// Whether a capture is so large that it is given rounds of one step, from a first scene that is sharp.

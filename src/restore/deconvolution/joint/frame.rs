@@ -103,7 +103,7 @@ impl Frame {
     /// What goes on smoothly around a capture is mirrored there: a window a few pixels before the border shines from beyond it too,
     /// and what the rows between owe to its haze is taken away twice. Steps mend that slowly. Of 128 views 58 have no lamps: these
     /// are restored 0.9 dB better on average, four of them 3 to 13 dB, and none more than 0.2 dB worse; those with lamps 0.02 dB
-    /// better. Where there is no noise, steps go far enough by themselves, and pages and skies lose 0.3 to 1 dB by it.
+    /// better. Of twelve captures of 800 × 800 pixels without noise a page gains 7 dB, and two of three views of foliage lose 0.4 to 0.9.
     pub(super) fn cap_by_border(&self, plane: &mut Array2<f32>) {
         let [height, width] = self.size;
         if plane.dim() == (height, width) || height == 0 || width == 0 {
