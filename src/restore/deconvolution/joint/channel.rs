@@ -216,14 +216,16 @@ impl<'a> Channel<'a> {
         }
         let Workspace { room, weights, inverse_brightness } = workspace;
         let mut blur = self.frame.blur(self.known.psf)?;
-        blur.apply(&self.scene, room.image());
-        self.write_weights(room.image(), weights);
-        let is_careful = self.lamps.is_none() && !self.is_noisy();
-        let framed = is_careful.then(|| {
-            let mut brightness = self.brightness.clone();
-            self.frame.clear_surrounding(&mut brightness);
-            (brightness, self.inverse_majoriser(&blur, weights))
+        let is_clean = self.lamps.is_none() && !self.is_noisy();
+        let around = is_clean.then(|| {
+            // Without lamps they are those of any scene.
+            self.write_weights(room.image(), weights);
+            self.inverse_majoriser(&blur, weights, room)
         });
+        blur.apply(&self.scene, room.image());
+        if !is_clean {
+            self.write_weights(room.image(), weights);
+        }
         let lamps = match &self.lamps {
             Some(lamps) => {
                 let presumed = 4.0 * edges.mean() * self.smoothness();
@@ -260,8 +262,8 @@ impl<'a> Channel<'a> {
                 lamps: self.lamps.as_ref().and_then(|lamps| lamps.modest(&self.brightness)),
             },
             told: self.told.as_ref(),
-            preconditioner: match &framed {
-                Some((brightness, around)) => Preconditioner::Framed { brightness, around },
+            preconditioner: match &around {
+                Some(around) => Preconditioner::Framed { brightness: &self.brightness, around },
                 None => {
                     let lamps = lamps.as_ref().map(|(pixels, inverse)| (*pixels, inverse));
                     Preconditioner::Convolution { brightness: &self.brightness, lamps }
@@ -279,15 +281,15 @@ impl<'a> Channel<'a> {
     ///
     /// # Equation
     /// `x̂/(AᵀW A x̂)` with the capture for x̂ (De Pierro 1995), as [`constrained`] has it.
-    fn inverse_majoriser(&self, blur: &Blur<'_>, weights: &Array2<f32>) -> Array2<f32> {
+    fn inverse_majoriser(&self, blur: &Blur<'_>, weights: &Array2<f32>, room: &mut Room) -> Array2<f32> {
         let alpha = self.known.config.alpha;
         let mut reference = self.frame.surround(self.known.capture);
         reference.par_mapv_inplace(|y| y.max(0.0) + constrained::DARKNESS * alpha);
-        let mut image = Array2::zeros(self.frame.size());
-        blur.apply(&reference, &mut image);
-        image *= weights;
+        let image = room.image();
+        blur.apply(&reference, image);
+        Zip::from(&mut *image).and(weights).par_for_each(|image, weight| *image *= weight);
         let mut inverse = self.frame.plane();
-        blur.transpose(&image, &mut inverse);
+        blur.transpose(image, &mut inverse);
         Zip::from(&mut inverse).and(&reference).par_for_each(|inverse, reference| {
             let unseen = objective::UNSEEN / (reference + alpha).powi(2);
             *inverse = 1.0 / (*inverse / reference).max(unseen);

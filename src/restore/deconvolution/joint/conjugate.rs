@@ -37,7 +37,7 @@ pub(super) enum Preconditioner<'a> {
         /// The pixels of lamps, of the frame's size, and the inverse of the diagonal there.
         lamps: Option<(&'a Array2<bool>, &'a OfMembers)>,
     },
-    /// The same within the frame, D zero around it, and numbers around it: light of which the frame sees the flare alone.
+    /// The same within the frame, without lamps, and numbers around it: light of which the frame sees the flare alone.
     Framed { brightness: &'a Array2<f32>, around: &'a Array2<f32> },
 }
 
@@ -151,17 +151,33 @@ impl System<'_> {
                     let lamps = lamps.map(|(pixels, inverse)| (row(pixels, y), inverse.row(y)));
                     turn(out, [filtered, row(gradient, y), row(brightness, y)], row(held, y), lamps)
                 };
-                self.blur.invert_normal_into((gradient, brightness), damping, (turned, turn))
+                let weigh = |y: usize, samples: &mut [f32]| {
+                    multiply(samples, row(gradient, y), row(brightness, y));
+                };
+                self.blur.invert_normal_into(weigh, damping, (turned, turn))
             }
             Preconditioner::Framed { brightness, around } => {
                 let (height, width) = self.capture.dim();
+                let of_frame = |y: usize| if y < height { width } else { 0 };
                 let turn = |y: usize, filtered: &[f32], out: &mut [f32]| {
                     let parts = [filtered, row(gradient, y), row(brightness, y), row(around, y)];
-                    turn_framed(out, parts, row(held, y), if y < height { width } else { 0 })
+                    turn_framed(out, parts, row(held, y), of_frame(y))
                 };
-                self.blur.invert_normal_into((gradient, brightness), damping, (turned, turn))
+                let weigh = |y: usize, samples: &mut [f32]| {
+                    let (frame, beyond) = samples.split_at_mut(of_frame(y));
+                    multiply(frame, row(gradient, y), row(brightness, y));
+                    beyond.fill(0.0);
+                };
+                self.blur.invert_normal_into(weigh, damping, (turned, turn))
             }
         }
+    }
+}
+
+vectorised! {
+    /// Writes the products of two rows, as many as there is place for.
+    fn multiply<'a>(out: &'a mut [f32], a: &'a [f32], b: &'a [f32]) -> () {
+        out.iter_mut().zip(a).zip(b).for_each(|((out, a), b)| *out = a * b);
     }
 }
 

@@ -75,13 +75,6 @@ impl Frame {
         border::extend(frame, self.plane_size(), Border::Smooth)
     }
 
-    /// Sets what lies around the frame to zero.
-    pub(super) fn clear_surrounding(&self, plane: &mut Array2<f32>) {
-        let [height, width] = self.size;
-        plane.slice_mut(s![height.., ..]).fill(0.0);
-        plane.slice_mut(s![..height, width..]).fill(0.0);
-    }
-
     /// Takes light around the frame down to what three quarters of the frame are darker than.
     ///
     /// For captures with lamps that have no noise: haze that is mirrored there, up to three times the light that there is, goes slowly
@@ -244,17 +237,15 @@ impl Blur<'_> {
         self.frame.operator.band_means(&self.otf, of, bands)
     }
 
-    /// The inverse of AᵀA and a damping, of w·x, with what takes rows to their places.
+    /// The inverse of AᵀA and a damping, of a plane whose rows are filled in, with what takes rows to their places.
     pub(super) fn invert_normal_into(
         &self,
-        (x, weights): (&Array2<f32>, &Array2<f32>),
+        fill: impl Fn(usize, &mut [f32]) + Sync,
         damping: Damping,
         into: (&mut Array2<f32>, impl Fn(usize, &[f32], &mut [f32]) -> f64 + Sync),
     ) -> f64 {
-        let fill = |y: usize, samples: &mut [f32]| {
-            samples.iter_mut().zip(row(x, y)).zip(row(weights, y)).for_each(|((out, x), w)| *out = x * w);
-        };
-        self.frame.operator.filter(&self.otf, Response::NormalInverse(damping), (x.nrows(), fill), into)
+        let rows = self.frame.plane_size()[0];
+        self.frame.operator.filter(&self.otf, Response::NormalInverse(damping), (rows, fill), into)
     }
 }
 

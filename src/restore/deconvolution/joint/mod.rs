@@ -112,7 +112,10 @@ pub(super) fn solve(
     let relative_noise = std::array::from_fn(|channel| colors.channels[channel].relative_noise());
     let (scene, deviation) = match colors.refined(progress)? {
         Some(Refined { scene, deviation }) => (scene, deviation),
-        None => (colors.scene(), colors.deviation()?),
+        None => {
+            let deviation = colors.deviation()?;
+            (colors.scene(), deviation)
+        }
     };
     let is_noisy = colors.channels.iter().any(Channel::is_noisy);
     let is_measured =
@@ -368,18 +371,25 @@ impl<'a> Colors<'a> {
         if !self.channels.iter().any(Channel::is_noisy) {
             return Ok(None);
         }
-        // Their planes make room.
+        self.settle();
         self.edges = Edges::unknown();
-        self.channels.iter_mut().for_each(Channel::settle);
         refine(self.frame, &mut self.channels, Pilot::Estimate, progress).map(Some)
     }
 
-    fn deviation(&self) -> Result<Array3<f32>> {
+    /// Lets planes make room that only the search for the scene needs.
+    fn settle(&mut self) {
+        self.channels.iter_mut().for_each(Channel::settle);
+    }
+
+    /// The standard deviation of the scene's error where there is no noise, after all else has been asked of the edges.
+    fn deviation(&mut self) -> Result<Array3<f32>> {
+        self.settle();
         let [height, width] = self.frame.size();
         let mut deviation = Array3::zeros((CHANNELS, height, width));
         for (channel, mut out) in self.channels.iter().zip(deviation.axis_iter_mut(Axis(0))) {
             out.assign(&channel.deviation(&self.edges)?);
         }
+        self.edges = Edges::unknown();
         Ok(deviation)
     }
 
@@ -393,10 +403,11 @@ impl<'a> Colors<'a> {
     }
 
     /// What a scene leaves of the capture; the light around it stays as it was found.
-    fn residual(mut self, scene: &Array3<f32>) -> Result<Array3<f32>> {
+    fn residual(self, scene: &Array3<f32>) -> Result<Array3<f32>> {
         let mut residual = Array3::zeros(scene.dim());
         let mut image = Array2::zeros(self.frame.size());
-        for (index, channel) in self.channels.iter_mut().enumerate() {
+        // Each channel's planes go before the next residual comes.
+        for (index, mut channel) in self.channels.into_iter().enumerate() {
             self.frame.cut_mut(&mut channel.scene).assign(&scene.index_axis(Axis(0), index));
             channel.write_residual(&mut image, residual.index_axis_mut(Axis(0), index))?;
         }
