@@ -115,12 +115,25 @@ pub fn without_lamps_outside(
     for _ in 0..MOST_LAMPS {
         let full = View::new(relieved.as_ref().map_or(image, |relieved| &relieved.image), psf, config);
         let Some(measured) = full.measure(config.alpha, progress)? else { break };
-        let (image, lamp) = (full.without(&full.flare(&measured)?, config)?, full.lamp(&measured));
+        let lamp = full.lamp(&measured);
+        if !would_saturate(&lamp, psf, config) {
+            break;
+        }
+        let image = full.without(&full.flare(&measured)?, config)?;
         let mut lamps = relieved.map_or_else(Vec::new, |relieved| relieved.lamps);
         lamps.push(lamp);
         relieved = Some(Relieved { image, lamps });
     }
     Ok(relieved)
+}
+
+/// Whether a lamp would saturate a pixel of the frame: dimmer light is found by any deconvolution as light around the frame, while what
+/// takes its flare away leaves more than it takes.
+fn would_saturate(lamp: &LampOutside, psf: &Psf, config: &DeconvolutionConfig) -> bool {
+    lamp.light.iter().enumerate().any(|(channel, light)| {
+        let most = psf.channel(channel).iter().copied().fold(0.0, f32::max);
+        light * f64::from(most) >= f64::from(config.saturation[channel])
+    })
 }
 
 /// A channel of a capture.
