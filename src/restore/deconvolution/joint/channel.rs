@@ -302,12 +302,6 @@ impl<'a> Channel<'a> {
         self.noise.middle() > NOISE_FREE
     }
 
-    /// What [`constrained`] makes of the channel.
-    pub(super) fn constrained_scene(&self, progress: &Progress) -> Result<Array2<f32>> {
-        let Known { capture, psf, channel, config, .. } = self.known;
-        constrained::restore_surrounded(capture, psf, config, channel, progress)
-    }
-
     /// The pixels that are saturated.
     pub(super) fn is_saturated(&self, place: [usize; 2]) -> bool {
         self.known.capture[place] >= saturated_from(self.known.level())

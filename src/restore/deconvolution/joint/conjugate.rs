@@ -270,4 +270,41 @@ mod tests {
         let worst = x.iter().zip(&truth).map(|(x, truth)| (x - truth).abs()).fold(0.0, f32::max);
         assert!(worst < 1e-3, "{worst}");
     }
+
+    /// Three steps explain a capture in which light from around the frame is seen, and look for that light too.
+    #[test]
+    fn light_around_a_frame_is_found_with_the_scene() {
+        let psf = panel_psf(13);
+        let frame = Frame::new([30, 33], [13, 13], Border::Smooth, TransformPrecision::Double);
+        let blur = frame.blur(psf.view()).unwrap();
+        let truth = Array2::from_shape_fn(frame.plane_size(), |(y, x)| 1.0 + ((y * 7 + x * 3) % 5) as f32);
+        let mut capture = Array2::zeros(frame.size());
+        blur.apply(&truth, &mut capture);
+        let ones = Array2::ones(frame.plane_size());
+        let weights = Array2::ones(frame.size());
+        let edges = Edges::unknown();
+        let system = System {
+            blur: &blur,
+            capture: capture.view(),
+            weights: &weights,
+            prior: Prior { weight: 0.0, edges: &edges, inverse_brightness: &ones, lamps: None },
+            told: None,
+            preconditioner: Preconditioner::Framed { brightness: &ones, around: &ones },
+        };
+        let left = |x: &Array2<f32>| {
+            let mut seen = Array2::zeros(frame.size());
+            blur.apply(x, &mut seen);
+            (&seen - &capture).mapv(|left| left * left).sum()
+        };
+        let start = frame.surround(capture.view());
+        let (mut x, mut room) = (start.clone(), Room::new(&frame));
+        blur.apply(&x, room.image());
+        system.descend(&mut x, 3, (&mut room, &Progress::default())).unwrap();
+        assert!(left(&x) < 1e-3 * left(&start), "{} of {}", left(&x), left(&start));
+        let [height, width] = frame.size();
+        let moved = (&x - &start)
+            .indexed_iter()
+            .any(|((y, x), moved)| (y >= height || x >= width) && moved.abs() > 1e-3);
+        assert!(moved);
+    }
 }

@@ -50,7 +50,6 @@ use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
 use channel::{Channel, Workspace};
 use coarse::Half;
-use effort::is_explained_first;
 use frame::Frame;
 use interpolation::is_interpolated;
 use known::Known;
@@ -60,11 +59,6 @@ use refine::{Pilot, Refined, refine};
 
 /// The share of a channel that is clipped, from which clipped light of small captures is first found at lower resolutions.
 const LEAST_CLIPPED: f64 = 5e-3;
-
-/// The part of what a scene leaves of a capture without noise, root mean square, that another may leave at most to be taken for it.
-/// Of 40 painted captures one leaves less by `constrained`, and is restored 2.9 dB better by it; of eight for which it leaves from
-/// half to all, all would be restored worse, by 1 to 5 dB.
-const CLEARLY_LESS: f64 = 0.5;
 
 /// What a capture tells of its scene.
 #[derive(Clone, Debug)]
@@ -288,9 +282,7 @@ impl<'a> Colors<'a> {
         config: &'a DeconvolutionConfig,
         progress: &Progress,
     ) -> Result<Self> {
-        let mut colors = Self::start(frame, (image, psf), config, progress)?.restore(progress)?;
-        colors.prefer_constrained(progress)?;
-        Ok(colors)
+        Self::start(frame, (image, psf), config, progress)?.restore(progress)
     }
 
     fn start(
@@ -314,43 +306,6 @@ impl<'a> Colors<'a> {
         let efforts: Vec<_> = self.channels.iter_mut().map(Channel::finish).collect();
         self.improve(&efforts, progress)?;
         Ok(self)
-    }
-
-    /// Takes what [`constrained`](super::constrained) makes of a small capture with lamps but without noise, and with light from outside,
-    /// where that leaves less than half as much of the capture: nothing else tells there that lamps and their flare were not found.
-    fn prefer_constrained(&mut self, progress: &Progress) -> Result<()> {
-        let is_asked = self.channels.iter().any(Channel::has_lamps)
-            && !self.channels.iter().any(Channel::is_noisy)
-            && self.frame.has_surrounding()
-            && is_explained_first(self.frame.transform_samples());
-        if !is_asked {
-            return Ok(());
-        }
-        let left = self.left()?;
-        let mut scenes: Vec<_> =
-            self.channels.iter().map(|channel| channel.constrained_scene(progress)).collect::<Result<_>>()?;
-        let mut swap = |channels: &mut [Channel<'_>]| {
-            channels
-                .iter_mut()
-                .zip(&mut scenes)
-                .for_each(|(channel, scene)| std::mem::swap(&mut channel.scene, scene));
-        };
-        swap(&mut self.channels);
-        if self.left()? > left * CLEARLY_LESS.powi(2) {
-            swap(&mut self.channels);
-        }
-        Ok(())
-    }
-
-    /// The sum of squares of what the scenes leave of the capture, relative to its local brightness.
-    fn left(&self) -> Result<f64> {
-        let mut image = Array2::zeros(self.frame.size());
-        let mut residual = Array2::<f32>::zeros(self.frame.size());
-        let of_channel = |channel: &Channel<'_>| {
-            channel.write_residual(&mut image, residual.view_mut())?;
-            Ok(residual.iter().map(|left| f64::from(*left).powi(2)).sum::<f64>())
-        };
-        self.channels.iter().map(of_channel).sum()
     }
 
     /// Improves the scenes of all channels, each by rounds of some steps.

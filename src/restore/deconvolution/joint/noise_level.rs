@@ -239,6 +239,20 @@ mod tests {
         assert!((photons.middle() / expected - 1.0).abs() < 0.1, "{} {expected}", photons.middle());
     }
 
+    /// Of one sensor: what a channel alone shows for noise is detail, and what it hides is noise.
+    #[test]
+    fn colours_agree_whether_there_is_noise() {
+        let level = |middle: f32, overall: f32| NoiseLevel { knots: vec![(0.0, middle)], overall };
+        let agreed = |levels: [[f32; 2]; 3]| {
+            let mut levels = levels.map(|[middle, overall]| level(middle, overall));
+            NoiseLevel::agree(&mut levels);
+            levels.map(|level| level.middle())
+        };
+        assert_eq!(agreed([[9e-3, LEAST], [1e-2, LEAST], [LEAST, LEAST]]), [LEAST; 3]);
+        assert_eq!(agreed([[0.013, 0.013], [LEAST, 0.008], [LEAST, LEAST]]), [0.013, 0.008, 0.008]);
+        assert_eq!(agreed([[0.02, 0.02], [0.03, 0.03], [0.01, LEAST]]), [0.02, 0.03, 0.01]);
+    }
+
     #[test]
     fn nothing_known_is_no_noise() {
         let full = Array2::from_elem((30, 30), 20.0);

@@ -1,3 +1,5 @@
+mod clean;
+
 use super::*;
 use crate::core::rng;
 use crate::core::tone::ToneCurve;
@@ -112,36 +114,6 @@ fn hazy_psf(side: usize) -> Array2<f32> {
     of(0.5) * 0.67 + of(8.0) * 0.33
 }
 
-#[test]
-fn inverts_noise_free_captures_as_constrained_does() {
-    let scene = room(100.0);
-    let seen = capture(&scene, 0.0, 500.0);
-    let restored = |method| {
-        deconvolve(&seen, &psf(), &config(method, Border::Zero, 500.0), &Progress::default()).unwrap()
-    };
-    let quality = psnr(&restored(Method::Joint), &scene, 500.0);
-    assert!(quality > 60.0, "{quality}");
-    assert_eq!(restored(Method::Joint), restored(Method::Constrained));
-}
-
-/// A lamp just outside of the frame, whose flare enters.
-#[test]
-fn light_from_outside_of_noise_free_captures_costs_no_more_than_by_constrained() {
-    const CUT: usize = 16;
-    let side = SIZE - CUT;
-    let mut whole = room(1.0).into_planes();
-    whole.slice_mut(ndarray::s![.., 30..33, 10..13]).fill(300.0);
-    let whole = LinearImage::from_planes(whole).unwrap();
-    let seen = capture(&whole, 0.0, 500.0).crop(0, CUT, SIZE, side);
-    let scene = whole.crop(0, CUT, SIZE, side);
-    let of = |method| {
-        let config = config(method, Border::Smooth, 500.0);
-        psnr(&deconvolve(&seen, &psf(), &config, &Progress::default()).unwrap(), &scene, 500.0)
-    };
-    let (joint, constrained) = (of(Method::Joint), of(Method::Constrained));
-    assert!(joint > constrained - 0.1, "{joint}, constrained {constrained}");
-}
-
 /// The capture of a wall and of a sun of 4 pixels beyond its left border, what the wall alone would be captured as, and the wall.
 fn wall_and_sun_outside(sun: f32, sigma: f32) -> [LinearImage; 3] {
     const CUT: usize = 16;
@@ -188,6 +160,9 @@ fn takes_nothing_away_where_no_lamp_beyond_the_border_is_told_by_its_flare() {
         let [lit, alone, scene] = wall_and_sun_outside(3000.0, sigma);
         assert!(of(&alone, Border::Smooth).is_none());
         assert!(of(&scene, Border::Smooth).is_none());
+        // What would saturate nothing, were it in the frame, is no lamp.
+        let bright = config(Method::Joint, Border::Smooth, 1e5);
+        assert!(without_lamps_outside(&lit, &psf(), &bright, &Progress::default()).unwrap().is_none());
         // Beyond that border it is dark.
         assert!(of(&lit, Border::Zero).is_none());
         assert!(of(&capture(&room(3000.0), sigma, 16.0), Border::Smooth).is_none());
@@ -359,15 +334,6 @@ fn local_spectra_refine_a_noisy_scene() {
     assert!(after > before + 1.0, "{after} after {before}");
 }
 
-#[test]
-fn a_scene_without_noise_is_not_refined() {
-    let (seen, psf) = (capture(&room(1.0), 0.0, 500.0), psf());
-    let config = config(Method::Joint, Border::Zero, 500.0);
-    let frame = frame_of(&seen, &psf, &config);
-    let mut colors = Colors::start(&frame, (&seen, &psf), &config, &Progress::default()).unwrap();
-    assert!(colors.refined(&Progress::default()).unwrap().is_none());
-}
-
 /// Of a noisy capture the solution says that its pixels were measured, of a computed one and of one whose neighbours were averaged
 /// it does not: the guard of the network's corrections asks.
 #[test]
@@ -446,29 +412,4 @@ fn a_filter_that_is_told_the_scene_is_a_bound() {
     let other = image(|_, _, _| 1.0, [SIZE, SIZE - 1]);
     let refused = filter_by_truth((&seen, &other), &psf(), &config, &progress).unwrap_err();
     assert!(refused.to_string().contains("96 × 95"), "{refused}");
-}
-
-/// A window and a lamp are clipped: what they hide is told by no least squares, with noise or without, so that a capture without noise is
-/// explained as a photograph first, and to its last digit from there.
-#[test]
-fn a_capture_with_lamps_is_restored_no_worse_for_having_no_noise() {
-    let level = 1.2;
-    let (scene, config) = (room(40.0), config(Method::Joint, Border::Zero, level));
-    let restored = |sigma: f32| {
-        let seen = capture(&scene, sigma, level);
-        let clipped = seen.planes().iter().filter(|y| **y >= level).count();
-        assert!(clipped > 3 * 96 * 96 / 100, "{clipped}");
-        psnr(&deconvolve(&seen, &psf(), &config, &Progress::default()).unwrap(), &scene, level)
-    };
-    let (clean, noisy) = (restored(0.0), restored(0.02));
-    // Two hundred steps are not the same to 0.3 dB; from the first round on to the last digit, it is 1.2 dB worse.
-    assert!(clean > noisy - 0.6, "{clean} {noisy}");
-    let (seen, psf) = (capture(&scene, 0.0, level), psf());
-    let frame = frame_of(&seen, &psf, &config);
-    let colors = Colors::start(&frame, (&seen, &psf), &config, &Progress::default()).unwrap();
-    for mut channel in colors.channels {
-        let photograph = channel.effort();
-        assert!(channel.has_lamps() && photograph[0] > 0 && photograph != [8, 25], "{photograph:?}");
-        assert_eq!(channel.finish(), [8, 25]);
-    }
 }
