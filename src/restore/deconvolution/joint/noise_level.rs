@@ -74,17 +74,18 @@ impl NoiseLevel {
     /// Lets the channels of a capture agree whether there is noise: one sensor took them all, and detail passes for noise in one of them,
     /// as does noise for detail.
     ///
-    /// There is some where all pixels of a channel show it together. A channel that shows none is given its own of all pixels, or
-    /// as much as another has at least.
+    /// There is some where all pixels of most channels show it together, and none where those of no channel do; where those of one alone
+    /// do, channels are left as they are. A channel that shows none is given its own of all pixels, or as much as another has at least.
     pub(crate) fn agree(channels: &mut [Self]) {
         let noise = channels.iter().map(|channel| channel.overall).filter(|noise| *noise > NOISE_FREE);
-        let others = noise.reduce(f32::min);
+        let noise: Vec<f32> = noise.collect();
         for channel in channels {
-            let noise = match others {
-                Some(_) if channel.middle() > NOISE_FREE => continue,
-                Some(_) if channel.overall > NOISE_FREE => channel.overall,
-                Some(others) => others,
-                None => LEAST,
+            let noise = match noise[..] {
+                [] => LEAST,
+                [_] => continue,
+                _ if channel.middle() > NOISE_FREE => continue,
+                _ if channel.overall > NOISE_FREE => channel.overall,
+                ref others => others.iter().copied().fold(f32::INFINITY, f32::min),
             };
             *channel = Self { knots: vec![(0.0, noise)], overall: noise };
         }
@@ -251,6 +252,7 @@ mod tests {
         assert_eq!(agreed([[9e-3, LEAST], [1e-2, LEAST], [LEAST, LEAST]]), [LEAST; 3]);
         assert_eq!(agreed([[0.013, 0.013], [LEAST, 0.008], [LEAST, LEAST]]), [0.013, 0.008, 0.008]);
         assert_eq!(agreed([[0.02, 0.02], [0.03, 0.03], [0.01, LEAST]]), [0.02, 0.03, 0.01]);
+        assert_eq!(agreed([[LEAST, LEAST], [0.01, 0.01], [LEAST, LEAST]]), [LEAST, 0.01, LEAST]);
     }
 
     #[test]
