@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::angle::FoundAngle;
 use super::capture::{Capture, Restored};
-use super::deconvolution::{LampOutside, Relieved, Solution, solve, without_lamps_outside};
+use super::deconvolution::{Border, LampOutside, Relieved, Solution, solve, without_lamps_outside};
 use super::guard::{Guard, Left};
 use super::highlights::blend_highlights;
 use super::lamps::find_lamps;
@@ -130,10 +130,10 @@ impl Restoration {
         let light = options.filter(|options| options.true_highlights).map(|_| solution.scene.clone());
         let tone_mapped = curve.tone_map(&image);
         let has_lamps = !(lamps.is_empty() && lamps_outside.is_empty());
+        let is_told = !has_lamps && self.border() != Border::Smooth;
         let (restored, Corrected { angle, smaller_windows }) =
-            if options.is_some() && solution.is_clean() && !has_lamps {
-                // Nothing hides the scene. Captures of light in darkness, which are explained to 70 dB, would lose up to 4 dB by a correction,
-                // and others gain 0.1 at most.
+            if is_told && solution.is_clean() && options.is_some() {
+                // Nothing hides the scene: what is told to 70 dB would lose up to 4 by a correction.
                 (curve.tone_map_in_place(solution.scene), Corrected::default())
             } else {
                 let given =
