@@ -138,7 +138,7 @@ impl Restoration {
             } else {
                 let given =
                     Given { image: &image, tone_mapped: &tone_mapped, psf, planes: &planes, has_lamps };
-                self.correct(model, plan, given, solution, progress)?
+                self.correct((model, plan), given, solution, progress)?
             };
         let level = saturation.map(|white| curve.compress(saturated_from(white)));
         let restored = blend_highlights(restored, &tone_mapped, level, self.highlights())?;
@@ -158,8 +158,7 @@ impl Restoration {
     /// What a network makes of a capture whose scene has been solved for, as far as the capture allows.
     fn correct(
         &self,
-        model: &Model,
-        plan: &MemoryPlan,
+        (model, plan): (&Model, &MemoryPlan),
         Given { image, tone_mapped, psf, planes: config, has_lamps }: Given<'_>,
         solution: Solution,
         progress: &Progress,
