@@ -5,11 +5,11 @@
 //! where it does not help; then conjugate gradients on the pixels that are not held at zero, which never make the
 //! objective worse.
 
-use ndarray::{Array2, ArrayView1, ArrayView2, Zip, s};
+use ndarray::{Array2, ArrayView1, ArrayView2, Zip};
 use rustfft::num_complex::Complex64;
 
 use super::objective::{Objective, sum_of_rows};
-use super::operator::Blur;
+use super::operator::{Blur, frame_of};
 use super::{DeconvolutionConfig, noise, saturation};
 use crate::core::error::Result;
 use crate::core::progress::Progress;
@@ -69,13 +69,7 @@ pub(super) fn restore(
     channel: usize,
     progress: &Progress,
 ) -> Result<Array2<f32>> {
-    let (height, width) = capture.dim();
-    let surrounded = restore_surrounded(capture, psf, config, channel, progress)?;
-    Ok(if surrounded.dim() == (height, width) {
-        surrounded
-    } else {
-        surrounded.slice(s![..height, ..width]).to_owned()
-    })
+    Ok(frame_of(restore_surrounded(capture, psf, config, channel, progress)?, capture.dim()))
 }
 
 /// As [`restore`], with the light that was found around the frame, where any is unknown.

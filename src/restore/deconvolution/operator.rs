@@ -50,12 +50,6 @@ impl Blur {
         plane.slice_mut(s![..height, width..]).fill(0.0);
     }
 
-    /// Cuts the frame out.
-    pub(super) fn frame_of(&self, plane: Array2<f32>) -> Array2<f32> {
-        let [height, width] = self.frame;
-        if self.has_surrounding() { plane.slice(s![..height, ..width]).to_owned() } else { plane }
-    }
-
     /// A x.
     pub(super) fn apply(&self, x: &Array2<f32>) -> Array2<f32> {
         self.convolver.convolve_plane(x.view(), &self.otf)
@@ -75,6 +69,11 @@ impl Blur {
     pub(super) fn otf(&self) -> (&[Complex64], [usize; 2]) {
         (&self.otf, self.convolver.transform_size())
     }
+}
+
+/// Cuts the frame out.
+pub(super) fn frame_of(plane: Array2<f32>, (height, width): (usize, usize)) -> Array2<f32> {
+    if plane.dim() == (height, width) { plane } else { plane.slice(s![..height, ..width]).to_owned() }
 }
 
 /// Height and width of x.

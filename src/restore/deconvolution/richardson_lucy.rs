@@ -2,7 +2,7 @@
 
 use ndarray::{Array2, ArrayView2, Zip};
 
-use super::operator::Blur;
+use super::operator::{Blur, frame_of};
 use super::{DeconvolutionConfig, saturation};
 use crate::core::error::Result;
 use crate::core::progress::Progress;
@@ -36,6 +36,7 @@ pub(super) fn restore(
     let floor = brightest * DARKNESS;
     let unseen = if blur.has_surrounding() { UNSEEN } else { DARKNESS };
     let is_saturated = saturation::any(capture, level);
+    let frame = capture.dim();
     let capture = blur.surround(capture);
     let mut x = capture.mapv(|v| v.max(floor));
     // Aᵀ m of the pixels that `predicted` leaves to explain.
@@ -63,7 +64,7 @@ pub(super) fn restore(
             .and(&norms)
             .for_each(|x, &c, &n| *x *= (c.max(0.0) + unseen) / (n.max(0.0) + unseen));
     }
-    Ok(blur.frame_of(x))
+    Ok(frame_of(x, frame))
 }
 
 #[cfg(test)]

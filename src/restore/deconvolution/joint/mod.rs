@@ -9,7 +9,8 @@
 //!    Where something is, the clipped light is found at half the resolution, by all of these steps ([`coarse`]), and by a fit
 //!    of its flare, which in large captures begins with what half the resolution tells; whichever explains that flare better,
 //!    the former if in doubt, is taken away, and what it hid is painted over; in large captures, of which every step takes long, that is
-//!    inverted in turn, and steps are few. Where there is no noise either, and nothing is unknown around the frame, [`constrained`](super::constrained) solves to many digits.
+//!    inverted in turn, and steps are few. Where there is neither noise nor a lamp, [`constrained`](super::constrained) solves to many
+//!    digits if nothing is unknown around the frame, and small captures begin from what it makes of them if something is.
 //! 3. In each of a few rounds the edges of the scene are looked for in all colours together, and conjugate gradients lower the
 //!    least squares with a penalty on differences of neighbours that spares those edges (iteratively reweighted least squares).
 //! 4. Where there is noise, the spectra of its own neighbourhoods refine the scene ([`refine`]).
