@@ -42,6 +42,10 @@ const VISIBLE: f32 = 0.2;
 /// Pixels that light which explains much of a colour has at most: suns have 4 to 30.
 const MOST_PX: usize = 100;
 
+/// Pixels that a frame has at least for a lamp beyond it to be told: ten times as many as that lamp may have. Of a frame of 5 × 3 pixels
+/// one explains all, and leaves darkness.
+const LEAST_PX: usize = 10 * MOST_PX;
+
 /// Pixels of a lamp around its brightest, along rows and columns, where it is looked for.
 const LAMP_PX: usize = 8;
 
@@ -108,7 +112,7 @@ pub fn without_lamps_outside(
     config: &DeconvolutionConfig,
     progress: &Progress,
 ) -> Result<Option<Relieved>> {
-    if config.border != Border::Smooth {
+    if config.border != Border::Smooth || image.height() * image.width() < LEAST_PX {
         return Ok(None);
     }
     let mut relieved: Option<Relieved> = None;

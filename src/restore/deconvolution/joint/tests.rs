@@ -169,6 +169,20 @@ fn takes_nothing_away_where_no_lamp_beyond_the_border_is_told_by_its_flare() {
     }
 }
 
+/// A lamp beyond the border would explain all of the few pixels that there are.
+#[test]
+fn a_frame_of_few_pixels_tells_of_no_lamp_beyond_it() {
+    let light = |c: usize, y: usize, x: usize| ((c * 5 + y * 31 + x * 17) % 23) as f32 / 23.0;
+    let config = config(Method::Joint, Border::Smooth, 16.0);
+    for size in [[5, 3], [5, 4], [8, 8]] {
+        let seen = image(light, size);
+        assert!(without_lamps_outside(&seen, &psf(), &config, &Progress::default()).unwrap().is_none());
+        let restored = deconvolve(&seen, &psf(), &config, &Progress::default()).unwrap();
+        let [before, after] = [&seen, &restored].map(|image| image.planes().mean().unwrap());
+        assert!((after / before - 1.0).abs() < 0.5, "{size:?}: {before}, then {after}");
+    }
+}
+
 /// In darkness all that is not explained is in the residual.
 #[test]
 fn tells_what_it_leaves_of_the_capture() {
