@@ -39,6 +39,10 @@ impl Read for Opened {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         self.file.read(buffer)
     }
+
+    fn read_to_end(&mut self, bytes: &mut Vec<u8>) -> io::Result<usize> {
+        self.file.read_to_end(bytes)
+    }
 }
 
 /// Opens a file, or the member of an archive that a path names.

@@ -118,6 +118,9 @@ pub(super) fn read_recognised(path: &Path) -> Result<(Format, Vec<u8>)> {
         let reason = if bytes.is_empty() { "the file is empty" } else { "the contents are not an image" };
         return Err(Error::format(path, format!("{reason}; expected EXR, NPY, HDR, PNG, TIFF or JPEG")));
     };
+    // What does not fit is refused when it is read.
+    let left = usize::try_from(file.len()).unwrap_or(usize::MAX).saturating_sub(bytes.len());
+    let _ = bytes.try_reserve_exact(left);
     file.read_to_end(&mut bytes).map_err(read_error)?;
     match foreign_tiff(path, &bytes).filter(|_| format == Format::Tiff) {
         Some(reason) => Err(Error::format(path, reason)),
