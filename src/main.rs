@@ -4,10 +4,9 @@ mod commands;
 
 use std::process::ExitCode;
 
-use udc::kernels::LargePages;
-
+#[cfg(target_os = "linux")]
 #[global_allocator]
-static ALLOCATOR: LargePages = LargePages;
+static ALLOCATOR: udc::kernels::LargePages = udc::kernels::LargePages;
 
 fn main() -> ExitCode {
     let cli = commands::Cli::from_arguments();

@@ -64,7 +64,9 @@ mod testing;
 pub mod up_convolution;
 mod winograd;
 
-pub use allocator::{LargePages, keep_freed_memory, return_large_blocks, share_freed_memory};
+#[cfg(target_os = "linux")]
+pub use allocator::LargePages;
+pub use allocator::{keep_freed_memory, return_large_blocks, share_freed_memory};
 pub use convolution::Convolution;
 pub use direct::forward::Geometry;
 pub use dynamic_filter::DynamicFilter;

@@ -48,8 +48,11 @@ impl Idle {
         Some(Range { start: range.start, bytes })
     }
 
-    /// Takes a range that is no longer in use, and joins it with those that it touches. Hands it on where there is no room to remember it.
+    /// Takes a range that is no longer in use, and joins it with those that it touches. Hands it on where there are too many to remember.
     pub(super) fn give(&mut self, range: Range) -> Option<Range> {
+        if range.bytes == 0 {
+            return None;
+        }
         let mut joined = range;
         for at in (0..self.count).rev() {
             let other = self.ranges[at];
@@ -78,5 +81,50 @@ impl Idle {
     fn forget(&mut self, at: usize) {
         self.count -= 1;
         self.ranges[at] = self.ranges[self.count];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn range(start: usize, bytes: usize) -> Range {
+        Range { start, bytes }
+    }
+
+    #[test]
+    fn the_smallest_range_that_fits_serves() {
+        let mut idle = Idle::new();
+        for given in [range(100, 30), range(200, 10), range(300, 20)] {
+            assert_eq!(idle.give(given), None);
+        }
+        assert_eq!(idle.take(15), Some(300));
+        assert_eq!(idle.take(5), Some(315));
+        assert_eq!(idle.take(31), None);
+        assert_eq!(idle.take_part(31), Some(range(100, 30)));
+        assert_eq!(idle.take_part(4), Some(range(200, 4)));
+        assert_eq!(idle.take_part(40), Some(range(204, 6)));
+        assert_eq!(idle.take_part(40), None);
+    }
+
+    #[test]
+    fn ranges_that_touch_become_one() {
+        let mut idle = Idle::new();
+        for given in [range(100, 10), range(120, 10), range(110, 10), range(90, 10), range(95, 0)] {
+            assert_eq!(idle.give(given), None);
+        }
+        assert_eq!(idle.take(40), Some(90));
+        assert_eq!(idle.take_part(1), None);
+    }
+
+    #[test]
+    fn what_cannot_be_remembered_is_handed_on() {
+        let mut idle = Idle::new();
+        for at in 0..MOST {
+            assert_eq!(idle.give(range(100 * at, 10)), None);
+        }
+        assert_eq!(idle.give(range(100 * MOST, 10)), Some(range(100 * MOST, 10)));
+        assert_eq!(idle.give(range(10, 10)), None);
+        assert_eq!(idle.take(20), Some(0));
     }
 }
