@@ -289,7 +289,6 @@ impl GlobalArgs {
         // Whatever the command: results must not come from another instruction set than was asked for.
         Isa::forced().map_err(|reason| Cli::command().error(ErrorKind::InvalidValue, reason))?;
         udc::kernels::share_freed_memory();
-        udc::kernels::return_large_blocks();
         let threads = self.threads.map_or(0, usize::from);
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)

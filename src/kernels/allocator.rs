@@ -1,4 +1,4 @@
-//! The memory of a process: large blocks, and settings of the system's allocator. Programs choose these, the library never does.
+//! The memory of a process: blocks of megabytes, and settings of the system's allocator. Programs choose these, the library never does.
 
 #[cfg(target_os = "linux")]
 mod idle;
@@ -70,27 +70,14 @@ unsafe impl GlobalAlloc for LargePages {
 /// Asks the allocator for one heap for all threads, where what one has freed another can use. To be called before there
 /// are other threads, who otherwise begin a heap each.
 ///
-/// With a heap of each thread a restoration takes some megabytes more; and the largest blocks fit none but the first
-/// thread's: in training on large batches most of the time goes to getting them from the system and giving them back.
+/// With a heap of each thread a restoration takes some megabytes more; and where a program does without [`LargePages`], the largest
+/// blocks fit none but the first thread's: in training on large batches most of the time goes to getting them from the system.
 pub fn share_freed_memory() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     // SAFETY: the call changes the allocator's parameters only, under the allocator's own lock.
     unsafe {
         libc::mallopt(libc::M_ARENA_MAX, 1)
     };
-}
-
-/// Asks the allocator for blocks of megabytes from the system, each by itself, whatever was freed before: they go back whole.
-///
-/// Otherwise it takes blocks of up to 32 MiB out of its heap once such were freed, which then keeps what lies between those in use:
-/// up to 100 MB of the gigabyte that 8 megapixels take.
-pub fn return_large_blocks() {
-    #[cfg(all(target_os = "linux", target_env = "gnu"))]
-    // The second is what the allocator chooses by itself beside the first, and no longer does once that is told.
-    for (parameter, bytes) in [(libc::M_MMAP_THRESHOLD, 8 << 20), (libc::M_TRIM_THRESHOLD, 16 << 20)] {
-        // SAFETY: the call changes the allocator's parameters only, under the allocator's own lock.
-        unsafe { libc::mallopt(parameter, bytes) };
-    }
 }
 
 /// Asks the allocator to keep what is freed for the next request, for loops that take and free the same large

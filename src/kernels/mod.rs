@@ -66,7 +66,7 @@ mod winograd;
 
 #[cfg(target_os = "linux")]
 pub use allocator::LargePages;
-pub use allocator::{keep_freed_memory, return_large_blocks, share_freed_memory};
+pub use allocator::{keep_freed_memory, share_freed_memory};
 pub use convolution::Convolution;
 pub use direct::forward::Geometry;
 pub use dynamic_filter::DynamicFilter;
