@@ -215,7 +215,7 @@ impl<'a> Channel<'a> {
             lamps.presume(&self.scene);
         }
         let Workspace { room, weights, inverse_brightness } = workspace;
-        let mut blur = self.frame.blur(self.known.psf)?;
+        let blur = self.frame.blur(self.known.psf)?;
         let is_clean = self.lamps.is_none() && !self.is_noisy();
         let around = is_clean.then(|| {
             // Without lamps they are those of any scene.
@@ -229,13 +229,7 @@ impl<'a> Channel<'a> {
         let lamps = match &self.lamps {
             Some(lamps) => {
                 let presumed = 4.0 * edges.mean() * self.smoothness();
-                // One transfer function after the other: those of large frames are what memory ends with.
-                drop(blur);
-                let squared = self.frame.squared_blur(self.known.psf)?;
-                let lamps = lamps.preconditioner(&squared, (weights, room.plane()), presumed);
-                drop(squared);
-                blur = self.frame.blur(self.known.psf)?;
-                Some(lamps)
+                Some(lamps.preconditioner((self.frame, self.known.psf), weights, presumed)?)
             }
             None => None,
         };

@@ -34,6 +34,11 @@ impl Half {
     }
 }
 
+/// The means of blocks of 2 × 2 pixels; at the end of odd sides, of smaller ones.
+pub(super) fn mean_of_blocks(plane: ArrayView2<'_, f32>) -> Array2<f32> {
+    of_blocks(plane, mean)
+}
+
 fn mean(block: &[f32]) -> f32 {
     block.iter().sum::<f32>() / block.len() as f32
 }
@@ -74,7 +79,7 @@ fn of_blocks<T: Copy + Sync, U: Clone + Default + Send>(
 ///
 /// # Equation
 /// `k'[m] = Σ w(t)·k[2m + t]` along both axes, of offsets from the centre, with w = ½, 1, ½ for t = −1, 0, 1.
-fn between_blocks(psf: ArrayView2<'_, f32>) -> Array2<f32> {
+pub(super) fn between_blocks(psf: ArrayView2<'_, f32>) -> Array2<f32> {
     const SHARES: [f32; 3] = [0.5, 1.0, 0.5];
     let (height, width) = psf.dim();
     let reach = |length: usize| (length / 2).div_ceil(2);

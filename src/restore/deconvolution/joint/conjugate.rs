@@ -57,11 +57,6 @@ impl Room {
         Self { gradient, direction, turned, image: Array2::zeros(frame.size()) }
     }
 
-    /// A plane that is free until steps are taken.
-    pub(super) fn plane(&mut self) -> &mut Array2<f32> {
-        &mut self.turned
-    }
-
     /// The plane for A x.
     pub(super) fn image(&mut self) -> &mut Array2<f32> {
         &mut self.image

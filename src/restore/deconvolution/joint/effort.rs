@@ -28,6 +28,10 @@ const REDUCED_ROUNDS: usize = 6;
 const REDUCED_STEPS: [usize; 2] = [12, 60];
 const REDUCED_WORK: usize = 11_000_000;
 
+/// Samples of a transform above which so few are taken at reduced resolutions: twelve photographs of 3.2 megapixels are restored 0.05 dB
+/// better than by four rounds of three steps.
+const LARGE_REDUCED_SAMPLES: usize = 600_000;
+
 /// Steps that a round takes at least.
 const LEAST_STEPS: usize = 3;
 
@@ -75,7 +79,7 @@ fn of_rounds(steps: usize) -> [usize; 2] {
 
 /// Rounds and steps for a photograph with lamps at a reduced resolution.
 pub(super) fn reduced_effort(samples: usize) -> [usize; 2] {
-    if takes_few_steps(samples) {
+    if samples > LARGE_REDUCED_SAMPLES {
         return LARGE_REDUCED_EFFORT;
     }
     let [least, most] = REDUCED_STEPS;
@@ -100,7 +104,7 @@ mod tests {
         assert_eq!(known_lamp_effort(4096 * 3328), [3, 3]);
         assert_eq!(reduced_effort(400 * 400), [6, 10]);
         assert_eq!(reduced_effort(600 * 600), [6, 5]);
-        assert_eq!(reduced_effort(1400 * 1400), [4, 3]);
+        assert_eq!(reduced_effort(900 * 900), [4, 1]);
         assert_eq!(reduced_effort(2048 * 1664), [4, 1]);
     }
 }

@@ -1,11 +1,10 @@
 //! The least squares that tell the light of some places by the flare that it throws over a capture.
 
-use ndarray::{Array2, ArrayView1, ArrayView2, Axis, Zip, s};
+use ndarray::{Array2, ArrayView1, ArrayView2, Axis, Zip};
 use rayon::prelude::*;
 
 use super::frame::{Blur, row};
 use super::high_pass::HighPass;
-use super::members::OfMembers;
 use super::sums::{add_scaled, dot, inner};
 use crate::core::error::Result;
 use crate::core::fft::{Loan, Pool};
@@ -103,20 +102,20 @@ impl<'a> Fit<'a> {
     }
 
     /// Lets light gather in rounds of some steps; a round ends as soon as a step lowers the misfit by less than a part of it. Returns
-    /// the misfit before.
+    /// the misfit before, and after the steps, which is that of the light but for places that these took below the least.
     pub(super) fn gather_in_rounds(
         &self,
         light: &mut Array2<f32>,
         (rounds, steps, least): (usize, usize, f64),
         progress: &Progress,
-    ) -> Result<f64> {
-        let mut before = None;
+    ) -> Result<[f64; 2]> {
+        let mut misfits: Option<[f64; 2]> = None;
         for _ in 0..rounds {
             let gathering = self.gathering(light);
-            let misfit = self.improve(light, (steps, least, |_| &gathering), progress)?;
-            before.get_or_insert(misfit);
+            let [before, after] = self.improve(light, (steps, least, |_| &gathering), progress)?;
+            misfits = Some([misfits.map_or(before, |[before, _]| before), after]);
         }
-        Ok(before.unwrap_or_else(|| self.misfit(light)))
+        Ok(misfits.unwrap_or_else(|| [self.misfit(light); 2]))
     }
 
     /// `s/(AᵀW²A s)` of the light s above the least (De Pierro 1995).
@@ -155,13 +154,13 @@ impl<'a> Fit<'a> {
     }
 
     /// Takes some steps with one preconditioner, which may depend on the slope at the first; the one that lowers the misfit by less
-    /// than the `least` part of it is the last. Returns the misfit before.
+    /// than the `least` part of it is the last. Returns the misfit before and after the steps.
     fn improve<P: std::borrow::Borrow<Array2<f32>>>(
         &self,
         light: &mut Array2<f32>,
         (steps, least, preconditioner): (usize, f64, impl FnOnce(&Array2<f32>) -> P),
         progress: &Progress,
-    ) -> Result<f64> {
+    ) -> Result<[f64; 2]> {
         let blur = self.blur;
         let (mut residual, before) = self.residual(light);
         let mut misfit = before;
@@ -180,11 +179,12 @@ impl<'a> Fit<'a> {
                 break;
             }
             let (length, gain) = (narrow(slope / curvature), slope * slope / curvature);
-            if step == steps || gain < least * misfit {
+            let is_last = step == steps || gain < least * misfit;
+            misfit -= gain;
+            if is_last {
                 add_scaled(light, length, &direction);
                 break;
             }
-            misfit -= gain;
             add_scaled(&mut residual, -length, &passed);
             let turn = |y: usize, gradient: &[f32], out: &mut [f32]| turn(out, gradient, row(inverse, y));
             let next = self.high_pass.back_into(blur, &residual, (&mut turned, turn));
@@ -201,22 +201,17 @@ impl<'a> Fit<'a> {
                 *light = light.max(at_least);
             }
         });
-        Ok(before)
+        Ok([before, misfit])
     }
 
     /// The inverse of the diagonal of AᵀW²A, which is the correlation of w² with k², at the places that gain by some light.
     fn inverse_curvature(&self, squared: &Blur<'_>, slope: &Array2<f32>) -> Array2<f32> {
-        let weights = &self.high_pass.weights;
-        let places = self.places.may_shine;
+        let (weights, places) = (&self.high_pass.weights, self.places.may_shine);
         let mut inverse = Array2::zeros(places.dim());
-        let of_places =
-            inverse_diagonal(squared, &(weights * weights), (places, &mut inverse), LEAST_CURVATURE);
-        inverse.fill(0.0);
-        of_places.write(places, &mut inverse);
-        Zip::from(&mut inverse).and(slope).par_for_each(|inverse, slope| {
-            if *slope <= 0.0 {
-                *inverse = 0.0;
-            }
+        squared.transpose(&(weights * weights), &mut inverse);
+        let least = (LEAST_CURVATURE * largest(inverse.view())).max(f32::MIN_POSITIVE);
+        Zip::from(&mut inverse).and(places).and(slope).par_for_each(|curvature, may_shine, slope| {
+            *curvature = if *may_shine && *slope > 0.0 { 1.0 / curvature.max(least) } else { 0.0 };
         });
         inverse
     }
@@ -228,22 +223,6 @@ vectorised! {
         out.iter_mut().zip(gradient).zip(inverse).for_each(|((z, g), p)| *z = p * g);
         dot(out, gradient)
     }
-}
-
-/// The inverse of the diagonal of AᵀWA at some places; curvatures count as `least` of the largest at least. `squared` is A with the
-/// squares of the PSF, and `room` a plane of the places' size or larger, which is written over.
-pub(super) fn inverse_diagonal(
-    squared: &Blur<'_>,
-    weights: &Array2<f32>,
-    (places, room): (&Array2<bool>, &mut Array2<f32>),
-    least: f32,
-) -> OfMembers {
-    squared.transpose(weights, room);
-    let (height, width) = places.dim();
-    let of_places = room.slice(s![..height, ..width]);
-    let most = largest(of_places);
-    let least = (least * most).max(f32::MIN_POSITIVE);
-    OfMembers::new(places, |place| 1.0 / of_places[place].max(least))
 }
 
 /// The largest number of a plane, or zero.

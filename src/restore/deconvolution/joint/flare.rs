@@ -99,8 +99,9 @@ impl Clipped<'_> {
     /// `squared` is A with the squares of the PSF.
     pub(super) fn measure(&self, squared: &Blur<'_>, progress: &Progress) -> Result<Measured> {
         let fit = self.fit();
-        let measured = self.fitted(&fit, squared, progress)?;
-        Ok(Measured { light: self.believed(&fit, measured.light).0, ..measured })
+        let Measured { light, is_gathered } = self.fitted(&fit, squared, progress)?;
+        let misfit = fit.misfit(&light);
+        Ok(Measured { light: self.believed(&fit, (light, misfit)).0, is_gathered })
     }
 
     /// Corrects a light that was found at half the resolution by what its flare tells at the full one.
@@ -112,15 +113,17 @@ impl Clipped<'_> {
         });
         let mut light = coarse.clone();
         let (rounds, steps) = CORRECTION;
-        let rounds = if takes_few_steps(self.blur.frame.transform_samples()) { 1 } else { rounds };
-        let of_coarse = fit.gather_in_rounds(&mut light, (rounds, steps, LEAST_GAIN), progress)?;
-        let (light, of_light) = self.believed(&fit, light);
+        let is_large = takes_few_steps(self.blur.frame.transform_samples());
+        let rounds = if is_large { 1 } else { rounds };
+        let [of_coarse, after] = fit.gather_in_rounds(&mut light, (rounds, steps, LEAST_GAIN), progress)?;
+        let misfit = if is_large { after } else { fit.misfit(&light) };
+        let (light, of_light) = self.believed(&fit, (light, misfit));
         Ok(if of_coarse < of_light { coarse } else { light })
     }
 
-    /// As much of a light as is believed, see [`measure`](Self::measure), and what it leaves of the sum of squares.
-    fn believed(&self, fit: &Fit<'_>, light: Array2<f32>) -> (Array2<f32>, f64) {
-        let (at_level, misfit) = (self.at_level(), fit.misfit(&light));
+    /// As much of a light and what it leaves of the sum of squares as is believed, see [`measure`](Self::measure), and what that leaves.
+    fn believed(&self, fit: &Fit<'_>, (light, misfit): (Array2<f32>, f64)) -> (Array2<f32>, f64) {
+        let at_level = self.at_level();
         if misfit <= CONVINCING * fit.misfit(&at_level) {
             return (light, misfit);
         }

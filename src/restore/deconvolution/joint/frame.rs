@@ -20,6 +20,7 @@ const LEAST_POWER: f32 = 1e-4;
 pub(super) struct Frame {
     operator: PlaneOperator,
     size: [usize; 2],
+    border: Border,
 }
 
 /// A of Eq. 1 for one channel.
@@ -46,7 +47,13 @@ impl Frame {
             Border::Smooth | Border::Periodic => Boundary::Periodic,
         };
         let operator = PlaneOperator::new(operator::plane_size(size, psf, border), psf, boundary, precision);
-        Self { operator, size }
+        Self { operator, size, border }
+    }
+
+    /// A frame of another size, around which nothing shines, unless this one repeats.
+    pub(super) fn like(&self, size: [usize; 2], psf: [usize; 2]) -> Self {
+        let border = if self.border == Border::Periodic { Border::Periodic } else { Border::Zero };
+        Self::new(size, psf, border, TransformPrecision::Single)
     }
 
     /// Height and width of the planes.

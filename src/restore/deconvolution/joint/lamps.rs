@@ -3,7 +3,8 @@
 use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
 
 use super::coarse;
-use super::fit::{grown, inverse_diagonal};
+use super::diagonal::diagonal;
+use super::fit::grown;
 use super::flare::{Clipped, Measured};
 use super::frame::{Blur, Frame, row};
 use super::members::{OfMembers, members};
@@ -238,20 +239,20 @@ impl Lamps {
         });
     }
 
-    /// The inverse of the diagonal of the normal matrix at saturated pixels, `presumed` times 1/n² of it the prior's. `squared` is A
-    /// with the squares of the PSF, and `room` a plane that is written over.
+    /// The inverse of the diagonal of the normal matrix at saturated pixels, `presumed` times 1/n² of it the prior's.
     pub(super) fn preconditioner(
         &self,
-        squared: &Blur<'_>,
-        (weights, room): (&Array2<f32>, &mut Array2<f32>),
+        (frame, psf): (&Frame, ArrayView2<'_, f32>),
+        weights: &Array2<f32>,
         presumed: f32,
-    ) -> (&Array2<bool>, OfMembers) {
-        let inverse = inverse_diagonal(squared, weights, (&self.saturated, room), LEAST_CURVATURE);
-        let with_prior = |place: [usize; 2], inverse: f32| {
+    ) -> Result<(&Array2<bool>, OfMembers)> {
+        let curvatures = diagonal(frame, psf, weights, &self.saturated)?;
+        let least = (LEAST_CURVATURE * curvatures.largest()).max(f32::MIN_POSITIVE);
+        let with_prior = |place: [usize; 2], curvature: f32| {
             let v = self.inverse_brightness[place];
-            1.0 / (1.0 / (LAMP_STEP * inverse) + presumed * v * v)
+            1.0 / (curvature.max(least) / LAMP_STEP + presumed * v * v)
         };
-        (&self.saturated, inverse.map(&self.saturated, with_prior))
+        Ok((&self.saturated, curvatures.map(&self.saturated, with_prior)))
     }
 
     /// Gives back what only the search for the scene needs.

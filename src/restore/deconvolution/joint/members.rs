@@ -32,6 +32,11 @@ impl OfMembers {
         Self { ends: self.ends.clone(), numbers }
     }
 
+    /// The largest number, or zero.
+    pub(super) fn largest(&self) -> f32 {
+        self.numbers.iter().fold(0.0, |most: f32, number| most.max(*number))
+    }
+
     /// The numbers of a row's members, from left to right.
     pub(super) fn row(&self, y: usize) -> &[f32] {
         let start = if y == 0 { 0 } else { self.ends[y - 1] };

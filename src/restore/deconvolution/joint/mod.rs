@@ -22,6 +22,7 @@ mod channel;
 mod coarse;
 mod conjugate;
 mod cosines;
+mod diagonal;
 mod effort;
 mod fit;
 mod flare;
