@@ -64,6 +64,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], packed: Option<BayerPattern>) ->
         provenance: text_attribute(header, PROVENANCE_ATTRIBUTE)
             .and_then(|json| serde_json::from_str(&json).ok()),
         capture: capture_of(header).map_err(damaged)?,
+        without_data: window::pixels_without_data(header),
         ..Pixels::of_planes(planes)
     };
     Ok((pixels, Encoding { format: Format::Exr, sample_type: sample_type.to_owned() }))

@@ -1,5 +1,7 @@
 //! Pixels as files hold them, and what files say of them, before their meaning is decided.
 
+use std::path::Path;
+
 use ndarray::Array3;
 use serde::Serialize;
 
@@ -68,6 +70,8 @@ pub struct Pixels {
     pub color_tags: Vec<ColorTag>,
     /// What the file says of the capture that it was made of.
     pub capture: Option<CaptureInfo>,
+    /// Pixels that the file shows and holds no data of: they are black.
+    pub without_data: usize,
 }
 
 /// A correction that a raw file asks for and that was not made.
@@ -118,6 +122,21 @@ impl Pixels {
             is_integer: false,
             color_tags: Vec::new(),
             capture: None,
+            without_data: 0,
         }
+    }
+
+    /// What to tell of pixels without data where darkness is light like any other.
+    pub fn describe_darkness(&self, path: &Path) -> Option<String> {
+        let (_, height, width) = self.planes.dim();
+        (self.without_data > 0).then(|| {
+            format!(
+                "{}: its data window does not cover its display window: {} of {} pixels hold no data and are taken for darkness; crop \
+                 the file to its data window",
+                path.display(),
+                self.without_data,
+                height * width
+            )
+        })
     }
 }

@@ -45,13 +45,22 @@ pub struct PsfReading {
     pub moved: Option<PsfMove>,
     /// What the file says of its colours against what the user says.
     pub contradiction: Option<String>,
+    /// Whether the file has one channel, which was taken for all colours.
+    pub is_grey: bool,
 }
 
 impl PsfReading {
     /// What the user should know, a sentence each; nothing of a PSF without fault.
     pub fn warnings(&self) -> Vec<String> {
         let faults = self.faults.describe().map(|faults| format!("{}: {faults}", self.path.display()));
-        faults.into_iter().chain(self.contradiction.clone()).collect()
+        let grey = self.is_grey.then(|| {
+            let path = self.path.display();
+            format!(
+                "{path}: it has one channel, which is taken for all colours; the orders of red lie further out than those of blue, \
+                 so that captures in colour need a PSF of three"
+            )
+        });
+        faults.into_iter().chain(grey).chain(self.contradiction.clone()).collect()
     }
 
     /// How it was moved, where it was, and what light that cost.
@@ -94,6 +103,7 @@ pub fn inspect_psf(path: &Path, options: PsfOptions) -> Result<PsfReading> {
     check_cooked(path, &pixels)?;
     let flag = options.domain_flag;
     pixels.check_told_by(path, &format!("{flag} linear or {flag} srgb"))?;
+    let is_grey = pixels.planes.dim().0 == 1;
     let planes = to_rgb(path, pixels.planes)?;
     let in_file = |error: Error| Error::format(path, error.to_string());
     let mut faults = PsfFaults::of(&planes).map_err(in_file)?;
@@ -103,7 +113,7 @@ pub fn inspect_psf(path: &Path, options: PsfOptions) -> Result<PsfReading> {
     }
     faults.recentered = options.recenter;
     let psf = Psf::from_energy(planes).map_err(in_file)?;
-    Ok(PsfReading { path: path.to_owned(), psf, faults, moved, contradiction })
+    Ok(PsfReading { path: path.to_owned(), psf, faults, moved, contradiction, is_grey })
 }
 
 /// Writes a PSF as an image file of linear values.

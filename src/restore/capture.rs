@@ -38,11 +38,12 @@ pub struct Restored {
     pub lamps_outside: Vec<LampOutside>,
     /// What saturates each channel, where that was found in the capture.
     pub levels: Option<[f32; CHANNELS]>,
-    /// What seems to saturate each channel by the capture's brightest pixels, where nobody said so and the method took a level that
-    /// nothing reaches.
-    pub doubted_levels: Option<[f32; CHANNELS]>,
+    /// What seems to saturate channels by the capture's brightest pixels, where the method took a level that these do not reach.
+    pub doubted_levels: Option<[Option<f32>; CHANNELS]>,
     /// By how much the PSF was moved, where the flare of the capture tells it.
     pub pose: Option<PoseEstimate>,
+    /// Whether it is grey and was restored with the PSF of grey light.
+    pub through_grey: bool,
     /// Height and width of the windows that it was restored in, where a device had no memory for larger ones.
     pub smaller_windows: Option<[usize; 2]>,
 }
@@ -86,9 +87,10 @@ impl CaptureReading {
         if !told.is_raw() {
             let pixels = read_pixels(file)?;
             if pixels.raw.is_none() {
+                let warnings = Vec::from_iter(pixels.describe_darkness(file));
                 let ImageReading { image, info, contradiction } = any_image_of(file, pixels, told.domain)?;
                 let light = Light::Image(Box::new(Capture { image, info }));
-                return Ok(Self { warnings: contradiction.into_iter().collect(), light });
+                return Ok(Self { warnings: warnings.into_iter().chain(contradiction).collect(), light });
             }
         }
         // A picture alone needs no time.
@@ -158,17 +160,22 @@ impl Restored {
             levels: None,
             doubted_levels: None,
             pose: None,
+            through_grey: false,
             smaller_windows: None,
         }
     }
 
     /// What to tell where the capture's brightest pixels seem to be clipped and the method took them for light as it is.
     pub fn doubt(&self) -> Option<String> {
-        let [red, green, blue] = self.doubted_levels?;
+        let doubted = self.doubted_levels?;
+        let levels = ["red", "green", "blue"].into_iter().zip(doubted);
+        let ends: Vec<String> =
+            levels.filter_map(|(name, level)| Some(format!("{} in {name}", level?))).collect();
         Some(format!(
-            "the brightest pixels are all at {red}, {green} and {blue} in red, green and blue, as of a sensor that clips there, \
-             and are taken for light as it is; if they are clipped, tell the x-max: {}",
-            red.max(green).max(blue)
+            "the brightest pixels end at {}, as of a sensor that clips there, and are taken for light as it is; if they are \
+             clipped, tell the x-max: {}",
+            ends.join(", "),
+            doubted.into_iter().flatten().fold(0.0, f32::max)
         ))
     }
 

@@ -4,7 +4,7 @@ use super::capture::{Capture, Restored};
 use super::deconvolution::{DeconvolutionConfig, Method, Relieved, invert, without_lamps_outside};
 use super::highlights::blend_highlights;
 use super::lamps::find_lamps;
-use super::levels::{find_levels, suited_curve, with_levels};
+use super::levels::{doubted_levels, find_levels, suited_curve, with_levels};
 use super::restoration::Restoration;
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage};
@@ -25,15 +25,17 @@ impl Restoration {
         let Capture { image, info } = capture;
         let image: LinearImage = image.into_linear(curve);
         let is_joint = config.method == Method::Joint;
-        let (mut saturation, mut levels, mut doubted_levels) = (told, None, None);
+        let (mut saturation, mut levels, mut doubted) = (told, None, None);
         if self.asks_for_levels() && info.as_ref().is_none_or(|info| info.saturation.is_none()) {
-            let (found, count) = find_levels(&image, curve.x_max);
+            let (found, count) = find_levels(&image, curve);
             match count {
                 // Above all that there is.
                 0 => saturation = found,
                 _ if is_joint => (saturation, levels) = (found, Some(found)),
-                _ => doubted_levels = Some(found),
+                _ => doubted = doubted_levels(&image, saturation),
             }
+        } else if config.knows_saturated() {
+            doubted = doubted_levels(&image, saturation);
         }
         let alpha = if self.asks_for_levels() && is_joint {
             let told = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..curve };
@@ -56,6 +58,6 @@ impl Restoration {
         let level = saturation.map(saturated_from);
         let image = AnyImage::Linear(blend_highlights(restored, &image, level, self.highlights())?);
         let restored = Restored::new(image, with_levels(info, levels), curve);
-        Ok(Restored { lamps, lamps_outside, levels, doubted_levels, ..restored })
+        Ok(Restored { lamps, lamps_outside, levels, doubted_levels: doubted, ..restored })
     }
 }

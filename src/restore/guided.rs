@@ -11,7 +11,7 @@ use super::deconvolution::{Border, LampOutside, Relieved, Solution, solve, witho
 use super::guard::{Guard, Left};
 use super::highlights::blend_highlights;
 use super::lamps::find_lamps;
-use super::levels::{find_levels, suited_curve, with_levels};
+use super::levels::{corrected_levels, doubted_levels, find_levels, suited_curve, with_levels};
 use super::memory::MemoryPlan;
 use super::network::NetworkOperator;
 use super::planes::{PlaneConfig, planes_of};
@@ -90,6 +90,15 @@ struct Given<'a> {
     has_lamps: bool,
 }
 
+/// What saturates the channels of a capture.
+struct Levels {
+    saturation: [f32; CHANNELS],
+    /// As far as that was found in the capture itself.
+    found: Option<[f32; CHANNELS]>,
+    /// What the capture shows against what the user told.
+    doubted: Option<[Option<f32>; CHANNELS]>,
+}
+
 /// What was found and done as a network corrected.
 #[derive(Default)]
 struct Corrected {
@@ -107,7 +116,7 @@ impl Restoration {
         progress: &Progress,
     ) -> Result<Restored> {
         let Capture { image, info } = capture;
-        let (image, saturation, found) =
+        let (image, Levels { saturation, found, doubted }) =
             self.light_and_levels(image, info.as_ref().and_then(|info| info.saturation));
         let told = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..self.curve() };
         let curve = suited_curve(told, &image);
@@ -152,7 +161,16 @@ impl Restoration {
         let clips = found.filter(|_| !options.is_some_and(|options| options.true_highlights));
         let info = with_levels(info, clips);
         let restored = Restored::new(image, info, told);
-        Ok(Restored { angle, lamps, lamps_outside, levels: found, pose, smaller_windows, ..restored })
+        Ok(Restored {
+            angle,
+            lamps,
+            lamps_outside,
+            levels: found,
+            doubted_levels: doubted,
+            pose,
+            smaller_windows,
+            ..restored
+        })
     }
 
     /// What a network makes of a capture whose scene has been solved for, as far as the capture allows.
@@ -210,24 +228,26 @@ impl Restoration {
         })
     }
 
-    /// The light of a capture, what saturates each channel, and whether that was found in the capture itself.
-    fn light_and_levels(
-        &self,
-        image: AnyImage,
-        known: Option<[f32; CHANNELS]>,
-    ) -> (LinearImage, [f32; CHANNELS], Option<[f32; CHANNELS]>) {
+    /// The light of a capture, and what saturates each channel.
+    fn light_and_levels(&self, image: AnyImage, known: Option<[f32; CHANNELS]>) -> (LinearImage, Levels) {
         let image: LinearImage = image.into_linear(self.curve());
         let usual = self.curve().x_max;
         let finds_levels = self.guided_options().is_some_and(|options| options.finds_levels);
-        match known {
-            Some(levels) if finds_levels => (image, levels, None),
-            Some(levels) => (image, levels.map(|level| level.min(usual)), None),
-            None if finds_levels => {
-                let (levels, count) = find_levels(&image, usual);
-                (image, levels, (count > 0).then_some(levels))
+        let (saturation, found, doubted) = match known {
+            Some(told) if finds_levels => {
+                let (levels, is_found) = corrected_levels(&image, told);
+                (levels, is_found.then_some(levels), None)
             }
-            None => (image, [usual; CHANNELS], None),
-        }
+            None if finds_levels => {
+                let (levels, count) = find_levels(&image, self.curve());
+                (levels, (count > 0).then_some(levels), None)
+            }
+            told => {
+                let told = told.map_or([usual; CHANNELS], |levels| levels.map(|level| level.min(usual)));
+                (told, None, doubted_levels(&image, told))
+            }
+        };
+        (image, Levels { saturation, found, doubted })
     }
 }
 

@@ -1,107 +1,117 @@
 //! Finds the light at which a capture saturates, where nobody says it, and the tone curve that suits its units.
 
-use ndarray::ArrayView2;
+use rayon::prelude::*;
 
+use super::plateau::{Plateau, Top};
 use crate::core::capture::CaptureInfo;
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
 
-/// Pixels that have to be equally bright to be taken for saturated, in a channel or, where all channels end at the same value, in
-/// all of them: fewer may be the core of a lamp.
-const LEAST_PIXELS: usize = 16;
-
-/// The part of the brightest value that counts as just as bright: rounding to half floats.
-const SAME: f32 = 0.998;
-
-/// Saturated pixels for each that is nearly as bright: a sensor's white ends like a cut, a lamp's image like a bell.
-const CUT: usize = 2;
-
-/// Of so many pixels one may be saturated: an image that is flat for the most part is of something flat.
-const MOST_OF: usize = 2;
-
 /// What light is in multiples of α where it saturates, at least and at most, in the captures that networks are trained on.
 const LEVELS: [f32; 2] = [4.0, 2000.0];
 
-/// The next value below the brightest of coarsely quantised light, as a part of it: that far down, pixels are nearly as bright.
-const NEXT: f32 = 0.9;
-
 /// A capture whose brightest light is less than this part of α is in smaller units than networks know.
 const DARKEST: f32 = 1.0 / 3.0;
+
+/// So may be one whose brightest light is less than this multiple of α,
+const DIM: f32 = 8.0;
+
+/// if the α that suits it is less than this part of α.
+const DARK: f32 = 1.0 / 8.0;
+
+/// How much brighter than a capture its restored scene may be, at least, where nothing says what saturates.
+const HEADROOM: f32 = 4.0;
 
 /// α of a scene exposed like the brighter ones of those, over the median of its green light: 20 captures in counts are restored as at
 /// 2.5 times as much, within 0.1 dB, and one of a lamp over an even pattern, whose φ is nearly linear then, better.
 const ALPHA_OVER_MEDIAN: f32 = 0.8;
 
-/// The curve itself where a capture is of light as networks know it; for one in much larger units, counts of a sensor for
-/// example, or in much smaller ones, one whose α is as large beside its light as theirs.
+/// The curve itself where a capture is of light as networks know it; for one in other units, counts of a sensor or light of which
+/// white is 1 and most is dark, for example, one whose α is as large beside its light as theirs.
 pub(super) fn suited_curve(curve: ToneCurve, image: &LinearImage) -> ToneCurve {
     let [least, most] = LEVELS;
-    let white = match image.max().min(curve.x_max) {
-        brightest if brightest > 0.0 && brightest < DARKEST * curve.alpha => brightest,
-        _ if curve.x_max > most * curve.alpha => curve.x_max,
-        _ => return curve,
-    };
+    let white = image.max().min(curve.x_max);
+    let is_in_large_units = curve.x_max > most * curve.alpha;
+    if white <= 0.0 || (!is_in_large_units && white >= DIM * curve.alpha) {
+        return curve;
+    }
     let mut green: Vec<f32> = image.channel(1).iter().copied().collect();
     let middle = green.len() / 2;
     let (_, median, _) = green.select_nth_unstable_by(middle, f32::total_cmp);
     let alpha = (ALPHA_OVER_MEDIAN * *median).clamp(white / most, white / least);
-    ToneCurve { alpha, ..curve }
+    let is_in_small_units = white < DARKEST * curve.alpha || alpha < DARK * curve.alpha;
+    if is_in_large_units || is_in_small_units { ToneCurve { alpha, ..curve } } else { curve }
 }
 
-/// Finds the white level of each channel of a capture: the value that its brightest pixels share, if that ends like a cut.
-/// Channels without such a value saturate above all that they show, and at no less than `usual`. Where all channels end at one
-/// value, their pixels count together.
+/// Where light may saturate that nobody has told of, in a capture that shows nothing of it: as far above α as in the published
+/// model, in whatever units.
+fn unknown_level(curve: ToneCurve, image: &LinearImage) -> f32 {
+    let brightest = image.max();
+    let within = ToneCurve { x_max: curve.x_max.min(brightest), ..curve };
+    let level = curve.x_max / curve.alpha * suited_curve(within, image).alpha;
+    if brightest < saturated_from(level) { level } else { HEADROOM * brightest }
+}
+
+/// The white level of each channel that its brightest pixels show, if they end like a cut, and how many pixels do. Where all
+/// channels end at one value, their pixels count together.
+pub(super) fn cut_levels(image: &LinearImage) -> [Option<(f32, usize)>; CHANNELS] {
+    let mut tops: [Option<Top>; CHANNELS] = [const { None }; CHANNELS];
+    tops.par_iter_mut().enumerate().for_each(|(channel, top)| *top = Some(Top::of(image.channel(channel))));
+    let tops = tops.map(|top| top.expect("each was filled"));
+    let narrow = tops.each_ref().map(Top::narrowest);
+    let together = narrow.iter().flatten().map(|plateau| plateau.pixels).sum();
+    let is_one_value = narrow[0].is_some_and(|first| {
+        narrow.iter().all(|plateau| {
+            plateau.is_some_and(|plateau| plateau.brightest.total_cmp(&first.brightest).is_eq())
+        })
+    });
+    std::array::from_fn(|channel| {
+        let top = &tops[channel];
+        let shared = narrow[channel].filter(|plateau| is_one_value && plateau.is_cut(top, together));
+        // All of a plateau saturates.
+        let level = |Plateau { brightest, darkest, pixels, .. }| {
+            (brightest.min(darkest / saturated_from(1.0)), pixels)
+        };
+        shared.or_else(|| top.plateau()).map(level)
+    })
+}
+
+/// Finds the white level of each channel of a capture, as [`cut_levels`]. Channels without one saturate above all that they show: at
+/// x_max, in units as the curve's.
 ///
 /// The second number is how many pixels were found to be saturated.
-pub(super) fn find_levels(image: &LinearImage, usual: f32) -> ([f32; CHANNELS], usize) {
-    let tops: [Top; CHANNELS] = std::array::from_fn(|channel| Top::of(image.channel(channel)));
-    let is_one_value = tops.iter().all(|top| top.brightest.total_cmp(&tops[0].brightest).is_eq());
-    let equal = |top: &Top| if is_one_value { tops.iter().map(|top| top.equal).sum() } else { top.equal };
-    let found = tops.each_ref().map(|top| top.is_cut(equal(top)).then_some((top.brightest, top.equal)));
+pub(super) fn find_levels(image: &LinearImage, curve: ToneCurve) -> ([f32; CHANNELS], usize) {
+    let found = cut_levels(image);
     let count = found.iter().flatten().map(|(_, count)| count).sum();
-    let levels = std::array::from_fn(|channel| {
-        found[channel].map_or_else(
-            || {
-                let brightest = image.channel(channel).iter().fold(0.0, |most: f32, value| most.max(*value));
-                usual.max(brightest / saturated_from(1.0) * (1.0 + f32::EPSILON.sqrt()))
-            },
-            |(level, _)| level,
-        )
+    let unknown = if found.iter().all(Option::is_some) { curve.x_max } else { unknown_level(curve, image) };
+    (found.map(|found| found.map_or(unknown, |(level, _)| level)), count)
+}
+
+/// The levels that files tell, or those that the capture shows below them, as where a sensor is full before its converter is; whether
+/// it shows any.
+pub(super) fn corrected_levels(image: &LinearImage, told: [f32; CHANNELS]) -> ([f32; CHANNELS], bool) {
+    // Far below, flat light is more plausible than a white.
+    const LEAST: f32 = 0.8;
+    let found = cut_levels(image);
+    let below = |channel: usize| {
+        let (level, _) = found[channel]?;
+        (LEAST * told[channel]..saturated_from(told[channel])).contains(&level).then_some(level)
+    };
+    let below: [Option<f32>; CHANNELS] = std::array::from_fn(below);
+    (
+        std::array::from_fn(|channel| below[channel].unwrap_or(told[channel])),
+        below.iter().any(Option::is_some),
+    )
+}
+
+/// What the brightest pixels of each channel show to saturate it, where that is below what is told to.
+pub(super) fn doubted_levels(image: &LinearImage, told: [f32; CHANNELS]) -> Option<[Option<f32>; CHANNELS]> {
+    let found = cut_levels(image);
+    let doubted: [Option<f32>; CHANNELS] = std::array::from_fn(|channel| {
+        found[channel].map(|(level, _)| level).filter(|level| *level < saturated_from(told[channel]))
     });
-    (levels, count)
-}
-
-/// The brightest pixels of a channel.
-struct Top {
-    brightest: f32,
-    /// Pixels that are just as bright.
-    equal: usize,
-    /// Pixels that are nearly as bright, be it as the next value of coarsely quantised light.
-    near: usize,
-    pixels: usize,
-}
-
-impl Top {
-    fn of(plane: ArrayView2<'_, f32>) -> Self {
-        let brightest = plane.iter().fold(0.0, |most: f32, value| most.max(*value));
-        let is_equal = |value: f32| value >= SAME * brightest;
-        let next =
-            plane.iter().filter(|value| !is_equal(**value)).fold(0.0, |most: f32, value| most.max(*value));
-        let within = (2.0 * SAME - 1.0 - 4.0 * (1.0 - SAME)) * brightest;
-        let is_near = |value: f32| value >= within || (next >= NEXT * brightest && value >= SAME * next);
-        let equal = plane.iter().filter(|value| is_equal(**value)).count();
-        let near = plane.iter().filter(|value| !is_equal(**value) && is_near(**value)).count();
-        Self { brightest, equal, near, pixels: plane.len() }
-    }
-
-    /// Whether they end like a cut, if so many pixels are evidence of it.
-    fn is_cut(&self, evidence: usize) -> bool {
-        self.brightest > 0.0
-            && evidence >= LEAST_PIXELS
-            && self.equal >= CUT * self.near
-            && MOST_OF * self.equal <= self.pixels
-    }
+    doubted.iter().any(Option::is_some).then_some(doubted)
 }
 
 /// What is known of a capture, and at which light it was found to saturate.
@@ -123,6 +133,8 @@ mod tests {
     use super::*;
     use ndarray::Array3;
 
+    const USUAL: ToneCurve = ToneCurve { alpha: 0.25, x_max: 500.0 };
+
     fn scene(limit: f32) -> LinearImage {
         let light = |y: usize, x: usize| {
             0.2 + 90.0 * (-((y as f32 - 30.0).powi(2) + (x as f32 - 20.0).powi(2)) / 80.0).exp()
@@ -133,16 +145,16 @@ mod tests {
 
     #[test]
     fn a_lamp_that_is_cut_off_saturates_and_one_that_is_not_does_not() {
-        let (levels, count) = find_levels(&scene(16.0), 500.0);
+        let (levels, count) = find_levels(&scene(16.0), USUAL);
         assert_eq!(levels, [16.0; 3]);
         assert!(count > 3 * 100, "{count}");
-        assert_eq!(find_levels(&scene(1e3), 500.0), ([500.0; 3], 0));
+        assert_eq!(find_levels(&scene(1e3), USUAL), ([500.0; 3], 0));
     }
 
     #[test]
     fn an_image_that_is_brighter_than_usual_is_below_its_own_level() {
         let bright = LinearImage::from_planes(scene(1e3).into_planes() * 10.0).unwrap();
-        let (levels, count) = find_levels(&bright, 500.0);
+        let (levels, count) = find_levels(&bright, USUAL);
         let brightest = bright.as_slice().iter().fold(0.0f32, |a, b| a.max(*b));
         assert!(count == 0 && levels.iter().all(|level| saturated_from(*level) > brightest), "{levels:?}");
     }
@@ -160,15 +172,14 @@ mod tests {
         assert_eq!(curve.x_max, 16_000.0);
         let black = LinearImage::from_planes(Array3::zeros((3, 8, 8))).unwrap();
         assert_eq!(suited_curve(curve, &black).alpha, curve.alpha);
-        assert_eq!(suited_curve(ToneCurve { alpha: 0.25, ..curve }, &black).alpha, 8.0);
     }
 
     #[test]
     fn a_flat_or_dark_image_is_not_white() {
         let dark = LinearImage::from_planes(Array3::zeros((3, 8, 8))).unwrap();
-        assert_eq!(find_levels(&dark, 500.0), ([500.0; 3], 0));
+        assert_eq!(find_levels(&dark, USUAL), ([500.0; 3], 0));
         let wall = LinearImage::from_planes(Array3::from_elem((3, 8, 8), 0.5)).unwrap();
-        assert_eq!(find_levels(&wall, 500.0), ([500.0; 3], 0));
+        assert_eq!(find_levels(&wall, USUAL), ([500.0; 3], 0));
     }
 
     /// Ten pixels a channel: few, but all channels end at the same value.
@@ -181,8 +192,8 @@ mod tests {
             };
             LinearImage::from_planes(Array3::from_shape_fn((3, 32, 32), light)).unwrap()
         };
-        assert_eq!(find_levels(&lamp([4.0; 3]), 500.0), ([4.0; 3], 30));
-        assert_eq!(find_levels(&lamp([4.0, 3.0, 2.0]), 500.0), ([500.0; 3], 0));
+        assert_eq!(find_levels(&lamp([4.0; 3]), USUAL), ([4.0; 3], 30));
+        assert_eq!(find_levels(&lamp([4.0, 3.0, 2.0]), USUAL), ([500.0; 3], 0));
     }
 
     /// Light in steps of 1/60 has many pixels at its brightest value, and as many one step below.
@@ -193,7 +204,7 @@ mod tests {
             ((60.0 * (1.2 - distance / 40.0)).round() / 60.0).max(0.1)
         };
         let coarse = LinearImage::from_planes(Array3::from_shape_fn((3, 64, 64), light)).unwrap();
-        assert_eq!(find_levels(&coarse, 500.0), ([500.0; 3], 0));
+        assert_eq!(find_levels(&coarse, USUAL), ([500.0; 3], 0));
     }
 
     /// What is a thousandth as large is tone-mapped to the same.
@@ -205,5 +216,48 @@ mod tests {
         assert!((curve.alpha / (ALPHA_OVER_MEDIAN * median) - 1.0).abs() < 0.1, "{curve:?}");
         let unknown = suited_curve(ToneCurve::new(0.25, 500.0).unwrap(), &image);
         assert_eq!(unknown.alpha, curve.alpha);
+    }
+
+    /// A sensor that is full before its converter is, or a picture whose white is at code 240.
+    #[test]
+    fn a_white_below_the_one_that_a_file_tells_is_found() {
+        for (cut, told, expected) in [
+            (0.9, 1.0, ([0.9; 3], true)),
+            (0.995, 1.0, ([1.0; 3], false)),
+            (0.5, 1.0, ([1.0; 3], false)),
+            (16.0, 12.0, ([12.0; 3], false)),
+        ] {
+            assert_eq!(corrected_levels(&scene(cut), [told; 3]), expected, "{cut} of {told}");
+        }
+    }
+
+    #[test]
+    fn a_level_that_is_told_and_that_nothing_reaches_is_doubted() {
+        assert_eq!(doubted_levels(&scene(16.0), [16.17; 3]), Some([Some(16.0); 3]));
+        assert_eq!(doubted_levels(&scene(16.0), [16.1; 3]), None);
+        assert_eq!(doubted_levels(&scene(16.0), [16.0, 20.0, 16.0]), Some([None, Some(16.0), None]));
+        assert_eq!(doubted_levels(&scene(1e3), [500.0; 3]), None, "it shows no white");
+    }
+
+    /// Nothing is cut off in any of these units: what may saturate is as far above all of it.
+    #[test]
+    fn unknown_levels_are_in_the_units_of_the_capture() {
+        let image = scene(1e3);
+        for unit in [1e-4, 1.0 / 90.0, 4095.0] {
+            let (levels, count) = find_levels(&image.map_values(|value| unit * value), USUAL);
+            let over_brightest = levels[1] / (unit * image.max());
+            assert!(count == 0 && (1.5..50.0).contains(&over_brightest), "{unit}: {levels:?}");
+        }
+    }
+
+    /// Light of which the brightest is 1, as HDR images are often divided.
+    #[test]
+    fn a_dark_scene_whose_white_is_one_is_mapped_as_if_it_were_brighter() {
+        let image = scene(16.0).map_values(|value| value / 16.0);
+        let curve = suited_curve(ToneCurve::new(0.25, 1.0).unwrap(), &image);
+        let median = 0.2 / 16.0;
+        assert!((curve.alpha / (ALPHA_OVER_MEDIAN * median) - 1.0).abs() < 0.1, "{curve:?}");
+        let exposed = image.map_values(|value| (6.0 * value).min(1.0));
+        assert_eq!(suited_curve(USUAL, &exposed), USUAL);
     }
 }

@@ -10,6 +10,7 @@ use super::angle::{FoundAngle, find_code};
 use super::capture::{Capture, Restored};
 use super::deconvolution::{Border, DeconvolutionConfig, Method, NoiseCurve, deconvolution_bytes};
 use super::field::code_map;
+use super::grey::{grey_kernel, is_grey, made_grey};
 use super::guided::GuidedOptions;
 use super::highlights::{Highlights, blend_highlights};
 use super::kernel::KernelKnowledge;
@@ -358,12 +359,32 @@ impl Restoration {
         }
     }
 
-    /// Restores a capture, as [`plan`](Self::plan) says.
+    /// Restores a capture, as [`plan`](Self::plan) says. One whose colours are equal everywhere is restored with the PSF of grey
+    /// light, and stays grey.
     ///
     /// # Errors
     /// Those of [`plan`](Self::plan) and of the method; [`Error::Unsupported`] when an angle cannot be found;
     /// [`Error::Interrupted`].
     pub fn restore(&self, capture: Capture, progress: &Progress) -> Result<Restored> {
+        if self.kernel.psf().is_none() || self.is_told_by_code() || !is_grey(&capture.image) {
+            return self.restore_colors(capture, progress);
+        }
+        // Of one colour, and its PSF tells of three: it is seen through all of them at once.
+        let grey = grey_kernel(&self.kernel)?;
+        let through_grey = grey.is_some();
+        let restored = match grey {
+            Some(kernel) => Self { kernel, ..self.clone() }.restore_colors(capture, progress)?,
+            None => self.restore_colors(capture, progress)?,
+        };
+        Ok(Restored { image: made_grey(restored.image)?, through_grey, ..restored })
+    }
+
+    /// Whether it is a network that reads a code, and no PSF.
+    fn is_told_by_code(&self) -> bool {
+        matches!(&self.how, How::Network(model) if model.architecture().planes().is_empty())
+    }
+
+    fn restore_colors(&self, capture: Capture, progress: &Progress) -> Result<Restored> {
         let plan = self.plan(capture.image.size())?;
         match &self.how {
             How::Network(model) if !model.architecture().planes().is_empty() => {

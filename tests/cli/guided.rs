@@ -154,6 +154,13 @@ fn deconvolutions_notice_that_a_capture_is_clipped() {
     }
     assert!(!restore("wiener", &[]).0.contains("x-max"));
     assert!(!restore("constrained", &["--x-max", "4"]).0.contains("x-max"));
+    for method in ["constrained", "joint"] {
+        let (said, _) = restore(method, &["--x-max", "4.1"]);
+        assert!(
+            said.contains("end at 4 in red, 4 in green, 4 in blue") && said.contains("tell the x-max: 4"),
+            "{said}"
+        );
+    }
 }
 
 #[test]

@@ -29,6 +29,11 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     if let Some(doubt) = restored.doubt() {
         session.warn(format_args!("{name}: {doubt}"));
     }
+    if restored.through_grey {
+        session.note(format_args!(
+            "{name}: its colours are the same everywhere; it is restored as grey, with the colours of the PSF weighed by their luminance"
+        ));
+    }
     if let Some([height, width]) = restored.smaller_windows {
         session.note(format_args!(
             "{name}: the device has memory for windows of {height} × {width} pixels, and no larger ones"

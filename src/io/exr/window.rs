@@ -4,6 +4,18 @@ use ::exr::math::Vec2;
 use ::exr::meta::header::Header;
 use ndarray::{Array3, s};
 
+/// How many pixels of the display window have no data.
+pub(super) fn pixels_without_data(header: &Header) -> usize {
+    let (display, data) = (header.shared_attributes.display_window, header.data_window());
+    let shared = |data: (i32, usize), display: (i32, usize)| {
+        Overlap::of(i64::from(data.0) - i64::from(display.0), data.1, display.1)
+            .map_or(0, |overlap| overlap.length)
+    };
+    let rows = shared((data.position.1, data.size.1), (display.position.1, display.size.1));
+    let columns = shared((data.position.0, data.size.0), (display.position.0, display.size.0));
+    display.size.area() - rows * columns
+}
+
 /// Cuts or extends the data window to the display window; pixels outside of the data are black, as the format
 /// defines.
 pub(super) fn place_in_display_window(planes: Array3<f32>, header: &Header) -> Result<Array3<f32>, String> {

@@ -1,6 +1,6 @@
 //! Finds what is wrong with an energy map that is to be a PSF.
 
-use ndarray::{Array3, Axis};
+use ndarray::{Array3, ArrayView2, Axis};
 
 use super::place::{LOSS_TOLERANCE, MOST_LOSS, PsfMove, locate, show_share, show_shift};
 use crate::core::error::{Error, Result};
@@ -10,6 +10,13 @@ const SUM_TOLERANCE: f64 = 1.0 / (1 << 11) as f64;
 
 /// Negative energy, as a share of the positive, that is not worth a word.
 const NEGATIVE_TOLERANCE: f64 = 1e-4;
+
+/// What every pixel of the edge has, as a share of the whole if all pixels had it, that is not worth a word: of PSFs that were drawn at
+/// random, and of measured ones, it is at most 0.003.
+const FLOOR_TOLERANCE: f64 = 0.01;
+
+/// A smaller side may be cut so close to the core that its edge is bright.
+const LEAST_SIDE_WITH_FLOOR: usize = 31;
 
 const NAMES: [&str; 3] = ["red", "green", "blue"];
 
@@ -24,6 +31,9 @@ pub struct PsfFaults {
     pub sums: [f64; 3],
     /// The energy below zero, as a share of that above.
     pub negative_shares: [f64; 3],
+    /// The light that all pixels would have if each had no more than the darkest of the edge, as a share of all light: a background
+    /// that was not subtracted.
+    pub floors: [f64; 3],
     /// How the peak of all channels together would come to the centre; none where it is there.
     pub recentring: Option<PsfMove>,
     /// Whether the peak was moved to the centre, as far as all channels can be moved together.
@@ -61,6 +71,7 @@ impl PsfFaults {
             shifts: [0, 1, 2].map(shift),
             sums: [0, 1, 2].map(|channel| part(channel, |_| true)),
             negative_shares: [0, 1, 2].map(negative),
+            floors: [0, 1, 2].map(|channel| floor_of(of_channel(channel))),
             recentring: PsfMove::of(planes),
             recentered: false,
         })
@@ -68,10 +79,11 @@ impl PsfFaults {
 
     /// All that is wrong as one sentence that says what mends it; none without a fault.
     pub fn describe(&self) -> Option<String> {
-        let faults: Vec<String> = [self.describe_shifts(), self.describe_sums(), self.describe_negatives()]
-            .into_iter()
-            .flatten()
-            .collect();
+        let faults: Vec<String> =
+            [self.describe_shifts(), self.describe_sums(), self.describe_negatives(), self.describe_floors()]
+                .into_iter()
+                .flatten()
+                .collect();
         (!faults.is_empty()).then(|| faults.join("; "))
     }
 
@@ -116,6 +128,28 @@ impl PsfFaults {
             "{found} of negative energy, which is set to zero: subtract less background, or measure with `udc fuse --point-source`"
         ))
     }
+
+    fn describe_floors(&self) -> Option<String> {
+        let share = |channel: usize| format!("{:.1} %", 100.0 * self.floors[channel]);
+        let found = by_channel(|channel| self.floors[channel] > FLOOR_TOLERANCE, share)?;
+        Some(format!(
+            "its edge is nowhere dark, as if a background were left in it, of all light {found}: subtract it, or measure with `udc \
+             fuse --point-source`; restored images would be too dark"
+        ))
+    }
+}
+
+/// See [`PsfFaults::floors`]; zero for a plane that is even, small or dark.
+fn floor_of(plane: ArrayView2<'_, f32>) -> f64 {
+    let (height, width) = plane.dim();
+    if height.min(width) < LEAST_SIDE_WITH_FLOOR {
+        return 0.0;
+    }
+    let edges = [plane.row(0), plane.row(height - 1), plane.column(0), plane.column(width - 1)];
+    let darkest = edges.iter().flatten().fold(f32::INFINITY, |least, value| least.min(*value));
+    let sum: f64 = plane.iter().map(|value| f64::from(*value)).sum();
+    let floor = f64::from(darkest) * plane.len() as f64 / sum;
+    if sum > 0.0 && floor < 1.0 { floor.max(0.0) } else { 0.0 }
 }
 
 /// What mends a peak that is off the centre.
@@ -334,5 +368,32 @@ mod tests {
         assert!(before.contains("blue lies 1 px right") && before.contains("cannot mend it"), "{before}");
         let said = PsfFaults { recentered: true, ..PsfFaults::of(&kept).unwrap() }.describe().unwrap();
         assert!(said.contains("blue lies 1 px right") && said.contains("apart"), "{said}");
+    }
+
+    /// A tenth of all light is even; and an edge that is dark somewhere, one that is even alone, and a core that fills its frame.
+    #[test]
+    fn a_background_that_was_left_in_is_told() {
+        let lobe = |side: usize, width: f32| {
+            Array3::from_shape_fn((3, side, side), |(_, y, x)| {
+                let centre = (side / 2) as f32;
+                (-(y as f32 - centre).hypot(x as f32 - centre) / width).exp()
+            })
+        };
+        let normalised = |planes: Array3<f32>| {
+            let sum = planes.sum() / 3.0;
+            planes / sum
+        };
+        let whole = normalised(lobe(41, 2.0));
+        assert_eq!(PsfFaults::of(&whole).unwrap().describe(), None);
+        let background = normalised(&whole + 0.1 / (41.0 * 41.0));
+        let faults = PsfFaults::of(&background).unwrap();
+        assert!(faults.floors.iter().all(|floor| (floor - 0.0909).abs() < 2e-3), "{:?}", faults.floors);
+        assert!(faults.describe().unwrap().contains("every colour 9.1 %"), "{:?}", faults.describe());
+        let mut cut = background;
+        cut.slice_mut(s![.., 0, 3]).fill(0.0);
+        assert_eq!(PsfFaults::of(&cut).unwrap().floors, [0.0; 3]);
+        for other in [normalised(lobe(21, 20.0)), normalised(Array3::ones((3, 41, 41)))] {
+            assert_eq!(PsfFaults::of(&other).unwrap().floors, [0.0; 3]);
+        }
     }
 }

@@ -88,6 +88,12 @@ fn reads_the_exposure_time_of_openexr() {
 #[test]
 fn places_the_data_window_in_the_display_window() {
     check("window.exr", (3, 4, 9), |c, y, x| if (2..7).contains(&x) { ramp(c, y + 1, x - 2) } else { 0.0 });
+    let path = fixture("window.exr");
+    let pixels = read_pixels(&path).unwrap();
+    assert_eq!(pixels.without_data, 4 * 4);
+    assert!(pixels.describe_darkness(&path).unwrap().contains("16 of 36 pixels hold no data"));
+    let whole = fixture("half_piz.exr");
+    assert_eq!(read_pixels(&whole).unwrap().describe_darkness(&whole), None);
 }
 
 #[test]

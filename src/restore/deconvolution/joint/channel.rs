@@ -315,7 +315,7 @@ impl<'a> Channel<'a> {
         let parts =
             Zip::from(&mut rest).and(self.known.capture).and(hidden).and(self.frame.cut(&self.brightness));
         parts.par_for_each(|rest, y, hidden, n| {
-            *rest = if *hidden || *n <= 0.0 { 0.0 } else { (y.max(0.0) - *rest) / n };
+            *rest = if *hidden || *n <= 0.0 { 0.0 } else { (y - *rest) / n };
         });
         let mut added = self.frame.plane();
         let ones = Array2::ones(rest.dim());
@@ -333,7 +333,7 @@ impl<'a> Channel<'a> {
         self.frame.blur(self.known.psf)?.apply(&self.scene, image);
         let pixels =
             Zip::from(out).and(self.known.capture).and(&*image).and(self.frame.cut(&self.brightness));
-        pixels.par_for_each(|out, y, image, n| *out = if *n > 0.0 { (y.max(0.0) - image) / n } else { 0.0 });
+        pixels.par_for_each(|out, y, image, n| *out = if *n > 0.0 { (y - image) / n } else { 0.0 });
         Ok(())
     }
 

@@ -78,7 +78,7 @@ impl System<'_> {
         Zip::from(&mut room.image)
             .and(self.capture)
             .and(self.weights)
-            .par_for_each(|image, y, w| *image = w * (y.max(0.0) - *image));
+            .par_for_each(|image, y, w| *image = w * (y - *image));
         self.blur.transpose(&room.image, &mut room.gradient);
         self.prior.take_slope(x, (&mut room.gradient, &mut room.turned));
         let is_told = |place| self.told.is_some_and(|told| told.get(place) == Some(&true));

@@ -148,7 +148,7 @@ impl<'a> Fit<'a> {
     fn residual(&self, light: &Array2<f32>) -> (Loan<'_, Array2<f32>>, f64) {
         let [mut left, mut residual] = [(); 2].map(|()| self.lend_frame());
         self.blur.apply(light, &mut left);
-        Zip::from(&mut *left).and(self.capture).par_for_each(|left, y| *left = y.max(0.0) - *left);
+        Zip::from(&mut *left).and(self.capture).par_for_each(|left, y| *left = y - *left);
         let misfit = self.high_pass.pass(&left, &mut residual);
         (residual, misfit)
     }

@@ -427,3 +427,20 @@ fn a_filter_that_is_told_the_scene_is_a_bound() {
     let refused = filter_by_truth((&seen, &other), &psf(), &config, &progress).unwrap_err();
     assert!(refused.to_string().contains("96 × 95"), "{refused}");
 }
+
+/// Noise of which half is below zero, as of a capture whose black was subtracted: what was cut off of it would be a veil.
+#[test]
+fn dark_scenes_in_noise_below_zero_stay_as_dark() {
+    let mut rng = rng::stream(11, "dark");
+    let mut noise = || -> f32 { StandardNormal.sample(&mut rng) };
+    let noisy = Array3::from_shape_fn((3, SIZE, SIZE), |(_, y, x)| {
+        let light = if (y / 24 + x / 24) % 2 == 0 { 0.002 } else { 0.01 };
+        light + 0.02 * noise()
+    });
+    let mean = noisy.mean().unwrap();
+    let noisy = LinearImage::from_planes(noisy).unwrap();
+    let config = config(Method::Joint, Border::Smooth, 500.0);
+    let restored = deconvolve(&noisy, &psf(), &config, &Progress::default()).unwrap();
+    let found = restored.planes().mean().unwrap();
+    assert!((found / mean - 1.0).abs() < 0.15, "{found} of {mean}");
+}

@@ -118,7 +118,7 @@ impl PoseConfig {
             (Some(levels), Some(x_max)) => levels.map(|white| white.min(x_max)),
             (Some(levels), None) => levels,
             (None, Some(x_max)) => [x_max; CHANNELS],
-            (None, None) => find_levels(image, ToneCurve::default().x_max).0,
+            (None, None) => find_levels(image, ToneCurve::default()).0,
         };
         Self { alpha, saturation, least_move: [0.0; 2] }
     }
