@@ -3,6 +3,7 @@
 use ndarray::Array3;
 
 use super::bracket::show_time;
+use super::brightness::brightness_ratio;
 use crate::core::error::{Error, Result};
 
 /// Times that differ by less, as a share, are one setting of the shutter: files round theirs (1/60 s is also 0.0167 s), the
@@ -100,36 +101,21 @@ pub(super) fn check_order(frames: &[Array3<f32>], times: &[f64], numbers: &[usiz
     Ok(())
 }
 
-/// Pixels in common from which on a brightness ratio is believed.
-const ENOUGH_PIXELS: usize = 100;
-
-/// Compares neighbouring exposures where the longer one is bright and neither is saturated.
-pub(super) fn ratios_found(frames: &[Array3<f32>], times: &[f64], saturation: f64) -> Vec<Option<f64>> {
-    let compare = |(pair, times): (&[Array3<f32>], &[f64])| {
-        Some(brightness_ratio([&pair[0], &pair[1]], saturation)? * times[0] / times[1])
+/// Compares neighbouring exposures where neither reaches its ceiling, from which on it is saturated.
+pub(super) fn ratios_found(frames: &[Array3<f32>], times: &[f64], ceilings: &[f64]) -> Vec<Option<f64>> {
+    let compare = |index: usize| {
+        let ratio =
+            brightness_ratio([&frames[index], &frames[index + 1]], [ceilings[index], ceilings[index + 1]])?;
+        Some(ratio * times[index] / times[index + 1])
     };
-    frames.windows(2).zip(times.windows(2)).map(compare).collect()
-}
-
-/// How many times as bright the second picture is as the first, where that is bright and neither is saturated.
-pub(super) fn brightness_ratio([long, short]: [&Array3<f32>; 2], saturation: f64) -> Option<f64> {
-    let usable = |(long, short): &(&f32, &f32)| {
-        **long > 0.5 && f64::from(**long) < saturation && f64::from(**short) < saturation
-    };
-    let (mut count, mut long_sum, mut short_sum) = (0, 0.0, 0.0);
-    for (long, short) in long.iter().zip(short).filter(usable) {
-        count += 1;
-        long_sum += f64::from(*long);
-        short_sum += f64::from(*short);
-    }
-    (count >= ENOUGH_PIXELS).then(|| short_sum / long_sum)
+    (0..frames.len() - 1).map(compare).collect()
 }
 
 /// The times that the pictures show: each is the next longer one's, divided by the brightness ratio found. The longest
 /// is believed.
 ///
 /// # Errors
-/// [`Error::Config`] when two neighbouring exposures have too few pixels in common.
+/// [`Error::Config`] when two neighbouring exposures have too little light in common.
 pub(super) fn estimate_times(times: &[f64], found: &[Option<f64>]) -> Result<Vec<f64>> {
     let mut estimated = vec![times[0]];
     for (index, found) in found.iter().enumerate() {
@@ -137,8 +123,8 @@ pub(super) fn estimate_times(times: &[f64], found: &[Option<f64>]) -> Result<Vec
             return Err(Error::config(
                 "estimate-exposures",
                 format!(
-                    "exposures {} and {} have fewer than {ENOUGH_PIXELS} pixels in common that are bright in the one \
-                     and unsaturated in both; add an exposure between them, or trust the times",
+                    "exposures {} and {} have too little light in common that is well above black and unsaturated in \
+                     both; add an exposure between them, or trust the times",
                     show_time(times[index]),
                     show_time(times[index + 1])
                 ),

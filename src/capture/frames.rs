@@ -4,19 +4,19 @@ use ndarray::{Array2, Array3, Zip};
 
 use super::alignment::{check_motion, motions_within};
 use super::bracket::Bracket;
+use super::brightness::brightness_ratio;
 use super::darks::Darks;
-use super::exposure_times::brightness_ratio;
 use super::fuse::FuseConfig;
 use super::scaling::{check_black, check_finite, scaled_frames};
 use crate::core::error::Result;
 
-/// Pictures of one exposure time that are not equally bright.
+/// Pictures of one exposure time that are not equally bright, or that nobody knows to be.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Uneven {
     /// Their places among the pictures that were given, from 1.
     pub pictures: [usize; 2],
-    /// The brightness of the second over that of the first.
-    pub ratio: f64,
+    /// The brightness of the second over that of the first; none where both hold too little light to tell.
+    pub ratio: Option<f64>,
 }
 
 /// A larger difference of brightness, as a share, is no flicker.
@@ -84,11 +84,12 @@ impl Frames {
     }
 }
 
-/// The pictures of one time that are not as bright as the first.
+/// The pictures of one time that are not as bright as the first, or too dark to be compared with it.
 fn unequal(group: &[Array3<f32>], numbers: &[usize], saturation: f64) -> Vec<Uneven> {
     let compare = |(picture, &number): (&Array3<f32>, &usize)| {
-        let ratio = brightness_ratio([&group[0], picture], saturation)?;
-        ((ratio - 1.0).abs() > UNEVEN).then_some(Uneven { pictures: [numbers[0], number], ratio })
+        let ratio = brightness_ratio([&group[0], picture], [saturation; 2]);
+        let is_even = ratio.is_some_and(|ratio| (ratio - 1.0).abs() <= UNEVEN);
+        (!is_even).then_some(Uneven { pictures: [numbers[0], number], ratio })
     };
     group.iter().zip(numbers).skip(1).filter_map(compare).collect()
 }

@@ -114,7 +114,7 @@ pub struct Fused {
     /// How many pixels the mask discarded.
     pub discarded: usize,
     /// For each exposure but the longest: the brightness ratio to the next longer one as the pictures show it, where
-    /// they have enough pixels in common, over the ratio of the [`times`](Self::times).
+    /// they have enough light in common, over the ratio of the [`times`](Self::times).
     pub ratio_found: Vec<Option<f64>>,
     /// For each exposure but the longest: its displacement against the next longer one.
     pub motion: Vec<Option<Motion>>,
@@ -124,7 +124,7 @@ pub struct Fused {
     pub greens_look_swapped: bool,
     /// How many pictures each exposure is the mean of.
     pub averaged: Vec<usize>,
-    /// The pictures of one exposure time whose brightness differs by more than a tenth.
+    /// The pictures of one exposure time whose brightness differs by more than a tenth, or could not be compared.
     pub uneven: Vec<Uneven>,
     /// How many pixels shine in the dark frames, where there were any; they are filled from their neighbours wherever
     /// they do in the dark frame of the exposure that their value was taken of.
@@ -162,10 +162,11 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
     let mut times = exposures.times.clone();
     let frames = std::mem::take(&mut exposures.frames);
     check_order(&frames, &times, &numbers)?;
-    let mut ratio_found = ratios_found(&frames, &times, config.saturation);
+    let ceilings = vec![config.saturation; frames.len()];
+    let mut ratio_found = ratios_found(&frames, &times, &ceilings);
     if config.estimate_exposures {
         times = estimate_times(&times, &ratio_found)?;
-        ratio_found = ratios_found(&frames, &times, config.saturation);
+        ratio_found = ratios_found(&frames, &times, &ceilings);
     }
     let motion = motions(&frames, &times, config.saturation)?;
     check_motion(&motion, numbers.windows(2).map(|pair| [pair[0], pair[1]]), config.max_motion_px)?;

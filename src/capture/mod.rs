@@ -5,6 +5,7 @@
 pub mod alignment;
 pub mod bayer;
 pub mod bracket;
+mod brightness;
 mod darks;
 mod develop;
 mod exposure_times;

@@ -14,26 +14,52 @@ const CLEAR_RATIO: f64 = 0.1;
 impl Fused {
     /// What is doubtful of exposure times and mosaic.
     pub fn warnings(&self) -> Vec<String> {
-        let mut warnings = Vec::new();
-        for (found, times) in self.ratio_found.iter().zip(self.times.windows(2)) {
-            if let Some(found) = found.filter(|found| (found - 1.0).abs() > CLEAR_RATIO) {
-                warnings.push(format!(
-                    "exposure {} is {found:.2} times as bright as {} lets expect; check the times, or pass \
-                     --estimate-exposures",
-                    show_time(times[1]),
-                    show_time(times[0])
-                ));
-            }
-        }
-        for Uneven { pictures: [first, other], ratio } in &self.uneven {
-            warnings.push(format!(
+        let mut warnings = self.doubtful_times();
+        let compared = |uneven: &Uneven| {
+            let [first, other] = uneven.pictures;
+            let ratio = uneven.ratio?;
+            Some(format!(
                 "picture {other} is {ratio:.2} times as bright as picture {first} of the same exposure time; check the times"
+            ))
+        };
+        warnings.extend(self.uneven.iter().filter_map(compared));
+        let unknown = self.uneven.iter().filter(|uneven| uneven.ratio.is_none());
+        let unknown: Vec<String> = unknown.map(|uneven| uneven.pictures[1].to_string()).collect();
+        if !unknown.is_empty() {
+            warnings.push(format!(
+                "whether pictures of the same exposure time are as bright as each other could not be checked of {}: too \
+                 little light in common with the first is well above black and unsaturated",
+                unknown.join(", ")
             ));
         }
         if self.greens_look_swapped {
             warnings.push("the mosaic's greens look as if on the other diagonal; check --bayer".to_owned());
         }
         warnings
+    }
+
+    /// The exposure times that contradict the pictures, and those of exposures that were used and that nothing confirms.
+    fn doubtful_times(&self) -> Vec<String> {
+        let shortest_used = self.source.iter().max().map_or(0, |source| usize::from(*source));
+        let pairs = self.ratio_found.iter().zip(self.times.windows(2)).enumerate();
+        let doubt = |(index, (found, times)): (usize, (&Option<f64>, &[f64]))| {
+            let [long, short] = [0, 1].map(|k| show_time(times[k]));
+            match found {
+                Some(found) => ((found - 1.0).abs() > CLEAR_RATIO).then(|| {
+                    format!(
+                        "exposure {short} is {found:.2} times as bright as {long} lets expect; check the times, or pass \
+                         --estimate-exposures"
+                    )
+                }),
+                None => (index < shortest_used).then(|| {
+                    format!(
+                        "the times of {long} and {short} could not be checked: too little light in common is well above \
+                         black and unsaturated in both"
+                    )
+                }),
+            }
+        };
+        pairs.filter_map(doubt).collect()
     }
 
     /// What is to be said of an image of which much is brighter than its values are.

@@ -168,6 +168,23 @@ fn compares_the_times_with_the_pictures() {
     assert!((found[0].unwrap() - 1.25).abs() < 1e-4 && (found[1].unwrap() - 0.8).abs() < 1e-4);
 }
 
+/// The times of an exposure that is not needed are nobody's concern.
+#[test]
+fn times_that_nothing_confirms_are_told_where_the_exposure_is_used() {
+    let lamp = |brightness: f32| {
+        let mut scene = Array3::from_elem((3, 40, 40), 0.001);
+        scene[[1, 20, 20]] = brightness;
+        fuse(bracket(&scene), &FuseConfig::default()).unwrap().warnings()
+    };
+    assert_eq!(lamp(0.5), Vec::<String>::new());
+    let warnings = lamp(5.0);
+    assert!(warnings.len() == 1 && warnings[0].contains("times of 1 and 1/32 could not be"), "{warnings:?}");
+    let dark = vec![Array3::from_elem((3, 40, 40), 0.001); 3];
+    let fused = fuse(Bracket::new(dark, &[1.0; 3]).unwrap(), &FuseConfig::default()).unwrap();
+    let warnings = fused.warnings();
+    assert!(warnings.len() == 1 && warnings[0].contains("checked of 2, 3: too little"), "{warnings:?}");
+}
+
 /// The second ratio is that of the pictures, too: 0.25 / 0.05, whatever the times say.
 #[test]
 fn takes_the_times_from_the_pictures_when_asked() {
@@ -394,7 +411,7 @@ fn pictures_of_one_time_that_are_not_as_bright_are_told() {
             .unwrap();
     assert_eq!(fused.uneven.len(), 1);
     assert_eq!(fused.uneven[0].pictures, [1, 3]);
-    assert!((fused.uneven[0].ratio - 0.5).abs() < 1e-6);
+    assert!((fused.uneven[0].ratio.unwrap() - 0.5).abs() < 1e-6);
 }
 
 /// A sensor with a pattern of its own in the dark, and pixels that shine, by the exposure's time.
