@@ -10,6 +10,7 @@ use crate::core::saturation::SATURATED_SHARE;
 use super::alignment::{Motion, check_motion, motions};
 use super::bayer::{BayerPattern, demosaic, demosaic_scene, greens_look_swapped};
 use super::bracket::Bracket;
+use super::cut_off::{CutOff, ceilings, cut_offs};
 use super::exposure_times::{check_order, estimate_times, ratios_found};
 use super::frames::{Frames, Uneven};
 use super::inpaint::inpaint;
@@ -126,6 +127,8 @@ pub struct Fused {
     pub averaged: Vec<usize>,
     /// The pictures of one exposure time whose brightness differs by more than a tenth, or could not be compared.
     pub uneven: Vec<Uneven>,
+    /// The exposures that end below the white that was told.
+    pub cut_off: Vec<CutOff>,
     /// How many pixels shine in the dark frames, where there were any; they are filled from their neighbours wherever
     /// they do in the dark frame of the exposure that their value was taken of.
     pub hot_pixels: Option<usize>,
@@ -159,10 +162,10 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
     config.check()?;
     let mut exposures = Frames::of(bracket, config)?;
     let numbers = exposures.first_numbers();
-    let mut times = exposures.times.clone();
-    let frames = std::mem::take(&mut exposures.frames);
+    let (mut times, frames) = (exposures.times.clone(), std::mem::take(&mut exposures.frames));
     check_order(&frames, &times, &numbers)?;
-    let ceilings = vec![config.saturation; frames.len()];
+    let cut_off = cut_offs(&frames, &times, config.saturation);
+    let ceilings = ceilings(&cut_off, frames.len(), config.saturation);
     let mut ratio_found = ratios_found(&frames, &times, &ceilings);
     if config.estimate_exposures {
         times = estimate_times(&times, &ratio_found)?;
@@ -214,6 +217,7 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
         greens_look_swapped,
         averaged: exposures.counts(),
         uneven: exposures.uneven,
+        cut_off,
         hot_pixels: exposures.darks.map(|darks| darks.hot_pixels()),
     })
 }

@@ -6,6 +6,7 @@ pub mod alignment;
 pub mod bayer;
 pub mod bracket;
 mod brightness;
+mod cut_off;
 mod darks;
 mod develop;
 mod exposure_times;
@@ -24,6 +25,7 @@ mod warnings;
 
 pub use alignment::Motion;
 pub use bracket::{Bracket, show_time};
+pub use cut_off::CutOff;
 pub use develop::{Developed, develop};
 pub use exposure_times::{SAME_TIME, relative_times};
 pub use frames::Uneven;

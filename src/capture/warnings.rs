@@ -12,9 +12,11 @@ const MUCH: f64 = 0.1;
 const CLEAR_RATIO: f64 = 0.1;
 
 impl Fused {
-    /// What is doubtful of exposure times and mosaic.
+    /// What is doubtful of levels, exposure times and mosaic.
     pub fn warnings(&self) -> Vec<String> {
-        let mut warnings = self.doubtful_times();
+        let mut warnings: Vec<String> =
+            self.cut_off.iter().map(|cut_off| cut_off.warning(&self.times)).collect();
+        warnings.extend(self.doubtful_times());
         let compared = |uneven: &Uneven| {
             let [first, other] = uneven.pictures;
             let ratio = uneven.ratio?;

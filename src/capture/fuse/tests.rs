@@ -185,6 +185,20 @@ fn times_that_nothing_confirms_are_told_where_the_exposure_is_used() {
     assert!(warnings.len() == 1 && warnings[0].contains("checked of 2, 3: too little"), "{warnings:?}");
 }
 
+/// 14 bits in words of 16: the longer exposures end at a quarter of white, which is no saturation.
+#[test]
+fn a_white_that_is_too_high_is_told() {
+    let scene = scene();
+    let pictures = |white: f32| TIMES.map(|time| scene.mapv(|v| white * (v * time as f32).min(1.0))).to_vec();
+    let warnings = |white| {
+        fuse(Bracket::new(pictures(white), &TIMES).unwrap(), &FuseConfig::default()).unwrap().warnings()
+    };
+    assert_eq!(warnings(1.0), Vec::<String>::new());
+    let said = warnings(0.25);
+    assert!(said[0].contains("exposure 1 end at 0.2500 of white, where 1/32 shows more"), "{said:?}");
+    assert!(said[0].contains("--white") && said.iter().all(|said| !said.contains("lets expect")), "{said:?}");
+}
+
 /// The second ratio is that of the pictures, too: 0.25 / 0.05, whatever the times say.
 #[test]
 fn takes_the_times_from_the_pictures_when_asked() {
