@@ -8,6 +8,9 @@ use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
 use crate::core::saturation::saturated_from;
 
+/// Tone-mapped values up to this are white by a network that overshoots.
+const OVERSHOOT: f32 = 1.05;
+
 impl Pixels {
     /// Whether only the user knows what the values are: integers that are no camera's raw ones, of a file that does not
     /// say its domain. A picture of 8 or 16 bits may be linear, tone-mapped or, as most are, encoded as sRGB; what its
@@ -60,7 +63,8 @@ impl Pixels {
     /// may be told anew.
     ///
     /// # Errors
-    /// [`Error::Format`] when the file declares another domain, or is told to be sRGB and holds values outside of `[0, 1]`.
+    /// [`Error::Format`] when the file declares another domain, or is told to be sRGB and holds values outside of `[0, 1]`, or to
+    /// be tone-mapped, which it does not say itself, and holds values clearly above 1.
     pub fn tell(&mut self, path: &Path, told: Option<DomainTag>) -> Result<Option<String>> {
         let Some(told) = told else { return Ok(None) };
         if self.raw.is_some() && told == DomainTag::Srgb {
@@ -72,9 +76,11 @@ impl Pixels {
         if self.raw.is_none() && self.domain != Some(DomainTag::Display) {
             check_told_domain(path, self.domain, told)?;
         }
-        self.domain = Some(told);
-        if told == DomainTag::Srgb {
-            self.decode_srgb(path)?;
+        let declared = self.domain.replace(told);
+        match told {
+            DomainTag::Srgb => self.decode_srgb(path)?,
+            DomainTag::ToneMapped if declared != Some(told) => self.check_tone_mapped(path)?,
+            DomainTag::ToneMapped | DomainTag::Linear | DomainTag::Display => {}
         }
         let reaches_white = || self.planes.iter().any(|value| *value >= saturated_from(1.0));
         let is_linear_integer = told == DomainTag::Linear && self.is_integer && self.raw.is_none();
@@ -93,6 +99,17 @@ impl Pixels {
     pub fn contradictions(&self, domain: DomainTag) -> Option<String> {
         let found: Vec<String> = self.color_tags.iter().filter_map(|tag| tag.contradiction(domain)).collect();
         (!found.is_empty()).then(|| found.join(", and "))
+    }
+
+    /// Refuses values that φ never gives, and that its inverse would all take for the brightest light.
+    fn check_tone_mapped(&self, path: &Path) -> Result<()> {
+        let above = self.planes.iter().copied().filter(|value| value.is_finite() && *value > OVERSHOOT);
+        let Some(largest) = above.max_by(f32::total_cmp) else { return Ok(()) };
+        let reason = format!(
+            "holds {largest}, and tone-mapped values are below 1: it is linear light (--domain linear, where a command has \
+             it) or something else"
+        );
+        Err(Error::format(path, reason))
     }
 
     fn decode_srgb(&mut self, path: &Path) -> Result<()> {
@@ -159,6 +176,21 @@ mod tests {
         assert_eq!(told(true, DomainTag::ToneMapped, None), None, "1 is no light there");
         let said = CaptureInfo { saturation: Some([1.9, 1.0, 1.6]), ..CaptureInfo::default() };
         assert_eq!(told(false, DomainTag::Srgb, Some(said)), Some([1.9, 1.0, 1.6]));
+    }
+
+    #[test]
+    fn values_that_no_tone_mapping_gives_are_refused() {
+        let tell = |brightest: f32| {
+            let mut pixels = Pixels::of_planes(Array3::from_elem((3, 2, 2), brightest));
+            pixels.tell(Path::new("a.npy"), Some(DomainTag::ToneMapped)).map(|_| ())
+        };
+        tell(1.05).unwrap();
+        let said = tell(1.5).unwrap_err().to_string();
+        assert!(said.contains("holds 1.5, and tone-mapped values are below 1"), "{said}");
+        // What a network that learned little wrote says itself what it is.
+        let declared = Some(DomainTag::ToneMapped);
+        let mut pixels = Pixels { domain: declared, ..Pixels::of_planes(Array3::from_elem((3, 2, 2), 1.5)) };
+        pixels.tell(Path::new("a.exr"), declared).unwrap();
     }
 
     /// 12 bits in a word of 16: who takes 65535 for white finds no lamp.

@@ -164,3 +164,22 @@ fn a_finished_image_is_not_compared_with_light() {
     assert!(refused.contains("--domain"), "{refused}");
     succeed(folder, &[&EVAL[..], &["-o", "results", "--domain", "srgb"]].concat());
 }
+
+/// φ gives nothing above 1, and its inverse would make the brightest light of all of it.
+#[test]
+fn linear_light_is_not_taken_for_tone_mapped() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    for name in ["restored", "gt"] {
+        fs::create_dir(folder.join(name)).unwrap();
+        let light = Array3::<f32>::from_elem((16, 16, 3), 1.5).into_dyn();
+        io::write_array(&folder.join(name).join("a.npy"), &light, false).unwrap();
+    }
+    let eval = [&EVAL[..], &["-o", "results", "--domain", "tone-mapped"]].concat();
+    let inverse = ["tonemap", "--inverse", "gt/a.npy", "-o", "light.exr"];
+    let convert = ["convert", "gt/a.npy", "mapped.exr", "--domain", "tone-mapped"];
+    for command in [&eval[..], &inverse, &convert] {
+        let said = fail(folder, command, 1);
+        assert!(said.contains("holds 1.5, and tone-mapped values are below 1"), "{command:?}: {said}");
+    }
+}
