@@ -47,7 +47,7 @@ pub(crate) struct FuseArgs {
     /// Side of the square PSF in pixels [default: 800]
     #[arg(long, value_name = "N", requires = "point_source")]
     size: Option<usize>,
-    /// What of the PSF sums to one [default: channel]
+    /// How the PSF is normalised [default: channel]
     #[arg(long, value_name = "WHAT", value_parser = NORMALIZATIONS, requires = "point_source")]
     normalize: Option<Normalization>,
 }

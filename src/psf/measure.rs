@@ -17,14 +17,14 @@ use super::background::Background;
 use super::haze::average_below_noise;
 use super::quality::{PsfQuality, assess_psf};
 
-/// What sums to one.
+/// What sums to one, or to one for each channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Normalization {
     /// Each channel: no change of colour.
     #[default]
     Channel,
-    /// All channels together: the source's colour stays.
+    /// All channels together, which sum to 3: the source's colour stays, and each channel of a neutral one sums to one.
     Total,
     /// Nothing: irradiance as measured.
     None,
@@ -36,7 +36,7 @@ pub enum Normalization {
 pub struct MeasureConfig {
     /// The side of the square PSF in pixels.
     pub size: usize,
-    /// What sums to one.
+    /// What is normalised.
     pub normalize: Normalization,
 }
 
@@ -121,7 +121,9 @@ pub fn measure_psf(
     let total: f64 = sums.iter().sum();
     let image = match config.normalize {
         Normalization::Channel => LinearImage::from_planes(psf.planes().to_owned())?,
-        Normalization::Total => LinearImage::from_planes(to_f32(&(&energy / total)))?,
+        Normalization::Total => {
+            LinearImage::from_planes(to_f32(&(&energy * (energy.len_of(Axis(0)) as f64 / total))))?
+        }
         Normalization::None => LinearImage::from_planes(to_f32(&energy))?,
     };
     let uncertain = |channel: usize| background[channel].deviation_of_sum(pixels) / sums[channel];
@@ -316,7 +318,10 @@ mod tests {
         };
         let sum = |image: &LinearImage| image.as_slice().iter().map(|v| f64::from(*v)).sum::<f64>();
         assert!((sum(&of(Normalization::Channel)) - 3.0).abs() < 1e-5);
-        assert!((sum(&of(Normalization::Total)) - 1.0).abs() < 1e-5);
+        assert!((sum(&of(Normalization::Total)) - 3.0).abs() < 1e-5);
+        // The source is as bright in all channels.
+        let [total, channel] = [Normalization::Total, Normalization::Channel].map(of);
+        assert!(total.as_slice().iter().zip(channel.as_slice()).all(|(a, b)| (a - b).abs() < 1e-6));
         assert!(sum(&of(Normalization::None)) > 1000.0);
     }
 
