@@ -34,7 +34,7 @@ pub(crate) struct CodesArgs {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["psfs", "project"])]
     display: Option<PathBuf>,
     /// Side of the simulated PSFs in pixels, instead of the display file's
-    #[arg(long, value_name = "N", requires = "display")]
+    #[arg(long, value_name = "N", requires = "display", conflicts_with_all = ["psfs", "project"])]
     size: Option<usize>,
     /// Kernel bank to write (.safetensors); with --project, the code to write (.npy)
     #[arg(short, long, value_name = "FILE", required_unless_present = "project")]

@@ -82,7 +82,7 @@ pub(crate) struct EvalArgs {
     #[arg(long, value_name = "DIR", requires = "gt")]
     restored: Option<PathBuf>,
     /// Folder of the ground truth of the restored images
-    #[arg(long, value_name = "DIR", requires = "restored")]
+    #[arg(long, value_name = "DIR", requires = "restored", conflicts_with = "datasets")]
     gt: Option<PathBuf>,
     /// Measure only the I-th of N parts of the images, and write part-I-of-N.toml; all parts may be measured at the same
     /// time, into one folder or several
@@ -91,7 +91,7 @@ pub(crate) struct EvalArgs {
     /// Join all parts, folders or files, to the results of one run
     #[arg(long, value_name = "PART", num_args = 1..)]
     #[arg(conflicts_with_all = ["shard", "metrics", "definition", "lpips_alexnet", "lpips_linear", "max_memory",
-        "allow_missing", "device"])]
+        "allow_missing", "device", "gt", "domain", "alpha", "x_max"])]
     merge: Vec<PathBuf>,
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]

@@ -49,7 +49,7 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "PSF", conflicts_with_all = ["data", "bank"])]
     psf: Option<PathBuf>,
     /// HDR panoramas to cut views for these examples out of; without, all scenes are painted
-    #[arg(long, value_name = "PANORAMA", num_args = 1.., requires = "psf")]
+    #[arg(long, value_name = "PANORAMA", num_args = 1.., requires = "psf", conflicts_with_all = ["data", "bank"])]
     scenes: Vec<PathBuf>,
     /// Kernel bank that degrades a folder of clean images (with data.degradation = "on-the-fly")
     #[arg(long, value_name = "BANK")]

@@ -320,5 +320,8 @@ fn folders_take_no_flag_of_a_dataset() {
     }
     succeed(scratch.path(), &folders);
     write_dataset(&scratch.path().join("dataset"));
-    fail(scratch.path(), &["eval", "dataset", "--domain", "linear", "-o", "other"], 2);
+    for flag in [["--domain", "linear"], ["--gt", "gt"], ["--alpha", "0.5"]] {
+        let said = fail(scratch.path(), &[&["eval", "dataset", "-o", "other"][..], &flag].concat(), 2);
+        assert!(said.contains("cannot be used with"), "{flag:?}: {said}");
+    }
 }

@@ -94,6 +94,9 @@ fn a_network_is_adapted_to_one_panel() {
     let said =
         fail(folder.path(), &["train", "config.toml", "--psf", "psf.exr", "--data", "views", "-o", "x"], 2);
     assert!(said.contains("--data"), "{said}");
+    let said =
+        fail(folder.path(), &["train", "config.toml", "--data", "views", "--scenes", "v", "-o", "x"], 2);
+    assert!(said.contains("--scenes") && said.contains("cannot be used with"), "{said}");
     // Another architecture than that of the network which it begins with, unless --init names one.
     let said = fail(folder.path(), &["train", "config.toml", "--psf", "psf.exr", "-o", "x"], 1);
     assert!(said.contains("another architecture"), "{said}");

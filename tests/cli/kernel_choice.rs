@@ -216,3 +216,15 @@ fn refuses_to_turn_what_looks_the_same_at_every_angle() {
     assert!(fail(folder, &both, 2).contains("--display"));
     assert!(!folder.join("bank.safetensors").exists());
 }
+
+/// --size is of the PSFs that are simulated; a PSF that there is has its own.
+#[test]
+fn refuses_a_size_where_nothing_is_simulated() {
+    let scratch = tempfile::tempdir().unwrap();
+    let make = ["codes", "psf.exr", "-o", "bank.safetensors"];
+    let project = ["codes", "psf.exr", "--project", "bank.safetensors"];
+    for command in [&make[..], &project] {
+        let said = fail(scratch.path(), &[command, &["--size", "21"]].concat(), 2);
+        assert!(said.contains("--size") && said.contains("cannot be used with"), "{said}");
+    }
+}

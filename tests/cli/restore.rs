@@ -233,6 +233,9 @@ fn refuses_flags_that_the_method_would_ignore() {
         }
         assert!(restore(&network, flag, 2).contains(flag[0]), "{flag:?}");
     }
+    for flag in [["--angle", "3"], ["--field", "field.toml"]] {
+        assert!(restore(&["--method", "wiener"], &flag, 2).contains("cannot be used with"), "{flag:?}");
+    }
     assert!(restore(&network, &["--border", "zero"], 2).contains("--border"));
 }
 

@@ -278,7 +278,8 @@ fn parts_that_do_not_belong_together_are_not_merged() {
     let said = merge(&["a", "b"]);
     assert!(said.contains("part-00001-of-00003.toml: is damaged") && said.contains("eval --shard"), "{said}");
     assert!(!folder.join("merged").exists());
-    for flag in [["--metrics", "psnr"], ["--device", "cpu"]] {
+    let of_folders = [["--gt", "gt"], ["--domain", "linear"], ["--alpha", "0.5"], ["--x-max", "16"]];
+    for flag in [["--metrics", "psnr"], ["--device", "cpu"]].into_iter().chain(of_folders) {
         let said = fail(folder, &[&["eval", "--merge", "a", "-o", "merged"][..], &flag].concat(), 2);
         assert!(said.contains(flag[0]), "{said}");
     }

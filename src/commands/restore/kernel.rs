@@ -14,11 +14,11 @@ pub(super) struct KernelArgs {
     bank: Option<PathBuf>,
     /// Rotation of the panel in degrees, counter-clockwise; between those of the bank, codes are interpolated. `auto`
     /// takes the angle whose kernel explains the spectrum of the capture best, in about a second
-    #[arg(long, value_name = "DEGREES|auto", requires = "bank", conflicts_with_all = ["psf", "code"])]
+    #[arg(long, value_name = "DEGREES|auto", requires = "bank", conflicts_with_all = ["psf", "code", "method"])]
     #[arg(allow_negative_numbers = true, value_parser = parse_angle)]
     angle: Option<Angle>,
     /// PSFs of several places of the frame (.toml: rows, columns, psfs row by row), whose codes are interpolated
-    #[arg(long, value_name = "FIELD", requires = "bank", conflicts_with_all = ["angle", "psf", "code"])]
+    #[arg(long, value_name = "FIELD", requires = "bank", conflicts_with_all = ["angle", "psf", "code", "method"])]
     field: Option<PathBuf>,
     /// Kernel code itself (.npy)
     #[arg(long, value_name = "CODE", conflicts_with_all = ["bank", "psf", "method"])]
