@@ -98,6 +98,12 @@ impl Error {
         Self::While { doing: doing.into(), source: Box::new(self) }
     }
 
+    /// As [`while_doing`](Self::while_doing), but for an interruption, which is none of what was being done.
+    #[must_use]
+    pub fn while_doing_unless_interrupted(self, doing: impl Into<String>) -> Self {
+        if self.is_interrupt() { self } else { self.while_doing(doing) }
+    }
+
     /// What was being done, what went wrong with it and why, in one line.
     pub fn in_full(&self) -> String {
         self.chain().map(ToString::to_string).collect::<Vec<_>>().join(": ")

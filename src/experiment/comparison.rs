@@ -104,7 +104,7 @@ impl<'a> Comparison<'a> {
         pictures: &KeptPictures,
     ) -> Result<Evaluation> {
         let methods: Vec<ComparedMethod> = self.candidates.iter().map(Candidate::method).collect();
-        let sample = |index: usize, triplet: &Triplet| {
+        let sample = |triplet: &Triplet| {
             let (clean, degraded) = self.read(triplet)?;
             let kernel = self.dataset.kernel_index(triplet)?;
             let curve = self.dataset.formation.curve()?;
@@ -112,12 +112,13 @@ impl<'a> Comparison<'a> {
                 self.candidates.iter().map(|candidate| self.restore(candidate, (&clean, &degraded), kernel));
             let images = images.collect::<Result<_>>()?;
             let regions = regions.then(|| Regions::divide(&clean, &degraded, curve));
-            let sample = Sample { ground_truth: curve.tone_map(&clean), images, regions };
-            let place = (index, self.triplets.len());
-            pictures.keep(&pictures.files(place, &scene_of(triplet), &methods), &sample, curve)?;
-            Ok(sample)
+            Ok(Sample { ground_truth: curve.tone_map(&clean), images, regions })
         };
-        let mut evaluation = self.run(config, methods.clone(), sample)?;
+        let keep = |index: usize, triplet: &Triplet, sample: &Sample| {
+            let files = pictures.files((index, self.triplets.len()), &scene_of(triplet), &methods);
+            pictures.keep(&files, sample, self.dataset.formation.curve()?)
+        };
+        let mut evaluation = self.run(config, methods.clone(), sample, keep)?;
         evaluation.measured = vec![self.measured.clone()];
         Ok(evaluation)
     }
@@ -177,7 +178,7 @@ impl<'a> Comparison<'a> {
         for candidate in self.told() {
             let told: Vec<ComparedMethod> =
                 self.dataset.kernel_names().iter().map(ComparedMethod::restored).collect();
-            let sample = |_, triplet: &Triplet| {
+            let sample = |triplet: &Triplet| {
                 let (clean, degraded) = self.read(triplet)?;
                 let images =
                     (0..told.len()).map(|kernel| self.restore(candidate, (&clean, &degraded), kernel));
@@ -185,29 +186,30 @@ impl<'a> Comparison<'a> {
                 let ground_truth = self.dataset.formation.curve()?.tone_map(&clean);
                 Ok(Sample { ground_truth, images, regions: None })
             };
-            let evaluation = self.run(config, told.clone(), sample)?;
+            let evaluation = self.run(config, told.clone(), sample, |_, _, _| Ok(()))?;
             mismatch.push(MeasuredMismatch { method: candidate.method().name, evaluation });
         }
         Ok(mismatch)
     }
 
+    /// Measures the samples of the shard's triplets, and hands each over to be kept before, with the place of its triplet.
     fn run(
         &self,
         config: &EvalConfig,
         methods: Vec<ComparedMethod>,
-        mut sample: impl FnMut(usize, &Triplet) -> Result<Sample>,
+        sample: impl Fn(&Triplet) -> Result<Sample>,
+        keep: impl Fn(usize, &Triplet, &Sample) -> Result<()>,
     ) -> Result<Evaluation> {
         let bar = self.listener.progress.bar(self.own().len() as u64, "triplets");
         let samples = self.own().map(|(index, triplet)| {
             let (id, kernel) = (triplet.id.clone(), Some(triplet.kernel.clone()));
-            let sample = sample(index, triplet);
+            let sample = sample(triplet);
             bar.inc(1);
-            (Label { id, kernel, angle_deg: triplet.angle_deg }, sample)
+            sample.as_ref().map_or(Ok(()), |sample| keep(index, triplet, sample))?;
+            Ok((Label { id, kernel, angle_deg: triplet.angle_deg }, sample))
         });
-        let evaluation = measure_part(config, methods, samples).map_err(|error| match error {
-            Error::Interrupted => error,
-            other => Error::Unsupported(format!("{}: {other}", self.doing())),
-        })?;
+        let evaluation = measure_part(config, methods, samples)
+            .map_err(|error| error.while_doing_unless_interrupted(self.doing()))?;
         bar.finish_and_clear();
         Ok(evaluation)
     }
@@ -236,10 +238,8 @@ impl<'a> Comparison<'a> {
     ) -> Result<ToneMappedImage> {
         self.listener.progress.check()?;
         let degraded = Degraded { dataset: self.dataset, image, clean, kernel, max_memory: self.max_memory };
-        candidate.restore(&degraded).map_err(|error| match error {
-            Error::Interrupted => error,
-            other => Error::Unsupported(format!("restored by {}: {other}", candidate.method().name)),
-        })
+        let doing = || format!("restored by {}", candidate.method().name);
+        candidate.restore(&degraded).map_err(|error| error.while_doing_unless_interrupted(doing()))
     }
 }
 

@@ -67,14 +67,12 @@ impl Folders {
                 let images = vec![read(&pair.restored)?];
                 Ok(Sample { ground_truth: read(&pair.ground_truth)?, images, regions: None })
             };
-            (Label::scene(&pair.id), sample())
+            Ok((Label::scene(&pair.id), sample()))
         });
         let methods = vec![ComparedMethod::restored(&self.name)];
         let doing = format!("measuring the images of {}", self.name);
-        let mut evaluation = measure_part(config, methods, samples).map_err(|error| match error {
-            Error::Interrupted => error,
-            other => Error::Unsupported(format!("{doing}: {other}")),
-        })?;
+        let mut evaluation = measure_part(config, methods, samples)
+            .map_err(|error| error.while_doing_unless_interrupted(&doing))?;
         evaluation.tone = Some(self.tone);
         if shard.index + 1 == shard.count {
             for (id, fault) in &self.found.unmatched {

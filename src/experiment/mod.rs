@@ -62,7 +62,7 @@ use std::collections::BTreeMap;
 
 use serde_json::json;
 
-use crate::core::error::{Error, Result};
+use crate::core::error::Result;
 use crate::core::image::ToneMappedImage;
 use crate::core::metrics::{Measure, Metric, MetricDefinition};
 use crate::core::progress::Progress;
@@ -125,7 +125,8 @@ pub struct Sample {
 ///
 /// # Errors
 /// The first sample's that cannot be read or measured, unless such samples may be excluded;
-/// [`Error::Unsupported`] when nothing is left to measure; [`Error::Interrupted`].
+/// [`Error::Unsupported`](crate::core::error::Error::Unsupported) when nothing is left to measure;
+/// [`Error::Interrupted`](crate::core::error::Error::Interrupted).
 ///
 /// # Panics
 /// When a sample does not hold one image for each method.
@@ -134,22 +135,24 @@ pub fn measure(
     methods: Vec<ComparedMethod>,
     samples: impl IntoIterator<Item = (Label, Result<Sample>)>,
 ) -> Result<Evaluation> {
-    measure_part(config, methods, samples)?.check_any()
+    measure_part(config, methods, samples.into_iter().map(Ok))?.check_any()
 }
 
-/// Measures a part of the samples, which may be left without any.
+/// Measures a part of the samples, which may be left without any. An error in place of a sample and its label is none of the
+/// sample, as one of writing, and ends the measurement in any case.
 fn measure_part(
     config: &EvalConfig,
     methods: Vec<ComparedMethod>,
-    samples: impl IntoIterator<Item = (Label, Result<Sample>)>,
+    samples: impl IntoIterator<Item = Result<(Label, Result<Sample>)>>,
 ) -> Result<Evaluation> {
     let mut evaluation = Evaluation::new(config, methods);
-    for (label, sample) in samples {
+    for sample in samples {
+        let (label, sample) = sample?;
         match sample.and_then(|sample| scores_of(config, &evaluation, &label, &sample)) {
             Ok((size, scores)) => evaluation.add(size, scores),
-            Err(Error::Interrupted) => return Err(Error::Interrupted),
-            Err(error) if config.allow_missing => evaluation.exclude(&label, error.to_string()),
-            Err(error) => return Err(Error::Unsupported(format!("{label}: {error}"))),
+            Err(error) if error.is_interrupt() => return Err(error),
+            Err(error) if config.allow_missing => evaluation.exclude(&label, error.in_full()),
+            Err(error) => return Err(error.while_doing(label.to_string())),
         }
     }
     Ok(evaluation)
@@ -195,6 +198,7 @@ fn region_scores(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::core::error::Error;
     use ndarray::Array3;
 
     fn flat(size: usize, value: f32) -> ToneMappedImage {
@@ -221,7 +225,7 @@ mod tests {
     #[test]
     fn names_the_sample_that_cannot_be_measured() {
         let samples = || [sample("good", 16, 0.6), sample("small", 15, 0.6)];
-        let message = measure(&EvalConfig::default(), methods(), samples()).unwrap_err().to_string();
+        let message = measure(&EvalConfig::default(), methods(), samples()).unwrap_err().in_full();
         assert!(message.starts_with("small: ") && message.contains("15 × 15"), "{message}");
 
         let tolerant = EvalConfig { allow_missing: true, ..EvalConfig::default() };
@@ -229,5 +233,27 @@ mod tests {
         assert_eq!((evaluation.scores.len(), evaluation.excluded.len()), (1, 1));
         assert_eq!(evaluation.excluded[0].id, "small");
         assert!(measure(&tolerant, methods(), [sample("small", 15, 0.6)]).is_err(), "nothing is left");
+    }
+
+    fn refused_by_the_system(action: &'static str) -> Error {
+        Error::io(action, "a.exr", std::io::ErrorKind::PermissionDenied.into())
+    }
+
+    #[test]
+    fn the_systems_reason_is_told() {
+        let samples = || [sample("good", 16, 0.6), (Label::scene("a"), Err(refused_by_the_system("read")))];
+        let said = measure(&EvalConfig::default(), methods(), samples()).unwrap_err().in_full();
+        assert_eq!(said, "a: cannot read a.exr: permission denied");
+        let tolerant = EvalConfig { allow_missing: true, ..EvalConfig::default() };
+        let evaluation = measure(&tolerant, methods(), samples()).unwrap();
+        assert_eq!(evaluation.excluded[0].reason, "cannot read a.exr: permission denied");
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_written_ends_what_leaves_images_out() {
+        let tolerant = EvalConfig { allow_missing: true, ..EvalConfig::default() };
+        let samples = [Ok(sample("good", 16, 0.6)), Err(refused_by_the_system("write"))];
+        let said = measure_part(&tolerant, methods(), samples).unwrap_err().in_full();
+        assert_eq!(said, "cannot write a.exr: permission denied");
     }
 }
