@@ -53,7 +53,8 @@ pub(super) fn look_alone(path: &Path, image: &ImageDescription, findings: &mut F
         findings.warn(&about, "domain", what, "name the image as it was before `udc finish`");
     }
     let domain = image.domain.unwrap_or("domain not said");
-    findings.ok(&about, "image", format!("an image of {} × {}, {domain}", image.height, image.width));
+    let what = format!("an image of {} × {}, {domain}", image.height, image.width);
+    findings.ok_unless_failed(&about, "image", what);
 }
 
 /// What is wrong with images of a set, each kind with the number of images and the first of them.

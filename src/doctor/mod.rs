@@ -81,6 +81,14 @@ impl Findings {
         self.add(Level::Ok, (about.to_string(), check), what.into(), None);
     }
 
+    /// Says that all is well, unless something was found already that makes work with it fail.
+    fn ok_unless_failed(&mut self, about: impl fmt::Display, check: &'static str, what: impl Into<String>) {
+        let about = about.to_string();
+        if !self.0.iter().any(|finding| finding.level == Level::Error && finding.about == about) {
+            self.ok(about, check, what);
+        }
+    }
+
     fn warn(
         &mut self,
         about: impl fmt::Display,
@@ -130,4 +138,22 @@ pub fn examine(patient: &Patient, progress: &Progress) -> Result<Vec<Finding>> {
     together::look(&opened, &mut findings);
     resources::look(patient, &opened, &mut findings);
     Ok(findings.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_well_that_has_failed() {
+        let mut findings = Findings::default();
+        findings.warn("a", "dark", "it is black", "see");
+        findings.fail("b", "not-finite", "1 of its values is NaN", "write it anew");
+        for about in ["a", "b"] {
+            findings.ok_unless_failed(about, "image", "an image");
+        }
+        let found: Vec<(&str, Level)> =
+            findings.0.iter().map(|finding| (finding.about.as_str(), finding.level)).collect();
+        assert_eq!(found, [("a", Level::Warning), ("b", Level::Error), ("a", Level::Ok)]);
+    }
 }

@@ -253,7 +253,9 @@ fn configuration_and_data(data: &Path, (path, config): (&Path, &TrainConfig), fi
         Ok(set.warnings(config))
     });
     match begun {
-        Ok(warnings) if warnings.is_empty() => findings.ok(about, check, "a training of these can begin"),
+        Ok(warnings) if warnings.is_empty() => {
+            findings.ok_unless_failed(about, check, "a training of these can begin");
+        }
         Ok(warnings) => findings.warn(about, check, warnings.join("; "), "see what the text says"),
         Err(error) => {
             findings.refused(about, check, &error, "change the key that the text names, by --set KEY=VALUE");

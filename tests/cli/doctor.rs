@@ -65,6 +65,11 @@ fn examine(folder: &Path, args: &[&str]) -> (Vec<Value>, i32) {
     assert_eq!(code, i32::from(errors > 0), "{stderr}");
     for finding in &findings {
         assert_eq!(finding["mend"].is_string(), finding["level"] != "ok", "{finding}");
+        if ["image", "configuration-and-data"].iter().any(|whole| finding["check"] == *whole) {
+            let fails = |other: &&Value| other["level"] == "error" && other["about"] == finding["about"];
+            let failed = findings.iter().find(fails);
+            assert!(finding["level"] != "ok" || failed.is_none(), "{finding} and {failed:?}");
+        }
     }
     (findings, code)
 }
