@@ -84,8 +84,8 @@ pub(crate) struct EvalArgs {
     /// Folder of the ground truth of the restored images
     #[arg(long, value_name = "DIR", requires = "restored", conflicts_with = "datasets")]
     gt: Option<PathBuf>,
-    /// Measure only the I-th of N parts of the images, and write part-I-of-N.toml; all parts may be measured at the same
-    /// time, into one folder or several
+    /// Measure only the I-th of N parts of the images, and write it (part-00002-of-00008.toml for 2/8); all parts may be
+    /// measured at the same time, into one folder or several
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
     /// Join all parts, folders or files, to the results of one run

@@ -60,24 +60,29 @@ impl LayoutConfig {
         if let Some(background) = self.background_transmittance {
             require_transmittance("display.background-transmittance", background)?;
         }
+        let pitch_um = self.pitch_um.unwrap_or(f64::INFINITY);
+        // What lies further off is another pixel's: a mistake in the unit, or of another panel.
+        let is_place = |v: f64| v.is_finite() && v.abs() <= pitch_um;
+        let place = "a length of at most one pitch";
         for (name, region) in [("red", &self.red), ("green", &self.green), ("blue", &self.blue)] {
             if let Some(region) = region {
-                region.check(&format!("display.{name}"), self.pitch_um.unwrap_or(f64::INFINITY))?;
+                region.check(&format!("display.{name}"), pitch_um)?;
             }
         }
         for opening in &self.openings {
-            opening.region().check("display.openings", self.pitch_um.unwrap_or(f64::INFINITY))?;
-            require("display.openings.x-um", opening.x_um, f64::is_finite, "a length in micrometres")?;
-            require("display.openings.y-um", opening.y_um, f64::is_finite, "a length in micrometres")?;
+            opening.region().check("display.openings", pitch_um)?;
+            require("display.openings.x-um", opening.x_um, is_place, place)?;
+            require("display.openings.y-um", opening.y_um, is_place, place)?;
         }
         for line in &self.wiring {
+            require("display.wiring.position-um", line.position_um, is_place, place)?;
+            let fits = |v: f64| is_positive(v) && v <= pitch_um;
             require(
-                "display.wiring.position-um",
-                line.position_um,
-                f64::is_finite,
-                "a length in micrometres",
+                "display.wiring.width-um",
+                line.width_um,
+                fits,
+                "a positive length of at most one pitch",
             )?;
-            require("display.wiring.width-um", line.width_um, is_positive, "a positive length")?;
             require_transmittance("display.wiring.transmittance", line.transmittance)?;
         }
         self.irregularity.map_or(Ok(()), |irregularity| irregularity.check(self.kind))
@@ -215,6 +220,24 @@ mod tests {
         ] {
             assert!(matches!(parse(text), Err(Error::Config { .. })), "{text}");
         }
+    }
+
+    #[test]
+    fn lines_and_openings_lie_within_a_pitch() {
+        let panel = |more: &str| parse(&format!("[display]\nkind = \"stripe\"\npitch-um = 60\n{more}"));
+        let line = |position: f64, width: f64| {
+            panel(&format!(
+                "[[display.wiring]]\ndirection = \"vertical\"\nposition-um = {position}\nwidth-um = {width}\n"
+            ))
+        };
+        line(-30.0, 60.0).unwrap();
+        for (found, key) in [(line(0.0, 61.0), "width-um"), (line(-61.0, 4.0), "position-um")] {
+            let said = found.unwrap_err().to_string();
+            assert!(said.contains(&format!("display.wiring.{key}")) && said.contains("one pitch"), "{said}");
+        }
+        let opening = "[[display.openings]]\nx-um = 90\nshape = \"ellipse\"\nwidth-um = 9\nheight-um = 9\n\
+            transmittance = 1\n";
+        assert!(panel(opening).unwrap_err().to_string().contains("display.openings.x-um"));
     }
 
     #[test]
