@@ -8,8 +8,9 @@ use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
 use crate::core::saturation::saturated_from;
 
-/// Tone-mapped values up to this are white by a network that overshoots.
-const OVERSHOOT: f32 = 1.05;
+/// Tone-mapped values up to this are white by a network that overshoots, or with noise: images that the published evaluation
+/// measures reach 1.053.
+const OVERSHOOT: f32 = 1.1;
 
 impl Pixels {
     /// Whether only the user knows what the values are: integers that are no camera's raw ones, of a file that does not
@@ -184,7 +185,7 @@ mod tests {
             let mut pixels = Pixels::of_planes(Array3::from_elem((3, 2, 2), brightest));
             pixels.tell(Path::new("a.npy"), Some(DomainTag::ToneMapped)).map(|_| ())
         };
-        tell(1.05).unwrap();
+        tell(1.09).unwrap();
         let said = tell(1.5).unwrap_err().to_string();
         assert!(said.contains("holds 1.5, and tone-mapped values are below 1"), "{said}");
         // What a network that learned little wrote says itself what it is.
