@@ -1,4 +1,7 @@
-//! Encodes linear light for displays and back: the transfer curve of sRGB (IEC 61966-2-1).
+//! Encodes linear light for displays and back: the transfer curve of sRGB (IEC 61966-2-1), and what its colours have of luminance.
+
+/// Weights of linear red, green and blue in luminance (ITU-R BT.709, of which sRGB has the primaries).
+pub const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
 /// Encodes linear light.
 ///

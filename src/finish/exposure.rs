@@ -4,6 +4,7 @@ use ndarray::{ArrayView3, s};
 use rayon::prelude::*;
 
 use super::{Curve, Look};
+use crate::core::color::LUMINANCE;
 use crate::core::image::LinearImage;
 
 /// The share of white that is shown as middle grey: a card that reflects 18 %.
@@ -18,9 +19,6 @@ const LARGEST_PUSH: f64 = 8.0;
 
 /// Values that are looked at, at most: more change no digit that is seen.
 const MOST_SAMPLES: usize = 1 << 22;
-
-/// Weights of linear red, green and blue in luminance (ITU-R BT.709, of which sRGB has the primaries).
-const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
 /// Chooses the curve of a picture.
 ///

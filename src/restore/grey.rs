@@ -5,14 +5,11 @@ use std::sync::Arc;
 use ndarray::{Array3, ArrayView3, Axis, Zip};
 
 use super::kernel::KernelKnowledge;
+use crate::core::color::LUMINANCE;
 use crate::core::error::Result;
-use crate::core::image::{CHANNELS, Domain, Image};
+use crate::core::image::{Domain, Image};
 use crate::core::psf::Psf;
 use crate::io::AnyImage;
-
-/// What red, green and blue have of the luminance of light, by Rec. 709: what grey files are made by, and near to what a sensor without
-/// filters sees.
-const LUMINANCE: [f32; CHANNELS] = [0.2126, 0.7152, 0.0722];
 
 /// Whether the colours of an image are the same in every pixel.
 pub(super) fn is_grey(image: &AnyImage) -> bool {
@@ -22,7 +19,8 @@ pub(super) fn is_grey(image: &AnyImage) -> bool {
     }
 }
 
-/// The PSF of grey light, by the shares of the colours in its luminance, if it differs between them.
+/// The PSF of grey light, by the shares of the colours in its luminance, if it differs between them: grey files are made by these, and a
+/// sensor without filters sees nearly so.
 pub(super) fn grey_kernel(kernel: &KernelKnowledge) -> Result<Option<KernelKnowledge>> {
     let KernelKnowledge::Psf { psf, code } = kernel else { return Ok(None) };
     if are_equal(psf.planes()) {
@@ -63,7 +61,7 @@ fn with_luminance(mut planes: Array3<f32>) -> Array3<f32> {
 mod tests {
     use super::*;
     use crate::core::fft::{Boundary, Convolver};
-    use crate::core::image::LinearImage;
+    use crate::core::image::{CHANNELS, LinearImage};
     use crate::core::progress::Progress;
     use crate::restore::deconvolution::{DeconvolutionConfig, Method};
     use crate::restore::{Capture, Restoration};

@@ -11,8 +11,8 @@ const SUM_TOLERANCE: f64 = 1.0 / (1 << 11) as f64;
 /// Negative energy, as a share of the positive, that is not worth a word.
 const NEGATIVE_TOLERANCE: f64 = 1e-4;
 
-/// What every pixel of the edge has, as a share of the whole if all pixels had it, that is not worth a word: of PSFs that were drawn at
-/// random, and of measured ones, it is at most 0.003.
+/// What every pixel of the edge has, as a share of the whole if all pixels had it, that is not worth a word: of simulated
+/// PSFs of 50 to 401 pixels it is at most 0.004.
 const FLOOR_TOLERANCE: f64 = 0.01;
 
 /// A smaller side may be cut so close to the core that its edge is bright.
@@ -133,8 +133,8 @@ impl PsfFaults {
         let share = |channel: usize| format!("{:.1} %", 100.0 * self.floors[channel]);
         let found = by_channel(|channel| self.floors[channel] > FLOOR_TOLERANCE, share)?;
         Some(format!(
-            "its edge is nowhere dark, as if a background were left in it, of all light {found}: subtract it, or measure with `udc \
-             fuse --point-source`; restored images would be too dark"
+            "its edge is nowhere dark, as if a background were left in it ({found} of its light): subtract it, or measure with `udc fuse \
+             --point-source`; restored images would be too dark"
         ))
     }
 }
