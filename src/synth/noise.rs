@@ -14,6 +14,10 @@ use crate::dataset::{NoiseConfig, SensorConfig};
 /// Photon counts of this many standard deviations above the full well are above it without being drawn.
 const CERTAIN_SIGMAS: f64 = 9.0;
 
+/// Electrons above which their shot noise, 1/√mean of them, is below 2⁻²⁴, to which images of 32-bit floats are rounded; long
+/// before the distribution can no longer be drawn from, at 1.8·10¹⁹.
+const NOISELESS_ELECTRONS: f64 = 1e15;
+
 /// Adds noise to irradiance, `[3, height, width]`.
 ///
 /// Noise may make values negative; the clipping C comes after it.
@@ -84,7 +88,7 @@ fn capture(sensor: &SensorConfig, channel: usize, irradiance: f32, rng: &mut Rng
 }
 
 fn photo_electrons(mean: f64, full_well: f64, rng: &mut Rng) -> f64 {
-    if mean > full_well + CERTAIN_SIGMAS * mean.sqrt() {
+    if mean > NOISELESS_ELECTRONS || mean > full_well + CERTAIN_SIGMAS * mean.sqrt() {
         return mean;
     }
     match Poisson::new(mean) {
@@ -179,6 +183,26 @@ mod tests {
         let samples = samples(&NoiseConfig::Sensor(SensorConfig::default()), 0.0);
         let (mean, variance) = mean_and_variance(&samples);
         assert!(mean.abs() < 1e-3 && variance > 0.0);
+    }
+
+    /// No light was recorded of what was beyond the distribution's largest mean.
+    #[test]
+    fn light_is_read_whatever_the_full_well() {
+        for full_well_e in [1e6, 1e14, 1e16, 1e19, 1e20, 1e30] {
+            let sensor = SensorConfig {
+                full_well_e,
+                electrons_per_unit: full_well_e,
+                exposures: vec![1.0],
+                ..SensorConfig::default()
+            };
+            // Little more than half a digital number, for values are rounded themselves, and seven standard deviations of
+            // photons.
+            let tolerance =
+                0.51 / (sensor.white_level_dn() - sensor.black_level_dn) + 7.0 * (0.5 / full_well_e).sqrt();
+            for value in samples(&NoiseConfig::Sensor(sensor.clone()), 0.5) {
+                assert!((value - 0.5).abs() <= tolerance, "{value} with {full_well_e} electrons");
+            }
+        }
     }
 
     #[test]
