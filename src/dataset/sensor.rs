@@ -119,6 +119,10 @@ impl TryFrom<SensorFile> for SensorConfig {
     }
 }
 
+/// Digital numbers from black to white at least: one between them, wherever black lies between two, tells light that is
+/// neither none nor too much. With less than half of one, darkness itself would be rounded to white.
+const LEAST_RANGE_DN: f64 = 2.0;
+
 impl SensorConfig {
     /// Checks every parameter's range.
     pub(super) fn validate(&self) -> Result<()> {
@@ -127,9 +131,9 @@ impl SensorConfig {
             require(key, value, value > 0.0, "positive")?;
         }
         require("read-noise-e", self.read_noise_e, self.read_noise_e >= 0.0, "0 or more")?;
-        require("bits", f64::from(self.bits), (1..=24).contains(&self.bits), "between 1 and 24")?;
-        let black_fits = (0.0..self.white_level_dn()).contains(&self.black_level_dn);
-        require("black-level-dn", self.black_level_dn, black_fits, "at least 0 and below 2^bits − 1")?;
+        require("bits", f64::from(self.bits), (2..=24).contains(&self.bits), "between 2 and 24")?;
+        let black_fits = (0.0..=self.white_level_dn() - LEAST_RANGE_DN).contains(&self.black_level_dn);
+        require("black-level-dn", self.black_level_dn, black_fits, "at least 0 and at most 2^bits − 3")?;
         for gain in self.channel_gains {
             require("channel-gains", gain, gain > 0.0, "positive")?;
         }
@@ -259,7 +263,12 @@ mod tests {
         assert!(refused(|s| s.full_well_e = 0.0));
         assert!(refused(|s| s.read_noise_e = f64::NAN));
         assert!(refused(|s| s.bits = 0));
-        assert!(refused(|s| s.black_level_dn = 1023.0));
+        for black_level_dn in [1023.0, 1022.9, 1021.5, -1.0] {
+            assert!(SensorConfig { black_level_dn, ..SensorConfig::default() }.validate().is_err());
+        }
+        assert!(!refused(|s| s.black_level_dn = 1021.0));
+        assert!(refused(|s| (s.bits, s.black_level_dn) = (1, 0.0)));
+        assert!(!refused(|s| (s.bits, s.black_level_dn) = (2, 1.0)));
         assert!(refused(|s| s.exposures = vec![0.25, 1.0]));
         assert!(refused(|s| s.exposures.clear()));
         assert!(!refused(|_| ()));
