@@ -200,6 +200,10 @@ impl NoiseConfig {
                     .map_err(|_| Error::config("noise", format!("{expected}, found `{text}`")))?;
                 Self::Gaussian { sigma }
             }
+            Some(("sensor", "")) => {
+                let expected = "expected sensor:FILE.toml, or sensor for the one that is built in";
+                return Err(Error::config("noise", format!("{expected}, found `{text}`")));
+            }
             Some(("sensor", file)) => {
                 let path = Path::new(file);
                 let sensor = parse_toml(&io::read_text(path)?);
@@ -293,6 +297,7 @@ mod tests {
         assert_eq!(parse("gaussian:0.5"), Ok(NoiseConfig::Gaussian { sigma: 0.5 }));
         assert_eq!(parse("sensor"), Ok(NoiseConfig::Sensor(SensorConfig::default())));
         assert!(parse("gaussian:much").unwrap_err().contains("such as gaussian:0.01, found `gaussian:much`"));
+        assert!(parse("sensor:").unwrap_err().contains("expected sensor:FILE.toml, or sensor"));
         for text in ["gaussian:-1", "gaussian", "poisson", "sensor:absent.toml"] {
             assert!(parse(text).is_err(), "{text}");
         }

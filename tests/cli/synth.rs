@@ -497,6 +497,7 @@ fn says_what_is_wrong_with_its_flags() {
     assert!(with(&["--noise", "gausian:1"], 2).contains("gaussian:SIGMA"));
     assert!(with(&["--noise", "gaussian:-1"], 2).contains("0 or more"));
     assert!(with(&["--noise", "sensor:missing.toml"], 2).contains("missing.toml"));
+    assert!(with(&["--noise", "sensor:"], 2).contains("sensor:FILE.toml, or sensor"));
     fs::write(folder.path().join("sensor.toml"), "full-wel-e = 3.0\n").unwrap();
     assert!(with(&["--noise", "sensor:sensor.toml"], 2).contains("full-wel-e"));
     assert!(with(&["--shard", "3/2"], 2).contains("I/N"));
