@@ -18,7 +18,8 @@ use crate::core::error::{Error, Result};
 /// that is meant of its files.
 ///
 /// # Errors
-/// [`Error::Io`] when a name does not exist; [`Error::Format`] when a folder or a pattern yields no file.
+/// [`Error::Io`] when a name does not exist, or an image in a folder or of a pattern is a link to what does not;
+/// [`Error::Format`] when a folder or a pattern yields no file.
 pub fn expand_inputs(inputs: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for input in inputs {
@@ -63,7 +64,11 @@ fn images_of_folder(folder: &Path) -> Result<Vec<PathBuf>> {
     let (mut files, mut raws) = (Vec::new(), 0);
     for entry in std::fs::read_dir(folder).map_err(read_error)? {
         let path = entry.map_err(read_error)?.path();
-        if path.is_file() && is_image(&path) && !path.file_name().is_some_and(is_hidden) {
+        let is_shown = is_image(&path) && !path.file_name().is_some_and(is_hidden);
+        if is_shown {
+            check_link(&path)?;
+        }
+        if is_shown && path.is_file() {
             files.push(path);
         } else if path.extension().and_then(OsStr::to_str).is_some_and(is_foreign_raw) {
             raws += 1;
@@ -89,6 +94,15 @@ fn is_image(path: &Path) -> bool {
     is_raw || Format::known_extension(path).is_some()
 }
 
+/// Refuses a link to what is not there, which would be left out without a word.
+fn check_link(path: &Path) -> Result<()> {
+    if path.symlink_metadata().is_ok() && !path.exists() {
+        let reason = "it is a link to a file that is not there; mend the link, or remove it";
+        return Err(Error::io("read", path, std::io::Error::new(std::io::ErrorKind::NotFound, reason)));
+    }
+    Ok(())
+}
+
 /// Whether a file's name begins with a dot, as those of temporary files and of what macOS keeps beside others.
 pub fn is_hidden(name: impl AsRef<OsStr>) -> bool {
     name.as_ref().as_encoded_bytes().starts_with(b".")
@@ -107,7 +121,13 @@ fn files_of_pattern(pattern: &str) -> Result<Vec<PathBuf>> {
             let folder = error.path().to_owned();
             Error::io("read", folder, error.into())
         })?;
-        if path.is_file() && is_shown(input, &path) && (!names_all || is_image(&path)) {
+        if !is_shown(input, &path) {
+            continue;
+        }
+        if is_image(&path) {
+            check_link(&path)?;
+        }
+        if path.is_file() && (!names_all || is_image(&path)) {
             files.push(path);
         }
     }
@@ -178,6 +198,30 @@ mod tests {
         assert!(!shown("**/*.exr", "a/.b/c.exr") && !shown("**/*.exr", "a/b/.c.exr"));
         assert!(shown("**/*.exr", "a/b/c.exr") && shown("**/*.exr", "c.exr"));
         assert!(shown("x/**/.b*", "x/a/.bc") && !shown("x/**/.b*", "x/.a/.bc"));
+    }
+
+    /// As those that a disk that is not mounted leaves: fewer scenes than there are would be taken for all.
+    #[cfg(unix)]
+    #[test]
+    fn an_image_that_is_a_link_to_nothing_is_refused() {
+        let scratch = tempfile::tempdir().unwrap();
+        let folder = scratch.path();
+        let link = |name: &str, to: &Path| std::os::unix::fs::symlink(to, folder.join(name)).unwrap();
+        std::fs::write(folder.join("a.exr"), "").unwrap();
+        link("linked.exr", &folder.join("a.exr"));
+        // What is no image, or hidden, is left out as ever.
+        link("notes", Path::new("/nowhere"));
+        link(".b.exr", Path::new("/nowhere"));
+        let inputs = || ["", "*", "*.exr", "**"].map(|pattern| folder.join(pattern));
+        for input in inputs() {
+            let found = expand_inputs(std::slice::from_ref(&input)).unwrap();
+            assert_eq!(found, ["a.exr", "linked.exr"].map(|name| folder.join(name)), "{input:?}");
+        }
+        link("b.exr", Path::new("/nowhere"));
+        for input in inputs() {
+            let said = expand_inputs(std::slice::from_ref(&input)).unwrap_err().to_string();
+            assert!(said.contains("b.exr"), "{said}");
+        }
     }
 
     #[test]
