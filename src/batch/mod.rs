@@ -3,6 +3,7 @@
 
 mod destination;
 mod estimate;
+mod others;
 mod output_folder;
 mod queue;
 mod resume;
@@ -13,6 +14,7 @@ pub use destination::{Destination, Unplaced};
 pub use estimate::{
     Clock, Estimate, HEADER_BYTES, LinearCost, PROCESS_BYTES, Sampler, Span, Spent, spent_on,
 };
+pub use others::tell_of_others;
 pub use queue::{Selection, Stages, run};
 pub use tone_mapping::ToneMapping;
 #[cfg(test)]

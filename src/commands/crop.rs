@@ -91,6 +91,7 @@ impl CropArgs {
         }
         let CutCount { panoramas, views } =
             cut.run(panoramas, &self.output, &session.progress, |report| match report {
+                CutReport::Others(others) => session.warn(others),
                 CutReport::Read { panorama, contradiction, time } => {
                     contradiction.into_iter().for_each(|contradiction| session.warn(contradiction));
                     session.detail(format_args!("{panorama}: read in {time:.2?}"));

@@ -91,6 +91,10 @@ impl ScenesArgs {
                 self.margin
             ));
         }
+        // Shards share a folder.
+        if session.overwrite && !self.shard.is_part() {
+            set.tell_of_others(&self.output)?.iter().for_each(|others| session.warn(others));
+        }
         set.run(&self.output, &session.progress)?;
         let ([height, width], count) = (set.size, set.numbers.len());
         session.results_of(json!({ "output": text_of(&self.output), "scenes": count }));

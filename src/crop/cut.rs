@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use super::{Panorama, View, crop_with_margin};
+use crate::batch::tell_of_others;
 use crate::core::error::{Error, Result};
 use crate::core::image::Linear;
 use crate::core::progress::Progress;
@@ -37,6 +38,8 @@ pub struct Cut {
 /// What happened to a panorama.
 #[derive(Clone, Debug)]
 pub enum CutReport<'a> {
+    /// Images of other runs are in the folder of one that replaces files, in words for a warning.
+    Others(String),
     /// It was read.
     Read {
         /// Its name.
@@ -105,6 +108,13 @@ impl Cut {
                     io::check_output(&self.path(folder, stem, view + 1), self.overwrite)
                 })?;
             }
+        }
+        // Shards share a folder.
+        if self.overwrite && !self.shard.is_part() {
+            let made = work.iter().flat_map(|PanoramaViews { stem, views, .. }| {
+                views.clone().map(|view| self.path(folder, stem, view + 1))
+            });
+            tell_of_others(folder, made)?.into_iter().for_each(|others| on_report(CutReport::Others(others)));
         }
         let count =
             CutCount { panoramas: work.len(), views: work.iter().map(|panorama| panorama.views.len()).sum() };
@@ -210,6 +220,7 @@ mod tests {
         let mut reports = Vec::new();
         let count = run(&[&street, &beach], &mut |report| {
             reports.push(match report {
+                CutReport::Others(others) => others,
                 CutReport::Read { panorama, .. } => panorama.to_owned(),
                 CutReport::Rendered { panorama, view, .. } => format!("{panorama} {view}"),
             });

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::natural::{NaturalKind, paint_natural};
+use crate::batch::tell_of_others;
 use crate::core::error::{Error, Result};
 use crate::core::image::LinearImage;
 use crate::core::progress::Progress;
@@ -81,6 +82,14 @@ impl SceneSet {
         })?;
         bar.finish_and_clear();
         Ok(())
+    }
+
+    /// Tells of images in `folder` that are none of these scenes, in words for a warning; none where there are none.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the folder cannot be listed.
+    pub fn tell_of_others(&self, folder: &Path) -> Result<Option<String>> {
+        tell_of_others(folder, self.numbers.iter().map(|&number| self.path(folder, number)))
     }
 
     /// Checks that the scenes can be painted.
