@@ -136,6 +136,12 @@ pub(super) fn archives_of<'a>(
     names.iter().filter(move |name| number_of(name, &stem).is_some() && !is_kept(name))
 }
 
+/// Whether a file of a dataset's folder is named as an archive of images.
+pub(super) fn is_archive(name: &str) -> bool {
+    let [before, after] = ARCHIVE;
+    name.starts_with(before) && name.ends_with(after)
+}
+
 fn stem_of_list(list: &Path) -> String {
     let name = list.file_name().unwrap_or_default().to_string_lossy();
     let [before, after] = LIST;

@@ -16,6 +16,7 @@ mod noise;
 mod run;
 mod scene_run;
 mod scenes;
+mod sources;
 mod synthesis;
 
 pub use degradations::{BankFile, Degradations};

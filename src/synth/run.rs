@@ -11,13 +11,15 @@ use crate::io;
 use super::existing::Existing;
 use super::folder::DatasetFolder;
 use super::scene_run::{Run, SceneReport};
+use super::sources::check_sources;
 use super::synthesis::Synthesis;
 
 impl Synthesis {
     /// Makes the dataset in the folder `root`, telling `on_scene` of each scene as it is done.
     ///
     /// # Errors
-    /// [`Error::Config`](crate::core::error::Error::Config) when the folder must not be touched or memory does not suffice;
+    /// [`Error::Config`](crate::core::error::Error::Config) when the folder must not be touched, as one that a scene
+    /// would be replaced in, or memory does not suffice;
     /// [`Error::Interrupted`](crate::core::error::Error::Interrupted) after an interrupt, whatever is finished staying; else
     /// of reading or writing a file.
     pub fn run(
@@ -29,6 +31,7 @@ impl Synthesis {
     ) -> Result<()> {
         let names: Vec<_> = (0..self.bank.len()).map(|index| self.bank.kernel_name(index)).collect();
         let formation = self.formation()?;
+        check_sources(root, self)?;
         if let (Some(first), false) = (self.scenes.first(), root.join(CONFIG_FILE).is_file()) {
             // A header does not show all that is wrong; nothing is begun that cannot go on.
             io::read_image_told::<Linear>(&first.path, self.told)?;

@@ -19,6 +19,7 @@ use super::degradations::{BankFile, Degradations};
 use super::existing::Existing;
 use super::kernels::{KernelSet, MemoryNeeds};
 use super::scenes::{Division, Scene, common_margin, list_scenes};
+use super::sources::check_sources;
 
 /// A dataset that is to be made.
 pub struct Synthesis {
@@ -145,6 +146,7 @@ impl Synthesis {
     /// # Errors
     /// As [`Self::needs`] and [`Self::run`].
     pub fn estimate(&self, sample: &Self, folder: &Path, patience: Duration) -> Result<Estimate> {
+        check_sources(folder, self)?;
         let needs = self.needs()?;
         let sampler = Sampler::new(patience);
         let scratch = io::scratch_folder(folder)?;
