@@ -12,7 +12,7 @@ use udc::core::bytes::{format_bytes, parse_bytes};
 use udc::core::shard::Shard;
 use udc::dataset::Split;
 use udc::io;
-use udc::synth::{Division, Existing, SceneReport, Synthesis, SynthesisConfig};
+use udc::synth::{Division, Existing, SceneReport, Synthesis, SynthesisConfig, SynthesisReport};
 
 use super::choices::SPLITS;
 use super::domain::SceneDomainArgs;
@@ -29,7 +29,8 @@ const MOST_SEED: u64 = i64::MAX.cast_unsigned();
 /// Every scene is convolved with every kernel, noise is added, and the sum is clipped: C(x∗k + n) of the paper's
 /// Eq. 1. Images are stored linear; training and evaluation apply the tone mapping. Scenes of one panorama
 /// (named <panorama>_<nn>, as `udc crop` does) are never divided between training and testing. With --split, a dataset
-/// that lacks this split gets it, if all other flags are as they were.
+/// that lacks this split gets it, if all other flags are as they were; --overwrite makes that split anew and leaves the
+/// others.
 ///
 /// A capture receives flare from lamps outside of its frame. Scenes with a margin (`udc crop --margin`) bring that light
 /// along: all of the scene is convolved, and the ground truth and the degraded image are its middle.
@@ -129,10 +130,13 @@ impl SynthArgs {
         };
         let mut made = 0;
         synthesis
-            .run(&self.output, existing, &session.progress, |scene| {
-                made += scene.made;
-                scene.contradiction.iter().for_each(|contradiction| session.warn(contradiction));
-                session.detail(describe(scene));
+            .run(&self.output, existing, &session.progress, |report| match report {
+                SynthesisReport::Warning(warning) => session.warn(warning),
+                SynthesisReport::Scene(scene) => {
+                    made += scene.made;
+                    scene.contradiction.iter().for_each(|contradiction| session.warn(contradiction));
+                    session.detail(describe(scene));
+                }
             })
             .with_context(|| format!("synthesising {}", self.output.display()))?;
         let kept = needs.images - made;

@@ -1,8 +1,8 @@
 //! Decides what a run may do in a folder that holds something already, and where it lists its triplets.
 //!
 //! A dataset has one list of triplets, `triplets.jsonl`, or one for each shard. A split that is added later has lists of
-//! its own, `triplets-test.jsonl`, so that neither run touches what the other has made; `dataset.toml` names the added
-//! splits behind the division of the first run.
+//! its own, `triplets-test.jsonl`, so that neither run touches what the other has made, not even one that begins anew;
+//! `dataset.toml` names the added splits behind the division of the first run.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -27,7 +27,7 @@ pub enum Existing {
     /// The same, even where another process holds what this one is to write: one of a node that is gone, whose locks a
     /// network file system has kept, or one that goes on for nothing.
     TakeOver,
-    /// Begin anew.
+    /// Begin anew what this run makes; splits of other runs stay, or the run is refused.
     Overwrite,
 }
 
@@ -37,10 +37,13 @@ pub(super) struct Place {
     shard: Shard,
     /// The split that this run adds to, or added to, a dataset that another run began.
     added: Option<Split>,
-    /// The dataset's description with the added split, where it does not name it yet.
-    pub(super) extended: Option<DatasetConfig>,
+    /// The description of a dataset in which other runs have, or may have, parts, where it is to be written: with the split
+    /// that this one adds, or of one of which it makes its part anew.
+    pub(super) shared: Option<DatasetConfig>,
     /// Lists that a run which begins anew removes.
     outdated: Vec<String>,
+    /// What goes that this run does not make again, in words for a warning.
+    pub(super) warnings: Vec<String>,
 }
 
 impl Place {
@@ -48,13 +51,14 @@ impl Place {
     ///
     /// # Errors
     /// [`Error::Config`] when the folder holds something else, a dataset that `existing` does not allow for, one made
-    /// otherwise, or scenes of this run in another split.
+    /// otherwise, scenes of this run in another split, or a split that a new beginning would remove and not make again.
     pub(super) fn find(root: &Path, synthesis: &Synthesis, existing: Existing) -> Result<Self> {
         let (root, shard) = (root.to_owned(), synthesis.shard);
-        let mut place = Self { root, shard, added: None, extended: None, outdated: Vec::new() };
+        let (outdated, warnings) = (Vec::new(), Vec::new());
+        let mut place = Self { root, shard, added: None, shared: None, outdated, warnings };
         let names = io::list_folder(&place.root)?;
         if existing == Existing::Overwrite {
-            place.outdated = place.outdated_lists(synthesis, &names);
+            place.begin_anew(synthesis, &names)?;
         } else if names.contains(&CONFIG_FILE.to_owned()) {
             place.join(&DatasetConfig::read(&place.root)?, synthesis, existing, &names)?;
         } else if names.iter().any(|name| !io::is_hidden(name)) && !place.is_begun(&synthesis.config, &names)
@@ -74,18 +78,11 @@ impl Place {
         names: &[String],
     ) -> Result<()> {
         let mut differences = differing_keys(found, &synthesis.config);
-        let splits = added_splits(&found.division);
-        if first_division(&found.division) != synthesis.config.division
-            && let Some(split) = only_split(&synthesis.config.division)
-        {
-            self.added = Some(split);
-            if !splits.contains(&split) {
-                let division = format!("{}, {}", found.division, split.name());
-                self.extended = Some(DatasetConfig { division, ..found.clone() });
-            }
-        }
-        if self.added.is_some() || first_division(&found.division) == synthesis.config.division {
+        let part = part_of(found, &synthesis.config);
+        if let Some(Part { added, division }) = part {
             differences.retain(|key| key != "division");
+            self.added = added;
+            self.shared = (division != found.division).then(|| DatasetConfig { division, ..found.clone() });
         }
         if !differences.is_empty() {
             let keys = differences.join(", ");
@@ -93,14 +90,76 @@ impl Place {
             return self.refuse(&reason);
         }
         let is_beside = self.shard.count > 1 && !self.list().exists();
-        if existing == Existing::Refuse && self.extended.is_none() && !is_beside {
+        if existing == Existing::Refuse && self.shared.is_none() && !is_beside {
             return self.refuse("holds a dataset; pass --resume to finish it or --overwrite to begin anew");
         }
         if let Some(other) = names.iter().find(|name| self.is_of_this_part(name) && !self.belongs(name)) {
             let reason = format!("was begun with other shards ({other}); use the same --shard count");
             return self.refuse(&reason);
         }
+        self.check_other_shards(&synthesis.scenes, names)?;
         self.check_others(&synthesis.scenes, names)
+    }
+
+    /// Begins anew: the part that this run makes of a dataset that is otherwise made alike, else the whole dataset.
+    fn begin_anew(&mut self, synthesis: &Synthesis, names: &[String]) -> Result<()> {
+        let config = &synthesis.config;
+        let found = DatasetConfig::read(&self.root).ok();
+        let part = found.as_ref().and_then(|found| {
+            let is_same = differing_keys(found, config).iter().all(|key| key == "division");
+            part_of(found, config).filter(|_| is_same)
+        });
+        let is_same = part.is_some();
+        if let Some(Part { added, division }) = part {
+            self.added = added;
+            self.shared = Some(DatasetConfig { division, ..config.clone() });
+        }
+        self.outdated = self.outdated_lists(&synthesis.scenes, names, is_same);
+        self.check_nothing_is_lost(found.as_ref(), config)?;
+        let staying: Vec<String> =
+            names.iter().filter(|name| !self.outdated.contains(name)).cloned().collect();
+        self.check_others(&synthesis.scenes, &staying)
+    }
+
+    /// Refuses to remove splits that this run does not make, and tells of the parts of other shards that go.
+    fn check_nothing_is_lost(&mut self, found: Option<&DatasetConfig>, config: &DatasetConfig) -> Result<()> {
+        let own = only_split(&config.division);
+        let mut lost: BTreeMap<Split, usize> = BTreeMap::new();
+        for name in &self.outdated {
+            let is_added = added_split_of(name).is_some();
+            let triplets = listed(&self.root.join(name))?;
+            for Triplet { split, .. } in &triplets {
+                let is_made = own.map_or(!is_added && *split != Split::Val, |own| own == *split);
+                *lost.entry(*split).or_default() += usize::from(!is_made);
+            }
+            if self.shard.is_part() && self.root.join(name) != self.list() && !triplets.is_empty() {
+                let count = triplets.len();
+                self.warnings.push(format!(
+                    "{name} goes with its {count} images, which were made of other scenes, by other flags or in other \
+                     shards: make every shard anew"
+                ));
+            }
+        }
+        lost.retain(|_, count| *count > 0);
+        if lost.is_empty() {
+            return Ok(());
+        }
+        let of_split =
+            |(split, count): (&Split, &usize)| format!("{count} images of its {} split", split.name());
+        let lost = lost.iter().map(of_split).collect::<Vec<_>>().join(" and ");
+        let why = match found {
+            Some(found) => {
+                let is_part = part_of(found, config).is_some();
+                let keys = differing_keys(found, config).into_iter();
+                let keys: Vec<String> = keys.filter(|key| !is_part || key != "division").collect();
+                format!("it was made with another {}", keys.join(", "))
+            }
+            None => format!("its {CONFIG_FILE} cannot be read"),
+        };
+        self.refuse(&format!(
+            "would lose {lost}, which this run does not make again, for {why}; name another folder, use the same flags, or \
+             remove this folder first"
+        ))
     }
 
     fn refuse<T>(&self, reason: &str) -> Result<T> {
@@ -120,9 +179,8 @@ impl Place {
         bank.is_ok_and(|found| found == config.bank_sha256) && names.iter().all(|name| comes_first(name))
     }
 
-    /// Refuses scenes and sources that another part of the dataset has, a split that it has, and scenes that another
-    /// shard was dealt.
-    fn check_others(&self, scenes: &[Scene], names: &[String]) -> Result<()> {
+    /// Refuses scenes that another shard was dealt.
+    fn check_other_shards(&self, scenes: &[Scene], names: &[String]) -> Result<()> {
         for name in names.iter().filter(|name| self.is_of_another_shard(name)) {
             if let Some(Scene { id, .. }) = first_dealt_otherwise(scenes, &listed(&self.root.join(name))?) {
                 let reason = format!(
@@ -132,6 +190,11 @@ impl Place {
                 return self.refuse(&reason);
             }
         }
+        Ok(())
+    }
+
+    /// Refuses scenes and sources that another part of the dataset has, of whose lists `names` are, and a split that it has.
+    fn check_others(&self, scenes: &[Scene], names: &[String]) -> Result<()> {
         let mut others: Vec<Triplet> = Vec::new();
         for name in names.iter().filter(|name| is_list(name) && !self.is_of_this_part(name)) {
             others.extend(listed(&self.root.join(name))?);
@@ -140,12 +203,14 @@ impl Place {
             && others.iter().any(|triplet| triplet.split == split)
         {
             let name = split.name();
-            return self
-                .refuse(&format!("holds a {name} split of other flags; use those flags with --resume"));
+            return self.refuse(&format!(
+                "holds a {name} split of other flags; use those flags with --resume, or name another folder"
+            ));
         }
         let ids: BTreeMap<&str, Split> = others.iter().map(|t| (t.id.as_str(), t.split)).collect();
         let sources: BTreeMap<&str, Split> = others.iter().map(|t| (t.source.as_str(), t.split)).collect();
-        let own = if self.list().is_file() { listed(&self.list())? } else { Vec::new() };
+        let has_own = names.iter().any(|name| self.root.join(name) == self.list());
+        let own = if has_own { listed(&self.list())? } else { Vec::new() };
         let is_given = |triplet: &Triplet| scenes.iter().any(|scene| scene.id == triplet.id);
         let kept: Vec<&Triplet> = own.iter().filter(|triplet| !is_given(triplet)).collect();
         for Scene { id, source, split, .. } in scenes {
@@ -158,7 +223,10 @@ impl Place {
                 return self.refuse(&reason);
             }
             if let Some(split) = ids.get(id.as_str()) {
-                let reason = format!("has a scene {id} in its {} split; rename the file", split.name());
+                let reason = format!(
+                    "has a scene {id} in its {} split; rename the file, or name another folder",
+                    split.name()
+                );
                 return self.refuse(&reason);
             }
             if let Some(split) = sources.get(source.as_str()) {
@@ -194,19 +262,15 @@ impl Place {
     }
 
     /// The lists that are void when this run begins anew: every list of a dataset that was made otherwise, or that
-    /// nobody can tell from one; else this run's, those of a dataset with another number of shards, those of added
-    /// splits, and those of shards that other scenes were dealt to. Lists of shards that go on beside this run stay.
-    fn outdated_lists(&self, synthesis: &Synthesis, names: &[String]) -> Vec<String> {
-        let is_same = DatasetConfig::read(&self.root).is_ok_and(|found| {
-            let division = first_division(&found.division).to_owned();
-            differing_keys(&DatasetConfig { division, ..found }, &synthesis.config).is_empty()
-        });
-        let stays = |name: &str| {
-            is_same
-                && self.is_of_another_shard(name)
+    /// nobody can tell from one; else those of this run's part that are its own, of another number of shards, or of shards
+    /// that other scenes were dealt to. Lists of shards that go on beside this run stay, and those of other splits.
+    fn outdated_lists(&self, scenes: &[Scene], names: &[String], is_same: bool) -> Vec<String> {
+        let goes_on = |name: &str| {
+            self.is_of_another_shard(name)
                 && listed(&self.root.join(name))
-                    .is_ok_and(|listed| first_dealt_otherwise(&synthesis.scenes, &listed).is_none())
+                    .is_ok_and(|listed| first_dealt_otherwise(scenes, &listed).is_none())
         };
+        let stays = |name: &str| is_same && (!self.is_of_this_part(name) || goes_on(name));
         names.iter().filter(|name| is_list(name) && !stays(name)).cloned().collect()
     }
 
@@ -251,6 +315,27 @@ fn first_dealt_otherwise<'a>(scenes: &'a [Scene], listed: &[Triplet]) -> Option<
         let split = sources.get(scene.source.as_str());
         ids.contains(scene.id.as_str()) || split.is_some_and(|split| *split != scene.split)
     })
+}
+
+/// What a run makes of a dataset that is there already.
+struct Part {
+    /// The split that it adds, or added; none for the run that began the dataset.
+    added: Option<Split>,
+    /// The division of the dataset, with this part.
+    division: String,
+}
+
+/// The part of the dataset `found` that a run makes whose own dataset would be `wanted`: by their divisions alone. None where
+/// the run makes several splits, and others began the dataset.
+fn part_of(found: &DatasetConfig, wanted: &DatasetConfig) -> Option<Part> {
+    let division = found.division.clone();
+    if first_division(&division) == wanted.division {
+        return Some(Part { added: None, division });
+    }
+    let split = only_split(&wanted.division)?;
+    let is_there = added_splits(&division).contains(&split);
+    let division = if is_there { division } else { format!("{division}, {}", split.name()) };
+    Some(Part { added: Some(split), division })
 }
 
 const SPLITS: [Split; 3] = [Split::Train, Split::Test, Split::Val];

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use crate::core::error::Result;
 use crate::core::image::LinearImage;
-use crate::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Triplet, TripletFiles};
+use crate::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Split, Triplet, TripletFiles};
 use crate::io::{self, LineLog, WriteOptions};
 
 use super::archives::{Archives, archives_of, member_of};
@@ -31,6 +31,8 @@ pub(super) struct DatasetFolder {
     finished: BTreeSet<(String, String)>,
     /// Where images are kept that are not a file each.
     archives: Option<Archives>,
+    /// What became of images that were there, in words for warnings.
+    pub(super) warnings: Vec<String>,
 }
 
 impl DatasetFolder {
@@ -61,7 +63,8 @@ impl DatasetFolder {
             remove_unfinished(root)?;
         }
         let root = root.to_owned();
-        let mut folder = Self { root, list, log, finished: BTreeSet::new(), archives: None };
+        let (finished, warnings) = (BTreeSet::new(), place.warnings);
+        let mut folder = Self { root, list, log, finished, archives: None, warnings };
         match existing {
             Existing::Resume | Existing::TakeOver => folder.resume(synthesis)?,
             Existing::Refuse | Existing::Overwrite => folder.restart_list(&[])?,
@@ -88,12 +91,17 @@ impl DatasetFolder {
             synthesis.scenes.iter().map(|scene| (scene.id.as_str(), scene)).collect();
         let mut triplets = finished_triplets(&self.root, &self.list)?;
         check_scenes(&self.root, synthesis, &triplets)?;
+        let mut moved = BTreeMap::new();
         for triplet in &mut triplets {
             if let Some(scene) = by_id.get(triplet.id.as_str()) {
+                if triplet.split != scene.split {
+                    moved.insert(scene.id.as_str(), (triplet.split, scene.split));
+                }
                 triplet.split = scene.split;
                 triplet.source = scene.source.clone();
             }
         }
+        self.warnings.extend(tell_of_moved(&moved));
         // A run that was killed may have left half a line behind: the list is written anew.
         self.restart_list(&triplets)?;
         // And an archive that it did not come to list.
@@ -185,6 +193,23 @@ impl DatasetFolder {
     }
 }
 
+/// Says which finished scenes are in another split than they were, in words for a warning; nothing where there is none.
+fn tell_of_moved(moved: &BTreeMap<&str, (Split, Split)>) -> Option<String> {
+    let of_first =
+        |(id, (from, to)): (&&str, &(Split, Split))| format!("{id} from {} to {}", from.name(), to.name());
+    let first = moved.iter().next().map(of_first)?;
+    let consequence = if moved.values().any(|(from, _)| *from == Split::Train) {
+        "a network that was trained on this dataset before has learned from what it would be tested on now"
+    } else {
+        "a network that is trained now learns from what others were tested on before"
+    };
+    Some(format!(
+        "{} finished scenes are in another split than before, as the scenes are divided anew: first {first}; {consequence}; \
+         to keep the splits, make the new scenes in another folder",
+        moved.len()
+    ))
+}
+
 /// An image of a dataset on its way to where it is kept.
 pub(super) struct Image {
     /// Of its file.
@@ -212,6 +237,7 @@ fn describe(root: &Path, synthesis: &Synthesis, place: &Place, overwrite: bool) 
         let text = config.to_toml();
         io::write_atomically(&root.join(CONFIG_FILE), true, |file| file.write_all(text.as_bytes()))
     };
+    let shared = place.shared.as_ref();
     if overwrite || !root.join(CONFIG_FILE).is_file() {
         let bank = bank_file.read()?;
         let (bank_path, config_path) = (root.join(&config.bank), root.join(CONFIG_FILE));
@@ -225,13 +251,10 @@ fn describe(root: &Path, synthesis: &Synthesis, place: &Place, overwrite: bool) 
             io::write_psf_field(&root.join(FIELD_FILE), field)?;
         }
         return if overwrite {
-            write(config)
+            write(shared.unwrap_or(config))
         } else {
             io::write_once(&config_path, config.to_toml().as_bytes())
         };
     }
-    match &place.extended {
-        Some(extended) => write(extended),
-        None => Ok(()),
-    }
+    shared.map_or(Ok(()), write)
 }

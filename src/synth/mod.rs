@@ -25,6 +25,7 @@ pub use field::convolve_field;
 pub use formation::Formation;
 pub use kernels::MemoryNeeds;
 pub use noise::add_noise;
+pub use run::SynthesisReport;
 pub use scene_run::SceneReport;
 pub use scenes::{Division, Scene, common_margin, list_scenes};
 pub use synthesis::{Needs, Synthesis, SynthesisConfig};

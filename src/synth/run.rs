@@ -14,8 +14,17 @@ use super::scene_run::{Run, SceneReport};
 use super::sources::check_sources;
 use super::synthesis::Synthesis;
 
+/// What a synthesis tells of as it goes on.
+#[derive(Clone, Copy, Debug)]
+pub enum SynthesisReport<'a> {
+    /// What becomes of images that were there, in words for a warning.
+    Warning(&'a str),
+    /// A scene is done.
+    Scene(&'a SceneReport),
+}
+
 impl Synthesis {
-    /// Makes the dataset in the folder `root`, telling `on_scene` of each scene as it is done.
+    /// Makes the dataset in the folder `root`, telling `on_report` what becomes of it.
     ///
     /// # Errors
     /// [`Error::Config`](crate::core::error::Error::Config) when the folder must not be touched, as one that a scene
@@ -27,7 +36,7 @@ impl Synthesis {
         root: &Path,
         existing: Existing,
         progress: &Progress,
-        mut on_scene: impl FnMut(&SceneReport),
+        mut on_report: impl FnMut(SynthesisReport<'_>),
     ) -> Result<()> {
         let names: Vec<_> = (0..self.bank.len()).map(|index| self.bank.kernel_name(index)).collect();
         let formation = self.formation()?;
@@ -37,6 +46,7 @@ impl Synthesis {
             io::read_image_told::<Linear>(&first.path, self.told)?;
         }
         let folder = DatasetFolder::prepare(root, self, existing)?;
+        folder.warnings.iter().for_each(|warning| on_report(SynthesisReport::Warning(warning)));
         folder.create_image_folders(&names)?;
         let bar = progress.bar((self.scenes.len() * names.len()) as u64, "images");
         let mut run = Run { synthesis: self, formation, folder, names, kernels: None };
@@ -49,7 +59,7 @@ impl Synthesis {
                     bar.inc(images as u64);
                     progress.check()
                 })?;
-                on_scene(&report);
+                on_report(SynthesisReport::Scene(&report));
             }
             Ok(())
         });
