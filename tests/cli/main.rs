@@ -32,6 +32,7 @@ mod layers;
 mod margin;
 mod measure;
 mod negatives;
+mod overwrite;
 #[path = "../common/perceptual_weights.rs"]
 mod perceptual_weights;
 mod photograph;
