@@ -1,10 +1,11 @@
 //! Where the results of one or several inputs go: to the file that the user names, or to files of a folder.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf, is_separator};
 
 use crate::core::error::{Error, Result};
 use crate::core::shard::Shard;
-use crate::io::{Format, check_output, names_folder, stem_of_input};
+use crate::io::{Format, check_output, identity, names_folder, stem_of_input};
 
 /// What the user names for the results, and how files are named in it if it is a folder.
 #[derive(Clone, Copy, Debug)]
@@ -41,10 +42,12 @@ impl Destination<'_> {
     /// Names a file for what becomes of each file, before any work; `named` is what the user named for them.
     ///
     /// # Errors
-    /// As [`place`](Self::place).
+    /// As [`place`](Self::place) and [`check_kept`].
     pub fn place_files(&self, files: &[PathBuf], named: &[PathBuf]) -> Result<Vec<PathBuf>> {
         let results: Vec<Unplaced> = files.iter().map(|file| Unplaced::of_file(file)).collect();
-        self.place(&results, named.iter().any(|input| names_folder(input)))
+        let outputs = self.place(&results, named.iter().any(|input| names_folder(input)))?;
+        check_kept(&outputs, files)?;
+        Ok(outputs)
     }
 
     /// Names a file for each result, before any work; `in_folder` says that they belong to one whatever their number.
@@ -93,6 +96,21 @@ impl Destination<'_> {
     }
 }
 
+/// Refuses outputs that are files which are read for them: whoever lets files be replaced does not mean these.
+///
+/// # Errors
+/// [`Error::Unsupported`] naming the first.
+pub fn check_kept(outputs: &[PathBuf], read: &[impl AsRef<Path>]) -> Result<()> {
+    let read: BTreeSet<PathBuf> = read.iter().map(|file| identity(file.as_ref())).collect();
+    match outputs.iter().find(|output| read.contains(&identity(output))) {
+        Some(output) => Err(Error::Unsupported(format!(
+            "{} would be read and written over: name another file or folder with -o",
+            output.display()
+        ))),
+        None => Ok(()),
+    }
+}
+
 fn ends_in_separator(path: &Path) -> bool {
     path.to_string_lossy().ends_with(is_separator)
 }
@@ -132,6 +150,28 @@ mod tests {
         let to =
             Destination { path: &path, extension: "png", is_asked: false, accepts_existing: false, shard };
         assert_eq!(to.place_files(&files[..2], &[]).unwrap(), placed, "the file of another shard is there");
+    }
+
+    /// By whatever path it is named; an output that is not there is nobody's input.
+    #[test]
+    fn what_is_read_is_not_written_over() {
+        let scratch = tempfile::tempdir().unwrap();
+        let [a, b] = ["a.png", "b.png"].map(|name| scratch.path().join(name));
+        std::fs::write(&a, "read").unwrap();
+        let folder = scratch.path().to_owned();
+        let to = |path| Destination {
+            path,
+            extension: "png",
+            is_asked: false,
+            accepts_existing: true,
+            shard: Shard::WHOLE,
+        };
+        let again = scratch.path().join("..").join(scratch.path().file_name().unwrap()).join("a.png");
+        for path in [&a, &again, &folder] {
+            let said = to(path).place_files(std::slice::from_ref(&a), &[]).unwrap_err().to_string();
+            assert!(said.contains("a.png would be read and written over"), "{said}");
+        }
+        assert_eq!(to(&b).place_files(std::slice::from_ref(&a), &[]).unwrap(), std::slice::from_ref(&b));
     }
 
     #[test]

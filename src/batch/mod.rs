@@ -10,7 +10,7 @@ mod resume;
 mod tone_mapping;
 mod watcher;
 
-pub use destination::{Destination, Unplaced};
+pub use destination::{Destination, Unplaced, check_kept};
 pub use estimate::{
     Clock, Estimate, HEADER_BYTES, LinearCost, PROCESS_BYTES, Sampler, Span, Spent, spent_on,
 };

@@ -8,6 +8,7 @@ use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
+use crate::core::provenance::Provenance;
 use crate::core::tone::ToneCurve;
 use crate::finish::{Photograph, photograph};
 use crate::io::{AnyImage, DomainTag, ImageReading, WriteOptions, any_image_of, read_pixels};
@@ -87,10 +88,13 @@ impl CaptureReading {
         if !told.is_raw() {
             let pixels = read_pixels(file)?;
             if pixels.raw.is_none() {
-                let warnings = Vec::from_iter(pixels.describe_darkness(file));
+                let once_more = told_restored(file, pixels.provenance.as_ref());
+                let mut warnings: Vec<String> =
+                    pixels.describe_darkness(file).into_iter().chain(once_more).collect();
                 let ImageReading { image, info, contradiction } = any_image_of(file, pixels, told.domain)?;
                 let light = Light::Image(Box::new(Capture { image, info }));
-                return Ok(Self { warnings: warnings.into_iter().chain(contradiction).collect(), light });
+                warnings.extend(contradiction);
+                return Ok(Self { warnings, light });
             }
         }
         // A picture alone needs no time.
@@ -133,6 +137,16 @@ impl CaptureReading {
             }
         }
     }
+}
+
+/// What to tell of a file that is no capture but what was made of one.
+fn told_restored(file: &Path, provenance: Option<&Provenance>) -> Option<String> {
+    provenance.filter(|made| made.command == "restore").map(|_| {
+        format!(
+            "{}: it was restored before, so that its blur is not that of the PSF any more: restore the capture itself",
+            file.display()
+        )
+    })
 }
 
 impl From<LinearImage> for Capture {

@@ -44,6 +44,33 @@ fn does_the_others_when_one_file_of_a_folder_is_corrupt() {
     assert_eq!(done, ["a.exr", "c.exr"]);
 }
 
+/// Not even with --overwrite, which is for what an earlier run made.
+#[test]
+fn what_it_reads_is_not_written_over() {
+    let scratch = scratch();
+    let read = |name: &str| std::fs::read(scratch.path().join(name)).unwrap();
+    let before = ["scene.exr", "psf.exr"].map(read);
+    for output in ["psf.exr", "scene.exr", "./psf.exr"] {
+        let flags =
+            ["restore", "scene.exr", "--method", "wiener", "--psf", "psf.exr", "-o", output, "--overwrite"];
+        let message = fail(scratch.path(), &flags, 1);
+        assert!(message.contains("would be read and written over"), "{message}");
+    }
+    assert_eq!(["scene.exr", "psf.exr"].map(read), before);
+}
+
+#[test]
+fn says_of_a_restored_image_that_it_is_no_capture() {
+    let scratch = scratch();
+    let restore = |from: &str, to: &str| {
+        let output =
+            udc(scratch.path(), &["restore", from, "--method", "wiener", "--psf", "psf.exr", "-o", to]);
+        assert!(output.status.success());
+        String::from_utf8(output.stderr).unwrap().contains(&format!("{from}: it was restored before"))
+    };
+    assert!(!restore("scene.exr", "once.exr") && restore("once.exr", "twice.exr"));
+}
+
 #[test]
 fn goes_on_where_it_ended() {
     let scratch = scratch();
@@ -273,8 +300,10 @@ fn hidden_files_of_a_folder_are_no_images() {
 fn an_image_of_another_program_is_not_taken_for_a_finished_one() {
     let scratch = scratch();
     let foreign = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/files/float_zip.exr");
-    std::fs::create_dir(scratch.path().join("captures")).unwrap();
-    std::fs::copy(foreign, scratch.path().join("captures/a.exr")).unwrap();
-    let said = fail(scratch.path(), &restore_by_wiener(&["captures"], &["-o", "captures", "--resume"]), 1);
+    for folder in ["captures", "out"] {
+        std::fs::create_dir(scratch.path().join(folder)).unwrap();
+        std::fs::copy(&foreign, scratch.path().join(folder).join("a.exr")).unwrap();
+    }
+    let said = fail(scratch.path(), &restore_by_wiener(&["captures"], &["-o", "out", "--resume"]), 1);
     assert!(said.contains("a.exr is not of this program"), "{said}");
 }

@@ -5,11 +5,11 @@ use std::sync::OnceLock;
 
 use anyhow::{Result, bail};
 
-use udc::batch::{Destination, Unplaced};
+use udc::batch::{Destination, Unplaced, check_kept};
 use udc::capture::{CaptureFiles, CaptureGroups, Told, names_of};
 use udc::core::error;
 use udc::io::{Format, sha256_of_input};
-use udc::restore::{Capture, CaptureReading};
+use udc::restore::{Capture, CaptureReading, PoseSource};
 
 use super::RestoreArgs;
 use crate::commands::Session;
@@ -69,6 +69,12 @@ impl RestoreArgs {
         let unplaced =
             |files: &CaptureFiles| Unplaced { name: files.name.clone(), source: names_of(&files.files) };
         let outputs = destination.place(&captures.iter().map(unplaced).collect::<Vec<_>>(), in_folder)?;
+        let read = captures.iter().flat_map(|capture| &capture.files).chain(self.kernel.paths());
+        let read = read.chain(&self.model).chain(match &self.pose {
+            Some(PoseSource::File(path)) => Some(path),
+            _ => None,
+        });
+        check_kept(&outputs, &read.collect::<Vec<_>>())?;
         let inputs = captures.into_iter().map(|capture| capture.files);
         let job = |(inputs, output)| Job { inputs, output, sha256: OnceLock::new() };
         Ok(inputs.zip(outputs).map(job).collect())

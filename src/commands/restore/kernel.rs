@@ -34,7 +34,12 @@ impl KernelArgs {
         self.psf.as_deref()
     }
 
-    /// The files that are named, PSFs read as `psf_options` say.
+    /// All files that are named.
+    pub(super) fn paths(&self) -> impl Iterator<Item = &PathBuf> {
+        [&self.bank, &self.field, &self.code, &self.psf].into_iter().flatten()
+    }
+
+    /// What the files that are named tell, PSFs read as `psf_options` say.
     pub(super) fn files(&self, psf_options: PsfOptions) -> KernelFiles {
         let Self { bank, angle, field, code, psf } = self.clone();
         KernelFiles { bank, angle, psf, field, code, psf_options }
