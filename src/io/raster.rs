@@ -44,7 +44,10 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: Format, packed: bool) ->
     let (decoded, Beside { profile, said }) =
         guarded(|| decode_samples(bytes, format, packed)).map_err(damaged)?;
     let (planes, sample_type) = match decoded {
-        Decoded::Bands(bands) => bands.into_planes(),
+        Decoded::Bands(bands) => {
+            let (planes, sample_type) = bands.into_planes();
+            (without_alpha(planes, packed).map_err(damaged)?, sample_type)
+        }
         Decoded::Image(image) => {
             let sample_type = match image.color() {
                 ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => "uint8",
@@ -163,6 +166,11 @@ fn to_planes(image: &DynamicImage, packed: bool) -> Result<Array3<f32>, String> 
         DynamicImage::ImageRgba32F(i) => from_interleaved(i.as_raw(), shape, |v| v),
         other => return Err(format!("has colours of type {:?}, which is not read", other.color())),
     };
+    without_alpha(planes, packed)
+}
+
+/// Planes without their alpha, which four `packed` ones do not have.
+fn without_alpha(planes: Array3<f32>, packed: bool) -> Result<Array3<f32>, String> {
     if packed && planes.dim().0 == 4 { Ok(planes) } else { drop_alpha(planes) }
 }
 

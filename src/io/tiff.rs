@@ -1,6 +1,6 @@
-//! Reads TIFF files of kinds that the `image` crate does not: grey floats, and the four bands of a packed mosaic.
+//! Reads TIFF files of kinds that the `image` crate does not: grey floats, half floats, and the four bands of a packed mosaic.
 //!
-//! Both may be stored in strips or tiles, in any compression that the `tiff` crate undoes.
+//! All may be stored in strips or tiles, in any compression that the `tiff` crate undoes.
 
 mod write;
 
@@ -27,8 +27,8 @@ pub(super) struct Bands {
     is_planar: bool,
 }
 
-/// Bands that `image` does not decode: one of floats, or four grey ones where a mosaic may be `packed` in them; none in
-/// other files, and in those whose headers are damaged, of which `image` says what is wrong.
+/// Bands that `image` does not decode: one of floats, up to four of half floats, or four grey ones where a mosaic may be `packed`
+/// in them; none in other files, and in those whose headers are damaged, of which `image` says what is wrong.
 ///
 /// # Errors
 /// When the file holds such bands that are damaged or too large, or integers of 32 bits, whose bits `image` takes for
@@ -40,7 +40,9 @@ pub(super) fn decode(bytes: &[u8], packed: bool) -> Result<Option<Bands>, String
             let reason = "holds 32-bit integers, which are not read; write 16-bit integers or 32-bit floats";
             return Err(reason.to_owned());
         }
-        (ColorType::Gray(_), Some(DecodingSampleType::F32)) => 1,
+        (ColorType::Gray(_), Some(DecodingSampleType::F16 | DecodingSampleType::F32)) => 1,
+        (ColorType::RGB(_), Some(DecodingSampleType::F16)) => 3,
+        (ColorType::RGBA(_), Some(DecodingSampleType::F16)) => 4,
         (
             ColorType::Multiband { bit_depth: 8 | 16 | 32, num_samples: 4 },
             Some(DecodingSampleType::U8 | DecodingSampleType::U16 | DecodingSampleType::F32),
@@ -99,6 +101,7 @@ impl Bands {
         match &self.samples {
             DecodingResult::U8(samples) => (gather(samples, strides, self.shape, from_u8), "uint8"),
             DecodingResult::U16(samples) => (gather(samples, strides, self.shape, from_u16), "uint16"),
+            DecodingResult::F16(samples) => (gather(samples, strides, self.shape, |v| v.to_f32()), "half"),
             DecodingResult::F32(samples) => (gather(samples, strides, self.shape, |v| v), "float"),
             other => unreachable!("bands are read as 8 or 16 bits or floats, not as {other:?}"),
         }
@@ -183,6 +186,39 @@ mod tests {
             ("tiles", tiled(HEIGHT, WIDTH)),
         ] {
             assert_eq!(planes(&bytes), expected, "{name}");
+        }
+    }
+
+    /// Without alpha and with it, which is the last plane.
+    #[test]
+    fn half_floats_are_read() {
+        for bands in [1, 3, 4] {
+            let half = |i: usize| half::f16::from_f32(i as f32 / 8.0 - 3.0);
+            let count = HEIGHT * WIDTH * bands;
+            let samples: Vec<u16> = (0..count).map(|i| half(i).to_bits()).collect();
+            let mut file = Cursor::new(Vec::new());
+            let mut encoder = TiffEncoder::new(&mut file).unwrap();
+            let mut directory = encoder.image_directory().unwrap();
+            let offset = u32::try_from(directory.write_data(&samples[..]).unwrap()).unwrap();
+            directory.write_tag(Tag::ImageWidth, WIDTH as u16).unwrap();
+            directory.write_tag(Tag::ImageLength, HEIGHT as u16).unwrap();
+            directory.write_tag(Tag::BitsPerSample, &vec![16_u16; bands][..]).unwrap();
+            directory.write_tag(Tag::SampleFormat, &vec![3_u16; bands][..]).unwrap();
+            directory.write_tag(Tag::Compression, 1_u16).unwrap();
+            directory.write_tag(Tag::PhotometricInterpretation, if bands == 1 { 1_u16 } else { 2 }).unwrap();
+            directory.write_tag(Tag::SamplesPerPixel, bands as u16).unwrap();
+            if bands == 4 {
+                directory.write_tag(Tag::ExtraSamples, 2_u16).unwrap();
+            }
+            directory.write_tag(Tag::RowsPerStrip, HEIGHT as u16).unwrap();
+            directory.write_tag(Tag::StripOffsets, offset).unwrap();
+            directory.write_tag(Tag::StripByteCounts, 2 * count as u32).unwrap();
+            directory.finish().unwrap();
+            let (planes, sample_type) = decode(file.get_ref(), false).unwrap().unwrap().into_planes();
+            assert_eq!((planes.dim(), sample_type), ((bands, HEIGHT, WIDTH), "half"));
+            for ((c, y, x), value) in planes.indexed_iter() {
+                assert_eq!(*value, half((y * WIDTH + x) * bands + c).to_f32());
+            }
         }
     }
 
