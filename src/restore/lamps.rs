@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use ndarray::Array2;
+use ndarray::Zip;
 use serde::Serialize;
 
 use crate::core::image::{CHANNELS, LinearImage};
@@ -31,18 +31,21 @@ pub(super) fn find_lamps(
 ) -> Vec<Lamp> {
     let (height, width) = (capture.height(), capture.width());
     let from = saturation.map(saturated_from);
-    let (captured, light) = (capture.planes(), scene.planes());
-    let mut todo = Array2::from_shape_fn((height, width), |(y, x)| {
-        (0..CHANNELS).any(|channel| captured[[channel, y, x]] >= from[channel])
-    });
+    let [red, green, blue] = [0, 1, 2].map(|channel| capture.channel(channel));
+    let is_saturated =
+        |red: &f32, green: &f32, blue: &f32| *red >= from[0] || *green >= from[1] || *blue >= from[2];
+    let mut todo = Zip::from(red).and(green).and(blue).par_map_collect(is_saturated);
+    let light = scene.planes();
     let (mut lamps, mut area) = (Vec::new(), Vec::new());
-    for start in 0..height * width {
-        let start = (start / width, start % width);
-        if !std::mem::take(&mut todo[start]) {
-            continue;
-        }
+    let mut start = 0;
+    loop {
+        let rest = &todo.as_slice().expect("planes are contiguous")[start..];
+        let Some(next) = rest.iter().position(|is_todo| *is_todo) else { break };
+        start += next;
+        let first = (start / width, start % width);
+        todo[first] = false;
         area.clear();
-        area.push(start);
+        area.push(first);
         let mut next = 0;
         while let Some(&(y, x)) = area.get(next) {
             next += 1;

@@ -15,8 +15,8 @@ use ::exr::meta::attribute::SampleType;
 use ::exr::meta::header::Header;
 use ::exr::meta::{BlockDescription, MetaData};
 use half::f16;
-use ndarray::{Array3, s};
-use rayon::prelude::*;
+use ndarray::parallel::prelude::*;
+use ndarray::{Array3, ArrayViewMut2, Axis, s};
 
 use super::WAVE;
 use super::layers::Layer;
@@ -47,12 +47,18 @@ pub(super) fn decode_layer(
             .par_iter()
             .map(|&offset| guarded(|| decode_block(bytes, offset, meta, layer.header)))
             .collect::<Result<Vec<Option<UncompressedBlock>>, String>>()?;
-        for block in blocks.into_iter().flatten() {
-            copy_block(&block, header, layer, &mut planes)?;
+        let blocks: Vec<UncompressedBlock> = blocks.into_iter().flatten().collect();
+        for block in &blocks {
+            check_place(block, header)?;
             if seen.insert(block.index.pixel_position) {
                 covered += block.index.pixel_size.area();
             }
         }
+        planes.axis_iter_mut(Axis(0)).into_par_iter().zip(&layer.channels).for_each(
+            |(mut plane, channel)| {
+                blocks.iter().for_each(|block| copy_channel(block, header, *channel, &mut plane));
+            },
+        );
     }
     if covered == width * height {
         Ok(planes)
@@ -166,31 +172,35 @@ fn check_declared_lengths(block: &CompressedBlock, header: &Header) -> ::exr::er
     Ok(())
 }
 
-fn copy_block(
-    block: &UncompressedBlock,
-    header: &Header,
-    layer: &Layer,
-    planes: &mut Array3<f32>,
-) -> Result<(), String> {
-    let Vec2(left, top) = block.index.pixel_position;
-    let Vec2(width, height) = block.index.pixel_size;
-    let (_, rows, columns) = planes.dim();
-    let line_bytes = header.channels.bytes_per_pixel * width;
-    if left + width > columns || top + height > rows || block.data.len() != line_bytes * height {
+/// Refuses a block that lies outside of the image, or has more or less data than its pixels.
+fn check_place(block: &UncompressedBlock, header: &Header) -> Result<(), String> {
+    let (Vec2(left, top), Vec2(width, height)) = (block.index.pixel_position, block.index.pixel_size);
+    let Vec2(columns, rows) = header.layer_size;
+    let bytes = header.channels.bytes_per_pixel * width * height;
+    if left + width > columns || top + height > rows || block.data.len() != bytes {
         return Err("is damaged: a block lies outside of the image".into());
     }
-    let list = &header.channels.list;
-    for (plane, &channel) in layer.channels.iter().enumerate() {
-        let before: usize = list[..channel].iter().map(|other| other.sample_type.bytes_per_sample()).sum();
-        let sample_type = list[channel].sample_type;
-        for row in 0..height {
-            let start = row * line_bytes + before * width;
-            let line = &block.data[start..start + width * sample_type.bytes_per_sample()];
-            let mut target = planes.slice_mut(s![plane, top + row, left..left + width]);
-            convert(line, sample_type, target.as_slice_mut().expect("rows of planes are contiguous"));
-        }
-    }
     Ok(())
+}
+
+/// Copies one channel of a block to its place in a plane.
+fn copy_channel(
+    block: &UncompressedBlock,
+    header: &Header,
+    channel: usize,
+    plane: &mut ArrayViewMut2<'_, f32>,
+) {
+    let (Vec2(left, top), Vec2(width, height)) = (block.index.pixel_position, block.index.pixel_size);
+    let list = &header.channels.list;
+    let before: usize = list[..channel].iter().map(|other| other.sample_type.bytes_per_sample()).sum();
+    let sample_type = list[channel].sample_type;
+    let line_bytes = header.channels.bytes_per_pixel * width;
+    for row in 0..height {
+        let start = row * line_bytes + before * width;
+        let line = &block.data[start..start + width * sample_type.bytes_per_sample()];
+        let mut target = plane.slice_mut(s![top + row, left..left + width]);
+        convert(line, sample_type, target.as_slice_mut().expect("rows of planes are contiguous"));
+    }
 }
 
 /// Converts one line of native-endian samples.

@@ -66,13 +66,20 @@ impl PsfFaults {
             let (below, above) = (part(channel, |v| v < 0.0), part(channel, |v| v > 0.0));
             if above > 0.0 { -below / above } else { 0.0 }
         };
+        let (shifts, recentring) = rayon::join(
+            || {
+                let (red, (green, blue)) = rayon::join(|| shift(0), || rayon::join(|| shift(1), || shift(2)));
+                [red, green, blue]
+            },
+            || PsfMove::of(planes),
+        );
         Ok(Self {
             size: [height, width],
-            shifts: [0, 1, 2].map(shift),
+            shifts,
             sums: [0, 1, 2].map(|channel| part(channel, |_| true)),
             negative_shares: [0, 1, 2].map(negative),
             floors: [0, 1, 2].map(|channel| floor_of(of_channel(channel))),
-            recentring: PsfMove::of(planes),
+            recentring,
             recentered: false,
         })
     }

@@ -234,15 +234,21 @@ fn largest(plane: ArrayView2<'_, f32>) -> f32 {
 /// A set with the pixels that are at most so many steps along rows and columns away.
 pub(super) fn grown(set: &Array2<bool>, steps: usize) -> Array2<bool> {
     let mut grown = set.clone();
-    for _ in 0..steps {
-        let before = grown.clone();
+    let mut once_more = Array2::default((0, 0));
+    for step in 0..steps {
+        let before = if step == 0 {
+            set
+        } else {
+            once_more.clone_from(&grown);
+            &once_more
+        };
         Zip::indexed(grown.rows_mut()).par_for_each(|y, mut out| {
-            let (here, out) = (row(&before, y), out.as_slice_mut().expect("planes are contiguous"));
+            let (here, out) = (row(before, y), out.as_slice_mut().expect("planes are contiguous"));
             unite(&mut out[1..], here);
             unite(out, &here[1..]);
             for beside in [y.checked_sub(1), (y + 1 < before.nrows()).then_some(y + 1)].into_iter().flatten()
             {
-                unite(out, row(&before, beside));
+                unite(out, row(before, beside));
             }
         });
     }

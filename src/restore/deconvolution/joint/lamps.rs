@@ -274,7 +274,9 @@ impl Lamps {
         blur.apply(&light, &mut flare);
         let parts = Zip::from(deviation).and(&flare).and(&self.saturated).and(scene);
         parts.par_for_each(|deviation, flare, saturated, scene| {
-            *deviation = if *saturated { LAMP_DOUBT * scene } else { deviation.hypot(FLARE_DOUBT * flare) };
+            let of_flare = FLARE_DOUBT * flare;
+            let both = (*deviation * *deviation + of_flare * of_flare).sqrt();
+            *deviation = if *saturated { LAMP_DOUBT * scene } else { both };
         });
     }
 }

@@ -75,7 +75,8 @@ pub(super) fn refine(
     };
     let [height, width] = frame.size();
     let is_saturated = |place: [usize; 2]| channels.iter().any(|channel| channel.is_saturated(place));
-    let saturated = Array2::from_shape_fn((height, width), |(y, x)| is_saturated([y, x]));
+    let mut saturated = Array2::from_elem((height, width), false);
+    Zip::indexed(&mut saturated).par_for_each(|(y, x), saturated| *saturated = is_saturated([y, x]));
     let hidden = grown(&saturated, hidden_px);
     let (mut sharp, mut bands) = (Vec::with_capacity(CHANNELS), Vec::with_capacity(CHANNELS));
     for channel in channels.iter() {
@@ -157,10 +158,22 @@ impl Layout {
         columns
     }
 
-    /// The frame's columns in a row, those before and after it included.
-    fn columns(self) -> impl Iterator<Item = isize> {
-        let both = (0..self.half).map(|at| 2 * at).chain((0..self.half).map(|at| 2 * at + 1));
-        both.map(|column| column.cast_signed() - BEFORE.cast_signed())
+    /// Writes a row of the frame as it lies beside what the mirrors at its border show.
+    fn extend(row: &[f32], extended: &mut [f32]) {
+        let columns = (0..extended.len()).map(|at| at.cast_signed() - BEFORE.cast_signed());
+        let show = |out: &mut f32, column| *out = row[mirrored(column, row.len())];
+        let after = (BEFORE + row.len()).min(extended.len());
+        extended.iter_mut().zip(columns.clone()).take(BEFORE).for_each(|(out, column)| show(out, column));
+        extended.iter_mut().zip(columns).skip(after).for_each(|(out, column)| show(out, column));
+        extended[BEFORE..after].copy_from_slice(&row[..after - BEFORE]);
+    }
+
+    /// Takes such a row apart into its even and its odd columns.
+    fn take_apart(self, extended: &[f32], row: &mut [f32]) {
+        let (even, odd) = row.split_at_mut(self.half);
+        for ((pair, even), odd) in extended.as_chunks::<2>().0.iter().zip(even).zip(odd) {
+            [*even, *odd] = *pair;
+        }
     }
 }
 
@@ -173,21 +186,19 @@ fn planes(len: usize) -> Planes {
 
 /// The rows `first..first + rows` of a frame, mirrored at its border, as brightness and differences.
 fn padded(from: &[ArrayView2<'_, f32>], layout: Layout, first: isize, rows: usize) -> Planes {
-    let (height, width) = from[0].dim();
-    let mut padded = planes(rows * layout.stride());
-    let columns: Vec<usize> = layout.columns().map(|column| mirrored(column, width)).collect();
-    let mut of_row = planes(width);
+    let height = from[0].nrows();
+    let stride = layout.stride();
+    let mut padded = planes(rows * stride);
+    let (mut extended, mut mixed) = (planes(stride), vec![0.0; stride]);
     for row in 0..rows {
         let y = mirrored(first + row.cast_signed(), height);
-        for (of_row, plane) in of_row.iter_mut().zip(from) {
-            of_row.iter_mut().zip(plane.row(y)).for_each(|(to, from)| *to = *from);
+        for (extended, plane) in extended.iter_mut().zip(from) {
+            let row = plane.row(y);
+            Layout::extend(row.to_slice().expect("rows are contiguous"), extended);
         }
-        let [red, green, blue] = &of_row;
-        for (plane, weights) in padded.iter_mut().zip(&COLORS) {
-            let to = &mut plane[row * layout.stride()..][..layout.stride()];
-            for (to, &x) in to.iter_mut().zip(&columns) {
-                *to = weights[0] * red[x] + weights[1] * green[x] + weights[2] * blue[x];
-            }
+        for (plane, weights) in padded.iter_mut().zip(COLORS) {
+            mix(&mut mixed, extended.each_ref().map(|row| &row[..]), weights);
+            layout.take_apart(&mixed, &mut plane[row * stride..][..stride]);
         }
     }
     padded
