@@ -168,6 +168,12 @@ impl PsfArgs {
                 "the panel of {what} has no sub-pixels, openings or wiring: its PSF is that of the bare lens"
             ));
         }
+        if let Some(pixels) = display.too_few_pixels() {
+            session.warn(format_args!(
+                "the aperture of {what} spans {pixels:.2} pixels of its panel, so that hardly anything is repeated before the lens: \
+                 display.pitch-um is in micrometres, optics.aperture-mm in millimetres"
+            ));
+        }
         session.configured(display);
         let simulated = simulate_psf(display, &session.progress)
             .with_context(|| format!("simulating the PSF of {what}"))?;

@@ -78,6 +78,18 @@ pub struct StudyDescription {
     file: PathBuf,
 }
 
+/// Keys that a sensor has and a training has not.
+const SENSOR_KEYS: [&str; 8] = [
+    "full-well-e",
+    "read-noise-e",
+    "bits",
+    "black-level-dn",
+    "exposures",
+    "channel-gains",
+    "white-irradiance",
+    "electrons-per-unit",
+];
+
 /// Looks at a configuration file.
 pub(super) fn inspect_configuration(file: &Path) -> Result<Inspection> {
     let text = read_text(file)?;
@@ -95,7 +107,7 @@ pub(super) fn inspect_configuration(file: &Path) -> Result<Inspection> {
     if has(&["turn-deg", "turn-sigma-deg"]) {
         return Ok(Inspection::Pose(PoseDescription { pose: read_pose(file)? }));
     }
-    if has(&["full-well-e", "read-noise-e", "white-irradiance", "electrons-per-unit"]) {
+    if has(&SENSOR_KEYS) {
         return SensorDescription::new(file, text).map(Inspection::Sensor);
     }
     if has(&["panels", "rotations"]) {

@@ -350,7 +350,16 @@ pub struct WiringConfig {
     pub transmittance: f64,
 }
 
+/// A panel of which the aperture spans fewer pixels is no panel of a camera: their order is told by hundreds of them.
+const LEAST_PIXELS: f64 = 4.0;
+
 impl DisplayConfig {
+    /// The pixels of the panel that the aperture spans, where they are too few for a panel of a camera.
+    pub fn too_few_pixels(&self) -> Option<f64> {
+        let pixels = 1e3 * self.optics.aperture_mm / self.display.pitch_um?;
+        (pixels < LEAST_PIXELS).then_some(pixels)
+    }
+
     /// Reads a display file, with another side of the PSF in pixels where one is given.
     ///
     /// # Errors

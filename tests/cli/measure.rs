@@ -183,6 +183,21 @@ fn simulates_the_psf_of_a_display_file() {
     assert_eq!(read_psf(&folder.path().join("odd.npy")).unwrap().height(), 33);
 }
 
+/// A pitch in nanometres instead of micrometres.
+#[test]
+fn says_of_a_panel_that_the_aperture_hardly_spans_a_pixel_of_it() {
+    let folder = tempdir().unwrap();
+    for (pitch, is_told) in [("60.0", false), ("60000.0", true)] {
+        let panel = DISPLAY.replace("pitch-um = 60", &format!("pitch-um = {pitch}"));
+        std::fs::write(folder.path().join("panel.toml"), panel).unwrap();
+        let flags = ["psf", "--display", "panel.toml", "-o", "psf.npy", "--overwrite"];
+        let output = crate::common::udc(folder.path(), &flags);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{stderr}");
+        assert_eq!(stderr.contains("spans 0.03 pixels of its panel"), is_told, "{stderr}");
+    }
+}
+
 #[test]
 fn says_of_a_panel_that_it_has_no_features_or_passes_no_light() {
     let folder = tempdir().unwrap();
