@@ -199,7 +199,10 @@ impl EvalArgs {
         session: &Session,
     ) -> Result<()> {
         let roots = if self.dataset.is_empty() { &self.data } else { &self.dataset };
-        let open = |root: &PathBuf| Ok((name_among(roots, root), Dataset::open(root)?));
+        let open = |root: &PathBuf| {
+            let open = if self.allow_missing { Dataset::open_incomplete } else { Dataset::open };
+            Ok((name_among(roots, root), open(root)?))
+        };
         let datasets = roots.iter().map(open).collect::<Result<Vec<_>>>()?;
         for (_, dataset) in &datasets {
             session.warn_of_unfinished(dataset)?;
@@ -214,8 +217,7 @@ impl EvalArgs {
             return self.compare_part(shard, &experiment, session);
         }
         let outputs = ResultsFolder::prepare(&self.output, &experiment.files(), session.overwrite)?;
-        outputs.remove_earlier_pictures()?;
-        let findings = experiment.run(&self.output)?;
+        let findings = outputs.with_new_pictures(|folder| experiment.run(folder))?;
         let ldr = findings.ldr.as_ref().map(|(_, shown)| picture::grid(shown));
         self.write(&findings, ldr.as_deref(), outputs, session)
     }

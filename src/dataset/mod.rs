@@ -140,15 +140,23 @@ impl Dataset {
     /// [`Error::Format`] saying what is missing: `dataset.toml` or `synthetic_data/`, triplets, files that
     /// triplets name, a bank of the recorded hash, a version that this program reads.
     pub fn open(root: &Path) -> Result<Self> {
-        let dataset = if root.join(CONFIG_FILE).is_file() {
-            folder::open(root)?
-        } else if root.join(published::SYNTHETIC).is_dir() {
-            published::open(root)?
-        } else {
-            return Err(Error::format(root, not_a_dataset(root)));
-        };
+        let dataset = Self::open_incomplete(root)?;
         dataset.check_files()?;
         Ok(dataset)
+    }
+
+    /// Opens a dataset folder of which images may be missing.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open), but for the files that triplets name.
+    pub fn open_incomplete(root: &Path) -> Result<Self> {
+        if root.join(CONFIG_FILE).is_file() {
+            folder::open(root)
+        } else if root.join(published::SYNTHETIC).is_dir() {
+            published::open(root)
+        } else {
+            Err(Error::format(root, not_a_dataset(root)))
+        }
     }
 
     /// What is missing of the synthesis, in words for a warning; nothing of the published dataset.

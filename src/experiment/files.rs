@@ -22,6 +22,9 @@ pub const MISMATCH: [&str; 2] = ["mismatch.json", "mismatch.csv"];
 /// What a monitor as the source would miss.
 pub const LDR: [&str; 3] = ["ldr.json", "ldr.csv", "ldr.png"];
 
+/// Where pictures lie until the evaluation is done.
+const UNFINISHED: &str = "pictures.partial";
+
 /// The files that hold a metric's plots: by rotation, and how it is distributed.
 pub fn plots_of(metric: Metric) -> [String; 2] {
     ["by-rotation", "distribution"].map(|what| format!("{}-{what}.svg", metric.name()))
@@ -86,6 +89,30 @@ impl<'a> ResultsFolder<'a> {
         RESULTS.iter().zip(texts).try_for_each(|(name, text)| self.write(name, text.as_bytes()))
     }
 
+    /// Does `work`, which writes pictures into a folder of results that it is given, and puts them in the place of an earlier
+    /// evaluation's, which may be of other images or methods; those stay where the work fails.
+    ///
+    /// # Errors
+    /// The work's; those of [`io::remove`] and [`io::publish`].
+    pub fn with_new_pictures<T>(&self, work: impl FnOnce(&Path) -> Result<T>) -> Result<T> {
+        let unfinished = self.folder.join(UNFINISHED);
+        let clear = || if unfinished.is_dir() { io::remove(&unfinished) } else { Ok(()) };
+        // What a run left that was killed.
+        clear()?;
+        let done = work(&unfinished).and_then(|done| {
+            self.remove_earlier_pictures()?;
+            let [from, to] = [&unfinished, self.folder].map(|folder| folder.join(pictures::FOLDER));
+            let names = list(&from)?;
+            if !names.is_empty() {
+                io::create_folder(&to)?;
+            }
+            names.iter().try_for_each(|name| io::publish(&from.join(name), &to.join(name)))?;
+            Ok(done)
+        });
+        clear()?;
+        done
+    }
+
     /// Removes the pictures of an earlier evaluation, which may be of other images or methods.
     ///
     /// # Errors
@@ -148,5 +175,31 @@ mod tests {
         let mut left = others.to_vec();
         left.sort();
         assert_eq!(names(), left);
+    }
+
+    #[test]
+    fn pictures_are_replaced_by_those_of_work_that_is_done() {
+        let scratch = tempfile::tempdir().unwrap();
+        let names = || io::list_folder(&scratch.path().join(pictures::FOLDER)).unwrap();
+        let results = ResultsFolder::prepare(scratch.path(), &[], true).unwrap();
+        let write = |folder: &Path, name: &str| {
+            io::create_folder(&folder.join(pictures::FOLDER))?;
+            io::write_atomically(&folder.join(pictures::FOLDER).join(name), false, |file| {
+                file.write_all(b"new")
+            })
+        };
+        let made = |name: &str| {
+            results.with_new_pictures(|folder| write(folder, name)).unwrap();
+        };
+        made("a.1-wiener.png");
+        let failed: Result<()> = results.with_new_pictures(|folder| {
+            write(folder, "b.1-joint.png")?;
+            Err(Error::Unsupported("damaged".to_owned()))
+        });
+        assert!(failed.is_err());
+        assert_eq!(names(), ["a.1-wiener.png"]);
+        made("c.1-joint.png");
+        assert_eq!(names(), ["c.1-joint.png"]);
+        assert_eq!(io::list_folder(scratch.path()).unwrap(), [pictures::FOLDER], "nothing is left over");
     }
 }

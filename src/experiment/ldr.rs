@@ -8,10 +8,12 @@ use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
 
+use super::EvalConfig;
 use super::comparison::Comparison;
 use super::document::Document;
 use super::flare::Flare;
 use super::regions::Region;
+use super::tables::quoted;
 use crate::core::error::{Error, Result};
 use crate::core::image::{LinearImage, ToneMappedImage};
 use crate::core::kernel_code::KernelBank;
@@ -124,8 +126,9 @@ impl<'a> Ldr<'a> {
     pub fn measure(
         &self,
         comparison: &Comparison<'_>,
-        definition: MetricDefinition,
+        measuring: &EvalConfig,
     ) -> Result<(LdrResults, Vec<LdrRow>)> {
+        let definition = measuring.definition;
         let Comparison { dataset, listener, .. } = comparison;
         let curve = dataset.formation.curve()?;
         let bar = listener.progress.bar(comparison.own().len() as u64, "scenes");
@@ -133,7 +136,11 @@ impl<'a> Ldr<'a> {
         let (mut most, mut shown) = (f64::NEG_INFINITY, Vec::new());
         for (_, triplet) in comparison.own() {
             listener.progress.check()?;
-            let (clean, degraded) = comparison.read(triplet)?;
+            let (clean, degraded) = match comparison.read(triplet) {
+                // The evaluation names it.
+                Err(error) if measuring.allow_missing && !error.is_interrupt() => continue,
+                read => read?,
+            };
             let (clipped, formed) = self.form(dataset, triplet, &clean)?;
             let flare = |clean, degraded| Flare::measure(clean, degraded, curve, &definition);
             let (hdr, ldr) = (flare(&clean, &degraded)?, flare(&clipped, &formed)?);
@@ -185,7 +192,9 @@ impl LdrResults {
                 let Flare { flare_share, highlight_share, largest_brightening, psnr } = flare;
                 let _ = writeln!(
                     csv,
-                    "{id},{kernel},{range},{flare_share},{highlight_share},{largest_brightening},{psnr}"
+                    "{},{},{range},{flare_share},{highlight_share},{largest_brightening},{psnr}",
+                    quoted(id),
+                    quoted(kernel)
                 );
             }
         }

@@ -43,17 +43,24 @@ impl Matrix {
     /// Takes the matrices, one a metric, out of an evaluation whose methods are the assumed kernels.
     pub fn of(method: &str, evaluation: &Evaluation) -> Vec<Self> {
         let kernels = evaluation.kernels();
+        // In the order of the rows, so that what is right stands on the diagonal, however the bank is ordered.
+        let place = |assumed: &usize| {
+            let name = &evaluation.methods[*assumed].name;
+            kernels.iter().position(|kernel| kernel == name).unwrap_or(kernels.len())
+        };
+        let mut columns: Vec<usize> = (0..evaluation.methods.len()).collect();
+        columns.sort_by_key(place);
         let count = |kernel: &&str| evaluation.of(0, Some(kernel)).count();
         let matrix = |(index, metric): (usize, &Metric)| {
             let mean = |kernel: &str, assumed: usize| {
                 evaluation.mean(assumed, Some(kernel)).map_or(f64::NAN, |values| values[index])
             };
-            let row = |kernel: &&str| (0..evaluation.methods.len()).map(|j| mean(kernel, j)).collect();
+            let row = |kernel: &&str| columns.iter().map(|assumed| mean(kernel, *assumed)).collect();
             Self {
                 method: method.to_owned(),
                 metric: *metric,
                 simulated: kernels.iter().map(|&kernel| kernel.to_owned()).collect(),
-                assumed: evaluation.methods.iter().map(|assumed| assumed.name.clone()).collect(),
+                assumed: columns.iter().map(|assumed| evaluation.methods[*assumed].name.clone()).collect(),
                 rows: kernels.iter().map(row).collect(),
                 images: kernels.iter().map(count).collect(),
                 excluded: evaluation.excluded.clone(),
@@ -136,6 +143,34 @@ mod tests {
         let mismatch = Mismatch { matrices };
         let csv = mismatch.to_csv();
         assert!(csv.contains("net,psnr,r-03,r+00,2,21\n"), "{csv}");
+    }
+
+    /// As of a bank whose angles are in no order, of whose kernels one has no image.
+    #[test]
+    fn what_is_right_stands_on_the_diagonal() {
+        let assumed = ["r+05", "r+10", "r-05", "r+00"];
+        let methods = assumed.map(ComparedMethod::restored).to_vec();
+        let mut evaluation = Evaluation::new(&EvalConfig::default(), methods);
+        let simulated = ["r-05", "r+00", "r+05"];
+        for kernel in simulated {
+            let label = Label { kernel: Some(kernel.to_owned()), ..Label::scene("street") };
+            let score = |(method, name): (usize, &&str)| Score {
+                label: label.clone(),
+                method,
+                values: vec![if *name == kernel { 40.0 } else { 20.0 }, 0.5],
+                regions: Vec::new(),
+            };
+            evaluation.add([8, 8], assumed.iter().enumerate().map(score).collect());
+        }
+        let matrix = &Matrix::of("net", &evaluation)[0];
+        assert_eq!(matrix.assumed[..3], matrix.simulated[..]);
+        assert_eq!(matrix.assumed[3], "r+10");
+        for (place, row) in matrix.rows.iter().enumerate() {
+            assert!(
+                row.iter().enumerate().all(|(column, psnr)| (*psnr > 30.0) == (column == place)),
+                "{row:?}"
+            );
+        }
     }
 
     #[test]

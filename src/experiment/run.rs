@@ -144,7 +144,7 @@ impl<'a> Experiment<'a> {
             datasets.push(MeasuredDataset::of(name, comparison, evaluation));
         }
         let mismatch = self.config.mismatch.then(|| first.mismatch(measuring)).transpose()?;
-        let ldr = self.ldr.as_ref().map(|ldr| ldr.measure(first, measuring.definition)).transpose()?;
+        let ldr = self.ldr.as_ref().map(|ldr| ldr.measure(first, measuring)).transpose()?;
         let (ldr, rows) = match ldr {
             Some((LdrResults { white, images, .. }, rows)) => (Some(MeasuredLdr { white, images }), rows),
             None => (None, Vec::new()),

@@ -63,11 +63,11 @@ pub fn remove(path: &Path) -> Result<()> {
     }
 }
 
-/// Gives a finished folder its name: readers see it whole or not at all.
+/// Gives a finished folder, or a file of an unfinished one, its name: readers see it whole or not at all.
 ///
 /// # Errors
-/// [`Error::Io`] when `to` exists and is not empty, or the folder cannot be renamed.
-pub fn publish_folder(from: &Path, to: &Path) -> Result<()> {
+/// [`Error::Io`] when it cannot be renamed, as a folder where `to` exists and is not empty.
+pub fn publish(from: &Path, to: &Path) -> Result<()> {
     fs::rename(from, to).map_err(|source| Error::io("create", to, source))?;
     written::tell(to);
     Ok(())
@@ -253,9 +253,9 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         let (draft, name) = (root.path().join("draft"), root.path().join("a/b"));
         create_folder(&draft.join("inner")).unwrap();
-        assert!(publish_folder(&draft, &name).is_err(), "the folder above is missing");
+        assert!(publish(&draft, &name).is_err(), "the folder above is missing");
         create_folder(name.parent().unwrap()).unwrap();
-        publish_folder(&draft, &name).unwrap();
+        publish(&draft, &name).unwrap();
         assert!(name.join("inner").is_dir() && !draft.exists());
         remove(&name).unwrap();
         remove(&name).unwrap();

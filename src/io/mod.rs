@@ -57,7 +57,7 @@ pub use container::{FloatWidth, TensorData, write_safetensors};
 pub use convert::{Conversion, ConvertedImage};
 pub use exr::ImageLayer;
 pub use field::{inspect_psf_field, read_field, read_psf_field, write_psf_field};
-pub use folder::{AppendFile, LineLog, create_folder, lock_folder, publish_folder, remove, try_lock_folder};
+pub use folder::{AppendFile, LineLog, create_folder, lock_folder, publish, remove, try_lock_folder};
 pub use format::{Encoding, Format, check_extension};
 pub use half_tensors::{HalfTensor, HalfTensors, read_half_tensors};
 pub use inputs::{expand_inputs, identity, is_hidden, without_repeats};

@@ -30,7 +30,7 @@ mod tests {
     use std::sync::{Arc, Mutex};
 
     use super::*;
-    use crate::io::{create_folder, publish_folder, write_atomically};
+    use crate::io::{create_folder, publish, write_atomically};
 
     /// Other tests write beside this one: only files of its own folder count.
     #[test]
@@ -54,7 +54,7 @@ mod tests {
         write("b", false).unwrap_err();
         create_folder(&root.path().join("c.partial")).unwrap();
         write("c.partial/d", true).unwrap();
-        publish_folder(&root.path().join("c.partial"), &root.path().join("c")).unwrap();
+        publish(&root.path().join("c.partial"), &root.path().join("c")).unwrap();
         assert_eq!(*told.lock().unwrap(), [PathBuf::from("a"), PathBuf::from("c")]);
     }
 }

@@ -118,7 +118,7 @@ impl Checkpoints {
             io::create_folder(&draft)?;
             weights::write(&draft.join(MODEL_FILE), model, false)?;
             checkpoint.write(&draft.join(STATE_FILE))?;
-            io::publish_folder(&draft, &path)?;
+            io::publish(&draft, &path)?;
         }
         let iterations = self.iterations()?;
         let surplus = iterations.len().saturating_sub(keep);

@@ -178,6 +178,26 @@ fn flare_is_gone_from_scenes_of_a_monitors_range() {
     assert_eq!(csv.lines().count(), 1 + 2 * 3);
 }
 
+/// One is gone from the folder, one is cut off.
+#[test]
+fn images_that_cannot_be_read_are_left_out_where_that_is_allowed() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    let triplets = fs::read_to_string(folder.join("dataset/triplets.jsonl")).unwrap();
+    let mut tested = triplets.lines().filter(|line| line.contains("\"test\""));
+    let mut next = || {
+        let triplet: Value = serde_json::from_str(tested.next().unwrap()).unwrap();
+        folder.join("dataset").join(triplet["degraded"].as_str().unwrap())
+    };
+    fs::remove_file(next()).unwrap();
+    fs::write(next(), "cut").unwrap();
+    let call = ["eval", "dataset", "--method", "wiener", "--ldr", "--regions", "-o", "results"];
+    assert!(fail(folder, &call, 1).contains("1 of its images are missing"));
+    succeed(folder, &[&call[..], &["--allow-missing"]].concat());
+    assert_eq!(json(folder, "results/metrics.json")["excluded"].as_array().unwrap().len(), 2);
+    assert_eq!(fs::read_to_string(folder.join("results/ldr.csv")).unwrap().lines().count(), 1 + 2);
+}
+
 #[test]
 fn sets_datasets_side_by_side() {
     let scratch = scratch();
