@@ -200,6 +200,11 @@ fn look_at_pair(dataset: &Dataset, triplet: &Triplet, faults: &mut Faults) -> Op
     let clean = read(&dataset.root.join(&triplet.gt), &triplet.gt, faults);
     let degraded = read(&degraded_path, &triplet.degraded, faults);
     let (clean, degraded) = (clean?, degraded?);
+    // Only degraded images are listed with what they hold.
+    let scene = clean.provenance.as_ref().and_then(|made| made.config.get("scene")?.as_str());
+    if scene.is_some_and(|scene| scene != triplet.id) {
+        faults.note(Fault::OtherScene, triplet.gt.clone());
+    }
     let size = |planes: &Array3<f32>| [planes.dim().1, planes.dim().2];
     let size = (size(&clean.planes), size(&degraded.planes));
     if size.0 != size.1 {

@@ -70,6 +70,7 @@ pub(super) enum Fault {
     Channels,
     SizesDiffer,
     HashDiffers,
+    OtherScene,
     AboveXMax,
     Negative,
     Dark,
@@ -99,6 +100,9 @@ impl Fault {
             Self::SizesDiffer => ("sizes-differ", true, "are of another size than their ground truth", anew),
             Self::HashDiffers => {
                 ("hash-differs", true, "are not those that the dataset lists (SHA-256)", anew)
+            }
+            Self::OtherScene => {
+                ("other-scene", true, "say that they are the ground truth of another scene", anew)
             }
             Self::AboveXMax => (
                 "above-x-max",

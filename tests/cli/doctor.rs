@@ -224,6 +224,12 @@ fn what_is_wrong_with_the_images_of_a_dataset_is_found() {
     let image = udc::core::image::ToneMappedImage::from_planes(scene(32)).unwrap();
     io::write_image(&place, &image, &WriteOptions { overwrite: true, ..Default::default() }).unwrap();
     find("domain", "error", "linear");
+    let others = dataset.triplets.iter().find(|other| other.id != triplet.id).unwrap();
+    let gt = folder.join("dataset").join(&triplet.gt);
+    let own = fs::read(&gt).unwrap();
+    fs::copy(folder.join("dataset").join(&others.gt), &gt).unwrap();
+    find("other-scene", "error", &triplet.gt);
+    fs::write(&gt, own).unwrap();
     let (findings, code) = examine(folder, &["dataset", "--all"]);
     assert_eq!(code, 0, "it is whole again: {findings:#?}");
 }
