@@ -8,7 +8,7 @@ use clap::error::ErrorKind;
 use serde_json::json;
 
 use udc::core::shard::Shard;
-use udc::examples::{ExampleSet, ExamplesConfig};
+use udc::examples::{EXAMPLES_FILE, ExampleSet, ExamplesConfig, ExamplesFile};
 use udc::experiment::validation_measures;
 use udc::io;
 use udc::kernels::keep_freed_memory;
@@ -151,15 +151,20 @@ impl TrainArgs {
 
     /// Makes examples of one panel in the run's folder, or those that are missing; returns their folder.
     fn make_examples(&self, psf: &Path, session: &Session) -> Result<PathBuf> {
-        let text = self.config.as_deref().map_or_else(|| Ok(ADAPTATION.to_owned()), io::read_text)?;
-        let mut config = ExamplesConfig::from_toml(&text)?;
+        let folder = self.output.join(EXAMPLES);
+        let mut config = match &self.config {
+            Some(path) => ExamplesConfig::from_toml(&io::read_text(path)?)?,
+            None if self.resume && folder.join(EXAMPLES_FILE).is_file() => {
+                ExamplesFile::read(&folder)?.examples
+            }
+            None => ExamplesConfig::from_toml(ADAPTATION)?,
+        };
         config.panels.psf = Some(psf.to_owned());
         if !self.scenes.is_empty() {
             config.scenes.panoramas = io::expand_inputs(&self.scenes)?;
         } else if config.scenes.panoramas.is_empty() {
             config.scenes.procedural_share = 1.0;
         }
-        let folder = self.output.join(EXAMPLES);
         let existing = if session.overwrite { Existing::Overwrite } else { Existing::Resume };
         ExampleSet { config, shard: Shard::WHOLE }
             .make(&folder, existing, &session.progress)

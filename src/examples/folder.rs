@@ -68,7 +68,7 @@ impl ExamplesFile {
     ///
     /// # Errors
     /// [`Error::Io`] when it cannot be read; [`Error::Format`] when it is damaged or of another version.
-    pub(super) fn read(root: &Path) -> Result<Self> {
+    pub fn read(root: &Path) -> Result<Self> {
         let path = root.join(EXAMPLES_FILE);
         let found: Self =
             parse_toml(&io::read_text(&path)?).map_err(|reason| Error::format(&path, reason))?;

@@ -243,17 +243,7 @@ impl Job<'_> {
     /// The configuration as TOML, without what it did not decide.
     fn recorded(&self) -> String {
         let text = self.config.to_toml();
-        if !self.data_say_formation {
-            return text;
-        }
-        let mut is_used = true;
-        let used = |line: &&str| {
-            if line.starts_with('[') {
-                is_used = !line.starts_with("[data.formation");
-            }
-            is_used
-        };
-        text.lines().filter(used).map(|line| format!("{line}\n")).collect()
+        if self.data_say_formation { without_formation(&text) } else { text }
     }
 
     /// What a model file says of its training; nothing that another process on another day would say
@@ -276,8 +266,11 @@ impl Job<'_> {
 fn holds_run(folder: &Path) -> Result<bool> {
     let log = folder.join(LOG_FILE);
     let has_log = log.is_file() && !io::read_text(&log)?.is_empty();
-    let has_checkpoint = !Checkpoints::new(folder.join(CHECKPOINTS)).iterations()?.is_empty();
-    Ok(has_log || has_checkpoint || folder.join(MODEL_FILE).exists())
+    let checkpoints = Checkpoints::new(folder.join(CHECKPOINTS));
+    let has_checkpoint = !checkpoints.iterations()?.is_empty();
+    // Those of weights that a run began with are kept before its first checkpoint is.
+    let has_best = folder.join(BEST_FILE).exists() && !checkpoints.awaits_first()?;
+    Ok(has_log || has_checkpoint || has_best || folder.join(MODEL_FILE).exists())
 }
 
 fn refuse_run(folder: &Path) -> Result<()> {
@@ -286,7 +279,32 @@ fn refuse_run(folder: &Path) -> Result<()> {
                       another folder";
         return Err(Error::format(folder, reason));
     }
+    let config = folder.join(CONFIG_FILE);
+    if config.is_file() && !is_recorded(&io::read_text(&config)?) {
+        let reason = "it is not of a run, which would write its own over it; name another folder with -o, or rename the file";
+        return Err(Error::format(&config, reason));
+    }
     Ok(())
+}
+
+/// Whether a configuration is what a run writes, in which no comment and no other section would be lost.
+fn is_recorded(text: &str) -> bool {
+    TrainConfig::from_toml(text, &[]).is_ok_and(|config| {
+        let whole = config.to_toml();
+        text == whole || text == without_formation(&whole)
+    })
+}
+
+/// The TOML of a configuration without what data decide.
+fn without_formation(text: &str) -> String {
+    let mut is_used = true;
+    let used = |line: &&str| {
+        if line.starts_with('[') {
+            is_used = !line.starts_with("[data.formation");
+        }
+        is_used
+    };
+    text.lines().filter(used).map(|line| format!("{line}\n")).collect()
 }
 
 /// Removes what killed processes left of files that they were writing; of checkpoints, reading them does it.

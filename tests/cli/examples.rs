@@ -83,6 +83,11 @@ fn a_network_is_adapted_to_one_panel() {
         "architecture.features=48",
     ]);
     assert!(folder.path().join("adapted/best.safetensors").is_file());
+    let resumed = ["train", "--psf", "psf.exr", "-o", "adapted", "--resume", "--set", "iterations=5"];
+    assert!(
+        run(&resumed).contains("trained for 5 iterations"),
+        "with the examples and settings that it began with"
+    );
     let log = fs::read_to_string(folder.path().join("adapted/metrics.jsonl")).unwrap();
     let first: serde_json::Value = serde_json::from_str(log.lines().next().unwrap()).unwrap();
     assert!(first["iteration"] == 0 && first["psnr"].is_number(), "what it began with is measured: {first}");

@@ -477,6 +477,34 @@ fn refuses_to_mix_runs() {
 }
 
 #[test]
+fn what_a_run_did_not_write_is_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    prepare(folder.path());
+    let train = |more: &[&'static str]| {
+        let call = ["train", "config.toml", "--data", "dataset", "-o", "run", "--set", "iterations=2"];
+        [&call[..], more].concat()
+    };
+    let [config, best] = ["config.toml", "best.safetensors"].map(|name| folder.path().join("run").join(name));
+    fs::create_dir(folder.path().join("run")).unwrap();
+    let own = format!("# of mine\n{CONFIG}");
+    fs::write(&config, &own).unwrap();
+    assert!(fail(folder.path(), &train(&[]), 1).contains("config.toml: it is not of a run"));
+    assert_eq!(fs::read_to_string(&config).unwrap(), own);
+    fs::remove_file(&config).unwrap();
+    succeed(folder.path(), &train(&["--set", "validation.every=1"]));
+    for name in io::list_folder(&folder.path().join("run")).unwrap() {
+        if name != "best.safetensors" && name != "config.toml" {
+            io::remove(&folder.path().join("run").join(name)).unwrap();
+        }
+    }
+    let before = fs::read(&best).unwrap();
+    assert!(fail(folder.path(), &train(&[]), 1).contains("there is a run already"));
+    assert_eq!(fs::read(&best).unwrap(), before);
+    fs::remove_file(&best).unwrap();
+    succeed(folder.path(), &train(&[]));
+}
+
+#[test]
 fn images_of_a_triplet_must_be_of_one_size() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();

@@ -87,7 +87,8 @@ impl TrainingData for OnTheFlyData<'_> {
         let clean = self.cache.get(&path.to_string_lossy(), || io::read_image(path))?;
         let kernel = self.kernels[rng.random_range(0..self.kernels.len())];
         let frame = |side: usize| side.saturating_sub(2 * self.margin);
-        let window = Window::draw(side, frame(clean.height()), frame(clean.width()), rng)?;
+        let window = Window::draw(side, frame(clean.height()), frame(clean.width()), rng)
+            .map_err(|error| error.while_doing(format!("cutting {}", path.display())))?;
         // The whole image: a PSF's support reaches as far as the image's own sides.
         let degraded = (self.degrade)(&clean, kernel, rng)?;
         let in_scene = Window { top: window.top + self.margin, left: window.left + self.margin, ..window };
@@ -146,7 +147,8 @@ mod tests {
             let first = curve.expand(patch.ground_truth.as_slice()[0]);
             assert!(first > 17.5 && first < 36.0, "{first} lies outside of the frame");
         }
-        assert!(data.patch(0, 5, &mut rng::stream(1, "large")).unwrap_err().to_string().contains("5 × 4"));
+        let said = data.patch(0, 5, &mut rng::stream(1, "large")).unwrap_err().in_full();
+        assert!(said.contains("5 × 4"), "{said}");
     }
 
     /// "Degrading" adds the kernel's index.

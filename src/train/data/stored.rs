@@ -109,7 +109,9 @@ impl TrainingData for StoredData<'_> {
             let what = format!("size of the degraded image {}", path.display());
             return Err(Error::shape(what, size(&clean), size(&degraded)));
         }
-        let window = Window::draw(side, degraded.height(), degraded.width(), rng)?;
+        let window = Window::draw(side, degraded.height(), degraded.width(), rng).map_err(|error| {
+            error.while_doing(format!("cutting {}", self.dataset.root.join(&triplet.degraded).display()))
+        })?;
         Ok(Patch {
             degraded: window.of(&degraded),
             ground_truth: window.of(&clean),
