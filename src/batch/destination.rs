@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf, is_separator};
 
 use crate::core::error::{Error, Result};
 use crate::core::shard::Shard;
-use crate::io::{Format, check_output, identity, names_folder, stem_of_input};
+use crate::io::{Format, check_output, file_of_input, identity, names_folder, stem_of_input};
 
 /// What the user names for the results, and how files are named in it if it is a folder.
 #[derive(Clone, Copy, Debug)]
@@ -101,7 +101,7 @@ impl Destination<'_> {
 /// # Errors
 /// [`Error::Unsupported`] naming the first.
 pub fn check_kept(outputs: &[PathBuf], read: &[impl AsRef<Path>]) -> Result<()> {
-    let read: BTreeSet<PathBuf> = read.iter().map(|file| identity(file.as_ref())).collect();
+    let read: BTreeSet<PathBuf> = read.iter().map(|input| identity(file_of_input(input.as_ref()))).collect();
     match outputs.iter().find(|output| read.contains(&identity(output))) {
         Some(output) => Err(Error::Unsupported(format!(
             "{} would be read and written over: name another file or folder with -o",
@@ -152,7 +152,7 @@ mod tests {
         assert_eq!(to.place_files(&files[..2], &[]).unwrap(), placed, "the file of another shard is there");
     }
 
-    /// By whatever path it is named; an output that is not there is nobody's input.
+    /// By whatever path it is named, or a layer of it; an output that is not there is nobody's input.
     #[test]
     fn what_is_read_is_not_written_over() {
         let scratch = tempfile::tempdir().unwrap();
@@ -171,6 +171,10 @@ mod tests {
             let said = to(path).place_files(std::slice::from_ref(&a), &[]).unwrap_err().to_string();
             assert!(said.contains("a.png would be read and written over"), "{said}");
         }
+        assert!(
+            to(&a).place_files(&[folder.join("a.png:left")], &[]).is_err(),
+            "its other layers would be lost"
+        );
         assert_eq!(to(&b).place_files(std::slice::from_ref(&a), &[]).unwrap(), std::slice::from_ref(&b));
     }
 

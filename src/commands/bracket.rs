@@ -85,6 +85,11 @@ pub(crate) fn parse_fraction(text: &str) -> std::result::Result<f64, String> {
 }
 
 impl BracketArgs {
+    /// The dark frames that are named.
+    pub(super) fn dark_frames(&self) -> &[PathBuf] {
+        self.dark.as_deref().unwrap_or_default()
+    }
+
     /// Whether a flag says that the input is raw: in need of levels, dark frames, colours or balance.
     pub(crate) fn is_raw(&self) -> bool {
         let levels = self.white.is_some() || self.black.is_some() || self.dark.is_some();

@@ -18,6 +18,11 @@ pub(super) fn locate(path: &Path) -> (&Path, Option<&str>) {
     split(path, Path::is_file)
 }
 
+/// The file that is read of what a user names.
+pub fn file_of_input(path: &Path) -> &Path {
+    locate(path).0
+}
+
 /// As [`locate`], of a beginning of another kind.
 pub(super) fn split(path: &Path, is_wanted: impl Fn(&Path) -> bool) -> (&Path, Option<&str>) {
     if path.symlink_metadata().is_ok() {

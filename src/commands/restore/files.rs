@@ -70,7 +70,7 @@ impl RestoreArgs {
             |files: &CaptureFiles| Unplaced { name: files.name.clone(), source: names_of(&files.files) };
         let outputs = destination.place(&captures.iter().map(unplaced).collect::<Vec<_>>(), in_folder)?;
         let read = captures.iter().flat_map(|capture| &capture.files).chain(self.kernel.paths());
-        let read = read.chain(&self.model).chain(match &self.pose {
+        let read = read.chain(self.raw.dark_frames()).chain(&self.model).chain(match &self.pose {
             Some(PoseSource::File(path)) => Some(path),
             _ => None,
         });
