@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::frame::{Blur, row};
 use super::high_pass::HighPass;
+use super::smooth::reach_of;
 use super::sums::{add_scaled, dot, inner};
 use crate::core::error::Result;
 use crate::core::fft::{Loan, Pool};
@@ -47,6 +48,11 @@ pub(super) struct Fit<'a> {
     /// Planes of the frame's size and of the places' that are written over: new ones come from the system page by page.
     frames: Pool<Array2<f32>>,
     planes: Pool<Array2<f32>>,
+}
+
+/// How far from a pixel others are that its high pass depends on.
+pub(super) fn high_pass_reach() -> usize {
+    reach_of(HIGH_PASS_PX)
 }
 
 impl<'a> Fit<'a> {

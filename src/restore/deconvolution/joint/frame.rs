@@ -52,8 +52,13 @@ impl Frame {
 
     /// A frame of another size, around which nothing shines, unless this one repeats.
     pub(super) fn like(&self, size: [usize; 2], psf: [usize; 2]) -> Self {
-        let border = if self.border == Border::Periodic { Border::Periodic } else { Border::Zero };
+        let border = if self.repeats() { Border::Periodic } else { Border::Zero };
         Self::new(size, psf, border, TransformPrecision::Single)
+    }
+
+    /// Whether it is its own surrounding.
+    pub(super) fn repeats(&self) -> bool {
+        self.border == Border::Periodic
     }
 
     /// Height and width of the planes.

@@ -4,12 +4,13 @@ use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
 
 use super::coarse;
 use super::diagonal::diagonal;
-use super::fit::grown;
+use super::fit::{grown, high_pass_reach};
 use super::flare::{Clipped, Measured};
 use super::frame::{Blur, Frame, row};
 use super::members::{OfMembers, members};
 use super::prior::Modest;
 use super::smooth::{local_mean, local_mean_into, paint};
+use super::window::Window;
 use crate::core::error::Result;
 use crate::core::progress::Progress;
 
@@ -105,25 +106,32 @@ impl Light {
 
 impl Saturated<'_> {
     /// Finds the light of saturated pixels: what half the resolution tells or what is measured, whichever explains the spikes
-    /// of the flare better. `coarse` is the scene at half the resolution, if it is known, and `brightness` D; where pixels are the means
-    /// of blocks, the capture `is_reduced`.
+    /// of the flare better, as far as that reaches. `coarse` is the scene at half the resolution, if it is known, and `brightness` D;
+    /// where pixels are the means of blocks, the capture `is_reduced`.
     pub(super) fn light(
         &self,
         brightness: ArrayView2<'_, f32>,
         (coarse, is_reduced): (Option<ArrayView2<'_, f32>>, bool),
         progress: &Progress,
     ) -> Result<Light> {
-        let Self { frame, capture, psf, pixels: saturated, level } = *self;
-        let blur = &frame.blur(psf)?;
-        let count = saturated.iter().filter(|saturated| **saturated).count();
+        let Self { frame, capture, psf, pixels, level } = *self;
+        let of_psf = [psf.nrows(), psf.ncols()];
+        let reached = of_psf.map(|length| length / 2 + high_pass_reach());
+        let window = Window::around(pixels, reached).filter(|_| !frame.repeats());
+        let window = window.unwrap_or_else(|| Window::whole(frame.size()));
+        let of_window = &frame.like(window.size(), of_psf);
+        let blur = &of_window.blur(psf)?;
+        let count = pixels.iter().filter(|saturated| **saturated).count();
         let most = if is_reduced { MOST_MEASURED_REDUCED } else { MOST_MEASURED };
-        let is_measured = count as f64 <= most * saturated.len() as f64;
-        let clipped = Clipped { blur, capture, saturated, brightness, level };
+        let is_measured = count as f64 <= most * pixels.len() as f64;
+        let saturated = &window.cut(pixels.view()).to_owned();
+        let [seen, brightness] = [capture, brightness].map(|plane| window.cut(plane));
+        let clipped = Clipped { blur, capture: seen, saturated, brightness, level };
         let measured = || match is_measured {
-            true => clipped.measure(&frame.squared_blur(psf)?, progress),
+            true => clipped.measure(&of_window.squared_blur(psf)?, progress),
             false => Ok(Measured { light: clipped.at_level(), is_gathered: false }),
         };
-        let coarse = coarse.map(|scene| coarse::light(scene, saturated, capture));
+        let coarse = coarse.map(|scene| window.cut(coarse::light(scene, pixels, capture).view()).to_owned());
         let (light, is_coarse) = match coarse {
             Some(light) if is_measured && is_large(frame) => (clipped.corrected(light, progress)?, true),
             Some(light) if is_measured => {
@@ -135,7 +143,8 @@ impl Saturated<'_> {
             Some(light) => (light, true),
             None => (measured()?.light, false),
         };
-        Ok(Light { of_pixels: OfMembers::new(saturated, |place| light[place]), is_measured, is_coarse })
+        let of_pixels = OfMembers::new(pixels, |place| light[window.place(place)]);
+        Ok(Light { of_pixels, is_measured, is_coarse })
     }
 
     /// The first scene with the light of saturated pixels in it, a whole plane. `brightness` is D, also a plane, and becomes zero at
@@ -324,5 +333,43 @@ mod tests {
             (&scene.slice(apart) - &truth.slice(apart)).mapv(|error| error * error).sum()
         });
         assert!(errors[1] < 0.3 * errors[0], "{errors:?}");
+    }
+
+    /// What its flare does not reach has no part in the light of a lamp: it is the same in what is cut out around it.
+    #[test]
+    fn light_is_told_by_what_its_flare_reaches() {
+        let (size, psf) = ([150, 190], panel_psf(33));
+        let truth = Array2::from_shape_fn(size, |(y, x)| match (y, x) {
+            (118..121, 30..32) => 300.0 * LEVEL,
+            _ => 0.2 + 0.3 * ((y / 5 + x / 7) % 2) as f32,
+        });
+        let frame = Frame::new(size, [33, 33], Border::Smooth, TransformPrecision::Single);
+        let mut capture = Array2::zeros(size);
+        frame.blur(psf.view()).unwrap().apply(&truth, &mut capture);
+        capture.mapv_inplace(|y| y.clamp(0.0, LEVEL));
+        let pixels = capture.mapv(|y| y >= LEVEL);
+        let window = Window::around(&pixels, [16 + high_pass_reach(); 2]).unwrap();
+        let [height, width] = window.size();
+        assert!(height < 120 && width < 120, "{height} × {width}");
+        let found = |capture: Array2<f32>, pixels: Array2<bool>| {
+            let frame =
+                Frame::new(capture.dim().into(), [33, 33], Border::Smooth, TransformPrecision::Single);
+            let saturated = Saturated {
+                frame: &frame,
+                capture: capture.view(),
+                psf: psf.view(),
+                pixels: &pixels,
+                level: LEVEL,
+            };
+            let brightness = capture.mapv(|y| y + 0.25);
+            let light = saturated.light(brightness.view(), (None, false), &Progress::default()).unwrap();
+            let mut plane = Array2::zeros(pixels.dim());
+            light.of_pixels.write(&pixels, &mut plane);
+            plane
+        };
+        let of_window = found(window.cut(capture.view()).to_owned(), window.cut(pixels.view()).to_owned());
+        let of_frame = found(capture, pixels);
+        assert_eq!(window.cut(of_frame.view()), of_window);
+        assert_eq!(of_frame.sum(), of_window.sum());
     }
 }

@@ -39,6 +39,7 @@ mod refine;
 mod smooth;
 mod sums;
 mod uncertainty;
+mod window;
 
 use ndarray::{Array2, Array3, Axis, Zip};
 use rayon::prelude::*;

@@ -3,11 +3,12 @@
 
 use std::ops::Range;
 
-use ndarray::{Array2, ArrayView1, ArrayViewMut2, Axis, Zip, s};
+use ndarray::{Array2, ArrayViewMut2, Axis, Zip};
 use rayon::prelude::*;
 
 use super::frame::{copy_of, row};
 use super::sums::{LANES, Lanes};
+use super::window::Window;
 use crate::kernels::fourier::transpose;
 use crate::kernels::vectorised;
 
@@ -286,8 +287,8 @@ vectorised! {
 pub(super) fn paint(plane: &mut Array2<f32>, known: &Array2<f32>) {
     let mut holes = Zip::from(known).par_map_collect(|known| *known <= 0.0);
     for sigma_px in PAINTING_PX {
-        let Some([rows, columns]) = around(&holes, PASSES * radius_of(sigma_px)) else { return };
-        let window = s![rows, columns];
+        let Some(around) = Window::around(&holes, [reach_of(sigma_px); 2]) else { return };
+        let window = around.slices();
         let known = known.slice(window).to_owned();
         let seen = Zip::from(plane.slice(window)).and(&known).par_map_collect(|value, known| value * known);
         let share = smoothed(seen.dim(), sigma_px, copy_of(&known));
@@ -308,20 +309,9 @@ pub(super) fn paint(plane: &mut Array2<f32>, known: &Array2<f32>) {
     }
 }
 
-/// The rows and columns that are at most so many pixels from a member of a set, if it has any.
-fn around(set: &Array2<bool>, pixels: usize) -> Option<[Range<usize>; 2]> {
-    let of_row = |(y, row): (usize, ArrayView1<'_, bool>)| {
-        let first = row.iter().position(|member| *member)?;
-        Some([[y, y], [first, row.iter().rposition(|member| *member)?]])
-    };
-    let of_rows = set.rows().into_iter().enumerate().filter_map(of_row);
-    let [rows, columns] = of_rows.reduce(|a, b| {
-        std::array::from_fn(|axis| [a[axis][0].min(b[axis][0]), a[axis][1].max(b[axis][1])])
-    })?;
-    let grown = |[first, last]: [usize; 2], length: usize| {
-        first.saturating_sub(pixels)..(last + 1 + pixels).min(length)
-    };
-    Some([grown(rows, set.nrows()), grown(columns, set.ncols())])
+/// How far from a pixel others are that a bell of `sigma_px` takes it from.
+pub(super) fn reach_of(sigma_px: f32) -> usize {
+    PASSES * radius_of(sigma_px)
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few pixels")]
@@ -403,7 +393,7 @@ mod tests {
                 for (mut after, before) in expected.lanes_mut(axis).into_iter().zip(before.lanes(axis)) {
                     for at in 0..after.len() {
                         let box_of = at.saturating_sub(radius)..(at + radius + 1).min(before.len());
-                        after[at] = before.slice(s![box_of]).sum() / (2 * radius + 1) as f32;
+                        after[at] = before.slice(ndarray::s![box_of]).sum() / (2 * radius + 1) as f32;
                     }
                 }
             }
