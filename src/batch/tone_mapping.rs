@@ -7,18 +7,20 @@ use serde_json::{Value, json};
 use super::{Destination, Selection, Stages, Watcher, run};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::Result;
-use crate::core::image::{Linear, ToneMapped};
+use crate::core::image::Linear;
 use crate::core::provenance::Provenance;
-use crate::core::tone::ToneCurve;
+use crate::core::tone::{ToneCurve, ToneFlags};
 use crate::io::{
-    AnyImage, DomainTag, WriteOptions, expand_inputs, image_of, read_pixels, what_is_lost, without_repeats,
+    AnyImage, DomainTag, ImageReading, WriteOptions, any_image_of, expand_inputs, image_of, read_pixels,
+    what_is_lost, without_repeats,
 };
 
 /// How image files are tone-mapped.
 #[derive(Clone, Copy, Debug)]
 pub struct ToneMapping {
-    /// The curve.
-    pub curve: ToneCurve,
+    /// What the user says of the curve: for the rest, tone-mapped values are mapped back as their file says, all else by the usual
+    /// one.
+    pub tone: ToneFlags,
     /// Whether tone-mapped values are mapped back to linear light.
     pub inverse: bool,
     /// What the values of the images are, where the user says it; the inverse takes them for tone-mapped.
@@ -33,13 +35,14 @@ impl ToneMapping {
     /// Maps image files, folders or patterns; refuses outputs that exist before any work.
     ///
     /// # Errors
-    /// When an input does not exist or an output may not be written, and those of [`run`].
+    /// When a number of the curve is out of range, an input does not exist or an output may not be written, and those of [`run`].
     pub fn run(
         &self,
         inputs: &[PathBuf],
         destination: &Destination<'_>,
         watcher: &dyn Watcher,
     ) -> Result<()> {
+        self.tone.over(ToneCurve::default())?;
         let files = without_repeats(expand_inputs(inputs)?);
         let outputs = destination.place_files(&files, inputs)?;
         let jobs = files.into_iter().zip(outputs).map(|(input, output)| Job { input, output });
@@ -53,6 +56,13 @@ struct Job {
     output: PathBuf,
 }
 
+/// An image before or after its mapping by a curve.
+struct Mapped {
+    image: AnyImage,
+    info: Option<CaptureInfo>,
+    curve: ToneCurve,
+}
+
 struct Mapping<'a> {
     how: &'a ToneMapping,
     watcher: &'a dyn Watcher,
@@ -60,8 +70,8 @@ struct Mapping<'a> {
 
 impl Stages for Mapping<'_> {
     type Job = Job;
-    type Input = (AnyImage, Option<CaptureInfo>);
-    type Output = (AnyImage, Option<CaptureInfo>);
+    type Input = Mapped;
+    type Output = Mapped;
 
     fn doing(&self, job: &Job) -> String {
         format!("tone mapping {}", job.input.display())
@@ -73,7 +83,7 @@ impl Stages for Mapping<'_> {
 
     fn describe(&self, job: &Job) -> Value {
         json!({
-            "input": job.input.to_string_lossy(), "inverse": self.how.inverse, "tone": self.how.curve,
+            "input": job.input.to_string_lossy(), "inverse": self.how.inverse,
             "domain": self.how.domain.map(DomainTag::name),
         })
     }
@@ -82,36 +92,41 @@ impl Stages for Mapping<'_> {
         let path = &job.input;
         let told = if self.how.inverse { Some(DomainTag::ToneMapped) } else { self.how.domain };
         let mut pixels = read_pixels(path)?;
-        pixels.tell(path, told)?.iter().for_each(|contradiction| self.watcher.warn(contradiction));
-        let info = pixels.capture.take();
-        let image = if self.how.inverse {
-            AnyImage::ToneMapped(image_of::<ToneMapped>(path, pixels)?)
-        } else {
+        let usual = ToneCurve::default();
+        if !self.how.inverse {
+            pixels.tell(path, told)?.iter().for_each(|contradiction| self.watcher.warn(contradiction));
             pixels.check_told_light(path)?;
-            AnyImage::Linear(image_of::<Linear>(path, pixels)?)
-        };
-        Ok((image, info))
+            let info = pixels.capture.take();
+            let image = AnyImage::Linear(image_of::<Linear>(path, pixels)?);
+            return Ok(Mapped { image, info, curve: self.how.tone.over(usual)? });
+        }
+        let ImageReading { image, info, contradictions } = any_image_of(path, pixels, told, self.how.tone)?;
+        contradictions.iter().for_each(|contradiction| self.watcher.warn(contradiction));
+        let curve = image.curve().map_or_else(|| self.how.tone.over(usual), Ok)?;
+        Ok(Mapped { image, info, curve })
     }
 
-    fn compute(&self, _: &Job, (image, info): Self::Input) -> Result<Self::Output> {
+    fn compute(&self, _: &Job, Mapped { image, info, curve }: Mapped) -> Result<Mapped> {
         let image = match image {
-            AnyImage::Linear(image) => AnyImage::ToneMapped(self.how.curve.tone_map(&image)),
-            AnyImage::ToneMapped(image) => AnyImage::Linear(self.how.curve.inverse_tone_map(&image)),
+            AnyImage::Linear(image) => AnyImage::ToneMapped(curve.tone_map(&image), Some(curve)),
+            AnyImage::ToneMapped(image, _) => AnyImage::Linear(curve.inverse_tone_map(&image)),
         };
-        Ok((image, info))
+        Ok(Mapped { image, info, curve })
     }
 
-    fn write(&self, job: &Job, (image, info): Self::Output) -> Result<()> {
+    fn write(&self, job: &Job, Mapped { image, info, curve }: Mapped) -> Result<()> {
         let lost = info.as_ref().and_then(|info| what_is_lost(&job.output, info));
         lost.iter().for_each(|lost| self.watcher.note(lost));
+        let mut described = self.describe(job);
+        described["tone"] = json!(curve);
         let options = WriteOptions {
             half: self.how.half,
             overwrite: self.how.overwrite,
-            provenance: Some(Provenance::new("tonemap", &self.describe(job))),
+            provenance: Some(Provenance::new("tonemap", &described)),
             capture: info,
         };
         let domain = image.domain();
-        image.write(&job.output, domain, self.how.curve, &options)
+        image.write(&job.output, domain, curve, &options)
     }
 }
 
@@ -135,7 +150,7 @@ mod tests {
         }
         let (mapped, notes) = (scratch.path().join("mapped/"), Notes::default());
         let how = ToneMapping {
-            curve: ToneCurve::default(),
+            tone: ToneFlags { alpha: Some(0.1), x_max: None },
             inverse: false,
             domain: None,
             half: false,
@@ -149,7 +164,8 @@ mod tests {
             shard: Shard::WHOLE,
         };
         how.run(std::slice::from_ref(&light), &to(&mapped), &notes).unwrap();
-        let inverse = ToneMapping { inverse: true, ..how };
+        // By the curve that they say themselves.
+        let inverse = ToneMapping { inverse: true, tone: ToneFlags::default(), ..how };
         inverse.run(std::slice::from_ref(&mapped), &to(&back), &notes).unwrap();
         for (name, value) in [("a.exr", 0.5), ("b.exr", 20.0)] {
             let returned = read_image::<Linear>(&back.join(name)).unwrap();

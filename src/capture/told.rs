@@ -7,6 +7,7 @@ use ndarray::Array2;
 use super::fuse::{FuseConfig, MergeRule};
 use crate::core::bayer::BayerPattern;
 use crate::core::error::Result;
+use crate::core::tone::ToneFlags;
 use crate::io::{DomainTag, expand_inputs, sha256_of_input};
 
 /// The exposure times of the paper's bracket of a PSF.
@@ -35,6 +36,8 @@ pub struct Told {
     pub levels: ToldLevels,
     /// What the values are, where the files do not say it.
     pub domain: Option<DomainTag>,
+    /// The tone curve of tone-mapped images, as far as the user says it against their files.
+    pub tone: ToneFlags,
     /// Exposure times in the order of the files; only their ratios count.
     pub exposures: Option<Vec<f64>>,
     /// The exposure times of three pictures of which nobody says them; a picture alone has the time 1 then. Without,

@@ -10,11 +10,12 @@ use serde_json::json;
 
 use udc::core::metrics::Measure;
 use udc::core::shard::Shard;
+use udc::core::tone::ToneFlags;
 use udc::dataset::{Dataset, KernelChoice, Split};
 use udc::experiment::{
     Candidate, Document as _, EvalConfig, Experiment, ExperimentConfig, Findings, Folders, ImagesConfig, LDR,
-    Listener, MISMATCH, REGIONS, RESULTS, RestorationMethod, Results, ResultsFolder, ToneFlags,
-    files_of_evaluation, name_among,
+    Listener, MISMATCH, REGIONS, RESULTS, RestorationMethod, Results, ResultsFolder, files_of_evaluation,
+    name_among,
 };
 use udc::io::DomainTag;
 use udc::network::{Backend, Model};

@@ -11,7 +11,7 @@ use udc::batch::Destination;
 use udc::core::capture::{CaptureInfo, parse_exposure, parse_level};
 use udc::core::orientation::Orientation;
 use udc::core::shard::Shard;
-use udc::core::tone::ToneCurve;
+use udc::core::tone::ToneFlags;
 use udc::finish::{Companions, FinishInputs, FinishPlan};
 use udc::io::DomainTag;
 
@@ -97,12 +97,12 @@ pub(crate) struct FinishArgs {
     /// Bits of PNG and TIFF [default: 8 for PNG, 16 for TIFF]
     #[arg(long, alias = "depth", value_name = "8|16", value_parser = BITS)]
     bits: Option<u8>,
-    /// Irradiance that the tone mapping maps to one half
-    #[arg(long, value_name = "A", default_value_t = ToneCurve::default().alpha)]
-    alpha: f32,
-    /// Irradiance at which the capture, fused of all its exposures, saturates
-    #[arg(long, value_name = "X", default_value_t = ToneCurve::default().x_max)]
-    x_max: f32,
+    /// Irradiance that the tone mapping maps to one half [default: what a tone-mapped file says, else 0.25]
+    #[arg(long, value_name = "A")]
+    alpha: Option<f32>,
+    /// Irradiance at which the capture, fused of all its exposures, saturates [default: what a tone-mapped file says, else 500]
+    #[arg(long, value_name = "X")]
+    x_max: Option<f32>,
 }
 
 /// The formats of pictures in an output folder, as their extensions.
@@ -147,7 +147,7 @@ impl FinishArgs {
         }
         Ok(FinishPlan {
             domain: self.domain,
-            tone: ToneCurve::new(self.alpha, self.x_max)?,
+            tone: ToneFlags { alpha: self.alpha, x_max: self.x_max },
             style: self.style.style()?,
             told: CaptureInfo {
                 saturation,

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use udc::capture::Told;
 use udc::core::psf::Psf;
-use udc::core::tone::ToneCurve;
+use udc::core::tone::{ToneCurve, ToneFlags};
 use udc::io::{DomainTag, check_output, expand_inputs};
 use udc::restore::{Capture, Pose, PoseConfig, PoseEstimate, find_pose, write_pose};
 
@@ -42,9 +42,9 @@ pub(crate) struct PoseArgs {
     /// and 16-bit files that do not say it]
     #[arg(long, value_name = "DOMAIN", value_parser = DOMAINS)]
     domain: Option<DomainTag>,
-    /// Irradiance that the tone mapping maps to one half
-    #[arg(long, value_name = "A", default_value_t = ToneCurve::default().alpha)]
-    alpha: f32,
+    /// Irradiance that the tone mapping maps to one half [default: what a tone-mapped file says, else 0.25]
+    #[arg(long, value_name = "A")]
+    alpha: Option<f32>,
     /// Irradiance at which the captures saturate, at most [default: what the file says, else the value that the brightest
     /// pixels share]
     #[arg(long, value_name = "X")]
@@ -53,7 +53,7 @@ pub(crate) struct PoseArgs {
 
 impl PoseArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let curve = ToneCurve::new(self.alpha, self.x_max.unwrap_or(ToneCurve::default().x_max))?;
+        let curve = self.tone().over(ToneCurve::default())?;
         let files = expand_inputs(&self.inputs)?;
         check_output(&self.output, session.overwrite)?;
         let psf = self.psf_file.read(&self.psf, session)?;
@@ -91,6 +91,11 @@ impl PoseArgs {
         ))
     }
 
+    /// What the user says of the tone curve.
+    fn tone(&self) -> ToneFlags {
+        ToneFlags { alpha: self.alpha, x_max: self.x_max }
+    }
+
     fn estimate(
         &self,
         file: &Path,
@@ -98,11 +103,16 @@ impl PoseArgs {
         curve: ToneCurve,
         session: &Session,
     ) -> Result<Option<PoseEstimate>> {
-        let told = Told { domain: self.domain, ..Told::default() };
+        let told = Told { domain: self.domain, tone: self.tone(), ..Told::default() };
         let (capture, warnings) = Capture::open(file, &told, &session.progress)?;
         warnings.iter().for_each(|warning| session.warn(warning));
+        let own = capture.image.curve();
         let image = capture.image.into_linear(curve);
-        let config = PoseConfig::of_capture(capture.info.as_ref(), &image, (self.alpha, self.x_max));
+        let mut config = PoseConfig::of_capture(capture.info.as_ref(), &image, (curve.alpha, self.x_max));
+        if let Some(own) = own {
+            // No light above is in the file.
+            config.saturation = config.saturation.map(|level| level.min(own.x_max));
+        }
         let find = || find_pose(&image, psf, &config, &session.progress);
         Ok(session.timed(format_args!("finding the pose in {}", file.display()), find)?)
     }

@@ -19,6 +19,7 @@ use udc::core::error;
 use udc::core::progress::Progress;
 use udc::core::provenance::Provenance;
 use udc::core::shard::Shard;
+use udc::core::tone::ToneFlags;
 use udc::dataset::NoiseConfig;
 use udc::finish::Photograph;
 use udc::io::{DomainTag, WriteOptions, check_output_domain, what_is_lost};
@@ -139,7 +140,8 @@ pub(crate) struct RestoreArgs {
     /// Write half floats, in formats that have them
     #[arg(long)]
     half: bool,
-    /// Irradiance that the tone mapping maps to one half [default: that of the model's training, else 0.25; without a method, and
+    /// Irradiance that the tone mapping maps to one half; captures that are tone-mapped and say theirs are mapped back by that, unless
+    /// this is given [default: that of the model's training, else 0.25; without a method, and
     /// for joint, of captures in much larger or smaller units, as counts of a sensor, about twice the median of their green light]
     #[arg(long, value_name = "A")]
     alpha: Option<f32>,
@@ -303,7 +305,8 @@ impl<'a> Run<'a> {
         session: &'a Session,
     ) -> Result<Self> {
         let progress = if several { session.progress.without_bars() } else { session.progress.clone() };
-        let told = args.raw.told(args.domain)?;
+        let tone = ToneFlags { alpha: args.alpha, x_max: args.x_max };
+        let told = Told { tone, ..args.raw.told(args.domain)? };
         let (said, darks_sha256) = (Mutex::default(), OnceLock::new());
         Ok(Self { args, told, restoration, session, progress, said, darks_sha256 })
     }
@@ -371,7 +374,7 @@ impl<'a> Run<'a> {
 
     fn write_light(&self, job: &Job, restored: Restored, domain: DomainTag) -> error::Result<()> {
         let mut provenance = self.provenance(job)?;
-        if let Some(found) = found::lasting(&restored) {
+        if let Some(found) = found::lasting(&restored, domain, self.restoration.curve()) {
             provenance = provenance.with_found(found);
         }
         let options = WriteOptions { provenance: Some(provenance), ..self.options() };

@@ -7,7 +7,7 @@ use clap::Args;
 
 use udc::batch::{Destination, ToneMapping};
 use udc::core::shard::Shard;
-use udc::core::tone::ToneCurve;
+use udc::core::tone::ToneFlags;
 use udc::io::DomainTag;
 
 use super::Session;
@@ -41,12 +41,12 @@ pub(crate) struct TonemapArgs {
     /// Tone-mapped images are for --inverse, which takes them for that whatever their format.
     #[arg(long, value_name = "DOMAIN", value_parser = LIGHT_DOMAINS)]
     domain: Option<DomainTag>,
-    /// Irradiance that is mapped to one half
-    #[arg(long, value_name = "A", default_value_t = ToneCurve::default().alpha)]
-    alpha: f32,
-    /// Irradiance at which the sensor saturates
-    #[arg(long, value_name = "X", default_value_t = ToneCurve::default().x_max)]
-    x_max: f32,
+    /// Irradiance that is mapped to one half [default: 0.25; with --inverse what the file says, else 0.25]
+    #[arg(long, value_name = "A")]
+    alpha: Option<f32>,
+    /// Irradiance at which the sensor saturates [default: 500; with --inverse what the file says, else 500]
+    #[arg(long, value_name = "X")]
+    x_max: Option<f32>,
     /// Format of the files in an output folder [default: exr]
     #[arg(long, value_name = "FORMAT", value_parser = FORMATS)]
     format: Option<&'static str>,
@@ -58,7 +58,7 @@ pub(crate) struct TonemapArgs {
 impl TonemapArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let mapping = ToneMapping {
-            curve: ToneCurve::new(self.alpha, self.x_max)?,
+            tone: ToneFlags { alpha: self.alpha, x_max: self.x_max },
             inverse: self.inverse,
             domain: self.domain,
             half: self.half,

@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::tone::ToneCurve;
+
 /// The origin of a written file, kept inside of it as JSON.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
@@ -42,6 +44,22 @@ impl Provenance {
         self.config.get("margin")?.as_u64()?.try_into().ok()
     }
 
+    /// The tone curve that the file's origin says: that of its own values where these are tone-mapped, else the one that its
+    /// light is to be shown or compared by.
+    pub fn tone_curve(&self) -> Option<ToneCurve> {
+        let Self { command, config, found, .. } = self;
+        match command.as_str() {
+            "synth" => curve_in(config.get("formation")?),
+            // A copy keeps what was said of the original.
+            "convert" => serde_json::from_value::<Self>(config.get("source")?.clone()).ok()?.tone_curve(),
+            "restore" | "tonemap" => {
+                let found = found.as_ref().and_then(|found| found.get(TONE));
+                curve_in(found.or_else(|| config.get(TONE))?)
+            }
+            _ => None,
+        }
+    }
+
     /// The JSON text that files carry.
     ///
     /// # Panics
@@ -49,4 +67,25 @@ impl Provenance {
     pub fn to_json(&self) -> String {
         serde_json::to_string(self).expect("provenance is plain data")
     }
+}
+
+/// The key of a tone curve among what a file was made with, and among what was found on the way, which goes before that.
+const TONE: &str = "tone";
+
+/// The curve that a value holds, perhaps among other things.
+fn curve_in(value: &Value) -> Option<ToneCurve> {
+    #[derive(Deserialize)]
+    #[serde(default, rename_all = "kebab-case")]
+    struct Stated {
+        alpha: f32,
+        x_max: f32,
+    }
+    impl Default for Stated {
+        fn default() -> Self {
+            let ToneCurve { alpha, x_max } = ToneCurve::default();
+            Self { alpha, x_max }
+        }
+    }
+    let Stated { alpha, x_max } = serde_json::from_value(value.clone()).ok()?;
+    ToneCurve::new(alpha, x_max).ok()
 }

@@ -1,5 +1,7 @@
 //! Turns linear irradiance into tone-mapped values and back, as the paper's Eq. 1 does.
 
+use std::path::Path;
+
 use serde::{Deserialize, Serialize};
 
 use super::error::{Error, Result};
@@ -83,6 +85,44 @@ impl ToneCurve {
     }
 }
 
+/// What the user says of a curve, which stands above what files say.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ToneFlags {
+    /// `--alpha`.
+    pub alpha: Option<f32>,
+    /// `--x-max`.
+    pub x_max: Option<f32>,
+}
+
+impl ToneFlags {
+    /// The curve with what the user says of it.
+    ///
+    /// # Errors
+    /// As [`ToneCurve::new`].
+    pub fn over(self, curve: ToneCurve) -> Result<ToneCurve> {
+        ToneCurve::new(self.alpha.unwrap_or(curve.alpha), self.x_max.unwrap_or(curve.x_max))
+    }
+
+    /// What to tell where a tone-mapped file says another curve than the user: another α, or light that ends below x_max.
+    #[expect(clippy::float_cmp, reason = "the file says it to the bit")]
+    pub fn contradiction(self, path: &Path, of_file: ToneCurve) -> Option<String> {
+        let ToneCurve { alpha, x_max } = of_file;
+        let told = [
+            self.alpha.filter(|told| *told != alpha).map(|told| format!("--alpha {told}")),
+            self.x_max.filter(|told| *told > x_max).map(|told| format!("--x-max {told}")),
+        ];
+        let told: Vec<String> = told.into_iter().flatten().collect();
+        (!told.is_empty()).then(|| {
+            format!(
+                "{} says that it is tone-mapped with alpha {alpha} and x-max {x_max}, and is mapped back with {}: leave that out to \
+                 believe the file",
+                path.display(),
+                told.join(" and ")
+            )
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -104,6 +144,21 @@ mod tests {
             let bound = 3.0 * (x + 0.25).powi(2) / 0.25 * f32::EPSILON / 2.0 + 1e-7 * x;
             assert!((curve.expand(curve.compress(x)) - x).abs() <= bound, "x = {x}");
         }
+    }
+
+    #[test]
+    fn what_the_user_says_stands_above_a_file_and_is_named_where_it_differs() {
+        let (path, of_file) = (Path::new("a.exr"), ToneCurve { alpha: 0.1, x_max: 16.0 });
+        let flags = |alpha, x_max| ToneFlags { alpha, x_max };
+        assert_eq!(flags(None, None).over(of_file).unwrap(), of_file);
+        assert_eq!(flags(Some(0.2), None).over(of_file).unwrap(), ToneCurve { alpha: 0.2, x_max: 16.0 });
+        assert!(flags(None, Some(-1.0)).over(of_file).is_err());
+        // Less than the file holds only cuts its light.
+        for agreeing in [flags(None, None), flags(Some(0.1), Some(16.0)), flags(None, Some(4.0))] {
+            assert_eq!(agreeing.contradiction(path, of_file), None);
+        }
+        let said = flags(Some(0.2), Some(500.0)).contradiction(path, of_file).unwrap();
+        assert!(said.starts_with("a.exr says") && said.contains("--alpha 0.2 and --x-max 500"), "{said}");
     }
 
     #[test]

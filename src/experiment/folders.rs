@@ -7,11 +7,12 @@ use serde_json::json;
 
 use super::names::name_of;
 use super::{
-    ComparedMethod, EvalConfig, FolderPairs, Label, Listener, Measurement, Sample, ToneFlags, ToneSource,
-    measure_part, pair_folders, read_tone_mapped,
+    ComparedMethod, EvalConfig, FolderPairs, Label, Listener, Measurement, Sample, ToneSource, measure_part,
+    pair_folders, read_tone_mapped,
 };
 use crate::core::error::{Error, Result};
 use crate::core::shard::Shard;
+use crate::core::tone::ToneFlags;
 use crate::io::DomainTag;
 
 /// Pairs of files, and what those hold that do not say it.

@@ -55,7 +55,7 @@ pub use sweep::{
     SweepResults,
 };
 pub use tables::{cell, markdown, quoted};
-pub use tone::{ToneFlags, ToneSource, ToneSpeaker};
+pub use tone::{ToneSource, ToneSpeaker};
 pub use values::MetricValues;
 
 use std::collections::BTreeMap;

@@ -10,24 +10,12 @@ use serde::{Deserialize, Serialize};
 use super::FilePair;
 use crate::core::error::{Error, Result};
 use crate::core::provenance::Provenance;
-use crate::core::tone::ToneCurve;
-use crate::dataset::{CONFIG_FILE, DatasetConfig, FormationConfig};
+use crate::core::tone::{ToneCurve, ToneFlags};
+use crate::dataset::{CONFIG_FILE, DatasetConfig};
 use crate::io;
 
 /// How many folders above an image may describe the dataset that it is of: `degraded/<kernel>/` lies two below.
 const DATASET_DEPTH: usize = 3;
-
-/// The commands whose provenance holds the curve under `tone`.
-const WITH_TONE: [&str; 2] = ["restore", "tonemap"];
-
-/// What the user says of the curve, which stands above what files say.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ToneFlags {
-    /// `--alpha`.
-    pub alpha: Option<f32>,
-    /// `--x-max`.
-    pub x_max: Option<f32>,
-}
 
 /// A tone curve with whoever said it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -75,9 +63,7 @@ impl ToneSource {
     /// [`Error::Config`] when files say different curves and the flags do not decide; [`Error::Format`] when a dataset of
     /// the files is damaged.
     pub fn of_pairs(pairs: &[FilePair], flags: ToneFlags) -> Result<Self> {
-        let given = |curve: ToneCurve| {
-            ToneCurve::new(flags.alpha.unwrap_or(curve.alpha), flags.x_max.unwrap_or(curve.x_max))
-        };
+        let given = |curve: ToneCurve| flags.over(curve);
         let default = given(ToneCurve::default())?;
         if flags.alpha.is_some() && flags.x_max.is_some() {
             return Ok(Self { curve: default, said_by: ToneSpeaker::Flags });
@@ -122,23 +108,9 @@ fn disagreement(first: (&Path, ToneCurve), second: (&Path, ToneCurve)) -> Error 
 
 /// What a file of this provenance says of its curve, or else the dataset that it is of.
 pub(super) fn curve_of_file(path: &Path, provenance: Option<&Provenance>) -> Result<Option<ToneCurve>> {
-    match provenance.and_then(curve_of_provenance) {
+    match provenance.and_then(Provenance::tone_curve) {
         Some(curve) => Ok(Some(curve)),
         None => curve_of_dataset(path),
-    }
-}
-
-fn curve_of_provenance(provenance: &Provenance) -> Option<ToneCurve> {
-    let Provenance { command, config, .. } = provenance;
-    match command.as_str() {
-        "synth" => {
-            let formation: FormationConfig = serde_json::from_value(config.get("formation")?.clone()).ok()?;
-            formation.curve().ok()
-        }
-        // A copy keeps what was said of the original.
-        "convert" => curve_of_provenance(&serde_json::from_value(config.get("source")?.clone()).ok()?),
-        command if WITH_TONE.contains(&command) => serde_json::from_value(config.get("tone")?.clone()).ok(),
-        _ => None,
     }
 }
 

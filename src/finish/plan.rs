@@ -11,7 +11,7 @@ use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::exif::Exif;
 use crate::core::provenance::Provenance;
-use crate::core::tone::ToneCurve;
+use crate::core::tone::{ToneCurve, ToneFlags};
 use crate::io::{AnyImage, DomainTag, Format, WriteOptions, inspect_any_image, read_pixels};
 
 /// How image files are finished.
@@ -19,8 +19,9 @@ use crate::io::{AnyImage, DomainTag, Format, WriteOptions, inspect_any_image, re
 pub struct FinishPlan {
     /// What the values of the images are, where the user says it.
     pub domain: Option<DomainTag>,
-    /// The tone mapping of tone-mapped images; captures of unknown levels clip at its `x_max`.
-    pub tone: ToneCurve,
+    /// What the user says of the tone mapping of tone-mapped images, against what their files say; captures of unknown levels clip
+    /// at its `x_max`.
+    pub tone: ToneFlags,
     /// How the pictures shall look.
     pub style: Style,
     /// What the user says of the captures, against what their files say: levels, orientation and baseline exposure.
@@ -47,6 +48,7 @@ impl FinishPlan {
         watcher: &dyn Watcher,
     ) -> Result<()> {
         self.style.check()?;
+        self.tone.over(ToneCurve::default())?;
         let jobs = inputs.jobs(destination, watcher)?;
         self.check_bits(&jobs)?;
         self.check_hdr(&jobs)?;
@@ -139,9 +141,10 @@ impl Finishing<'_> {
         Ok(look)
     }
 
-    /// How a job's picture was made, and where its files lay.
-    fn provenance(&self, job: &Job, photograph: &Photograph) -> Result<Provenance> {
+    /// How a job's picture was made, by which curve of a tone-mapped image, and where its files lay.
+    fn provenance(&self, job: &Job, photograph: &Photograph, curve: Option<ToneCurve>) -> Result<Provenance> {
         let mut described = self.describe(job);
+        described["tone-of-input"] = json!(curve);
         // Where the files lay; what they are is told by their contents.
         let text = |path: &PathBuf| path.to_string_lossy().into_owned();
         described["input"] = json!(text(&job.input));
@@ -160,7 +163,7 @@ impl Finishing<'_> {
 impl Stages for Finishing<'_> {
     type Job = Job;
     type Input = (AnyImage, Look, Option<Exif>);
-    type Output = Photograph;
+    type Output = (Photograph, Option<ToneCurve>);
 
     fn doing(&self, job: &Job) -> String {
         format!("finishing {}", job.input.display())
@@ -172,6 +175,7 @@ impl Stages for Finishing<'_> {
 
     fn describe(&self, job: &Job) -> Value {
         let FinishPlan { domain, tone, style, told, .. } = self.plan;
+        let tone = tone.over(ToneCurve::default()).ok();
         let finish = style.describe(job.reference.is_some(), self.plan.is_eight_bit(&job.output));
         json!({
             "domain": domain.map(DomainTag::name), "tone": tone, "finish": finish,
@@ -189,8 +193,8 @@ impl Stages for Finishing<'_> {
         // Before the pixels, so that they are not older than it.
         job.sha256()?;
         let read = || {
-            let reading = inspect_any_image(&job.input, self.plan.domain)?;
-            reading.contradiction.iter().for_each(|contradiction| self.watcher.warn(contradiction));
+            let reading = inspect_any_image(&job.input, self.plan.domain, self.plan.tone)?;
+            reading.contradictions.iter().for_each(|contradiction| self.watcher.warn(contradiction));
             Ok((reading.image, reading.info))
         };
         let (image, said) = timed(self.watcher, format_args!("reading {}", job.input.display()), read)?;
@@ -200,21 +204,24 @@ impl Stages for Finishing<'_> {
         Ok((image, look, exif))
     }
 
-    fn compute(&self, job: &Job, (image, look, exif): Self::Input) -> Result<Photograph> {
+    fn compute(&self, job: &Job, (image, look, exif): Self::Input) -> Result<Self::Output> {
         let FinishPlan { style, tone, .. } = self.plan;
-        let image = image.into_linear(*tone);
-        let config = style.config_of(&image, &look, self.plan.is_eight_bit(&job.output), tone.x_max);
+        let usual = tone.over(ToneCurve::default())?;
+        let curve = (image.domain() == DomainTag::ToneMapped).then(|| image.curve().unwrap_or(usual));
+        let image = image.into_linear(usual);
+        let x_max = curve.unwrap_or(usual).x_max;
+        let config = style.config_of(&image, &look, self.plan.is_eight_bit(&job.output), x_max);
         if let Curve::Photographic { grey, white } = config.curve {
             let input = job.input.display();
             self.watcher
                 .detail(&format_args!("{input}: middle grey at light {grey:.4}, white at {white:.4}"));
         }
         let photograph = timed(self.watcher, self.doing(job), || Photograph::of(image, look, &config))?;
-        Ok(Photograph { exif, ..photograph })
+        Ok((Photograph { exif, ..photograph }, curve))
     }
 
-    fn write(&self, job: &Job, photograph: Photograph) -> Result<()> {
-        let provenance = Some(self.provenance(job, &photograph)?);
+    fn write(&self, job: &Job, (photograph, curve): Self::Output) -> Result<()> {
+        let provenance = Some(self.provenance(job, &photograph, curve)?);
         let options = WriteOptions { overwrite: self.plan.overwrite, provenance, ..WriteOptions::default() };
         let write = || photograph.write(&job.output, &options);
         timed(self.watcher, format_args!("writing {}", job.output.display()), write)

@@ -6,15 +6,16 @@ use super::{DomainTag, Format, Pixels, WriteOptions, image_of, read_pixels, writ
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::image::{Linear, LinearImage, ToneMapped, ToneMappedImage};
-use crate::core::tone::ToneCurve;
+use crate::core::provenance::Provenance;
+use crate::core::tone::{ToneCurve, ToneFlags};
 
 /// An image in one of the two domains.
 #[derive(Clone, Debug, PartialEq)]
 pub enum AnyImage {
     /// Linear irradiance.
     Linear(LinearImage),
-    /// An image after the tone mapping φ.
-    ToneMapped(ToneMappedImage),
+    /// An image after the tone mapping φ, and the curve that it was mapped by, where that is known.
+    ToneMapped(ToneMappedImage, Option<ToneCurve>),
 }
 
 /// An image with what was found in its file.
@@ -24,32 +25,43 @@ pub struct ImageReading {
     pub image: AnyImage,
     /// What is known of the capture, where the file says it.
     pub info: Option<CaptureInfo>,
-    /// What the file says of its colours against what the user says.
-    pub contradiction: Option<String>,
+    /// What the file says of its colours and its tone curve against what the user says.
+    pub contradictions: Vec<String>,
 }
 
-/// Reads an image as what the user `told`, or as what the file says, or as linear; integers must be told.
+/// Reads an image as what the user `told`, or as what the file says, or as linear; integers must be told. Of the tone curve of a
+/// tone-mapped image, what the user says stands above what the file says.
 ///
 /// # Errors
-/// As [`read_pixels`], [`image_of`] and [`Pixels::tell`].
-pub fn inspect_any_image(path: &Path, told: Option<DomainTag>) -> Result<ImageReading> {
-    any_image_of(path, read_pixels(path)?, told)
+/// As [`read_pixels`], [`image_of`], [`Pixels::tell`] and [`ToneFlags::over`].
+pub fn inspect_any_image(path: &Path, told: Option<DomainTag>, tone: ToneFlags) -> Result<ImageReading> {
+    any_image_of(path, read_pixels(path)?, told, tone)
 }
 
 /// Takes the pixels that were read from `path` for an image, as [`inspect_any_image`] does.
 ///
 /// # Errors
-/// As [`image_of`] and [`Pixels::tell`].
-pub fn any_image_of(path: &Path, mut pixels: Pixels, told: Option<DomainTag>) -> Result<ImageReading> {
-    let contradiction = pixels.tell(path, told)?;
+/// As [`image_of`], [`Pixels::tell`] and [`ToneFlags::over`].
+pub fn any_image_of(
+    path: &Path,
+    mut pixels: Pixels,
+    told: Option<DomainTag>,
+    tone: ToneFlags,
+) -> Result<ImageReading> {
+    let mut contradictions: Vec<String> = pixels.tell(path, told)?.into_iter().collect();
     let info = pixels.capture.take();
     let image = match pixels.domain {
-        Some(DomainTag::ToneMapped) => AnyImage::ToneMapped(image_of::<ToneMapped>(path, pixels)?),
+        Some(DomainTag::ToneMapped) => {
+            let own = pixels.provenance.as_ref().and_then(Provenance::tone_curve);
+            contradictions.extend(own.and_then(|own| tone.contradiction(path, own)));
+            let curve = own.map(|own| tone.over(own)).transpose()?;
+            AnyImage::ToneMapped(image_of::<ToneMapped>(path, pixels)?, curve)
+        }
         Some(DomainTag::Linear | DomainTag::Display | DomainTag::Srgb) | None => {
             AnyImage::Linear(image_of::<Linear>(path, pixels)?)
         }
     };
-    Ok(ImageReading { image, info, contradiction })
+    Ok(ImageReading { image, info, contradictions })
 }
 
 impl AnyImage {
@@ -57,7 +69,7 @@ impl AnyImage {
     pub fn domain(&self) -> DomainTag {
         match self {
             Self::Linear(_) => DomainTag::Linear,
-            Self::ToneMapped(_) => DomainTag::ToneMapped,
+            Self::ToneMapped(..) => DomainTag::ToneMapped,
         }
     }
 
@@ -65,23 +77,38 @@ impl AnyImage {
     pub fn size(&self) -> [usize; 2] {
         match self {
             Self::Linear(image) => [image.height(), image.width()],
-            Self::ToneMapped(image) => [image.height(), image.width()],
+            Self::ToneMapped(image, _) => [image.height(), image.width()],
         }
     }
 
-    /// The image as linear light, in its own memory.
+    /// The curve that its values were tone-mapped by, where that is known.
+    pub fn curve(&self) -> Option<ToneCurve> {
+        match self {
+            Self::Linear(_) => None,
+            Self::ToneMapped(_, curve) => *curve,
+        }
+    }
+
+    /// The image as linear light, in its own memory: by its own curve, or by `curve` where that is not known.
     pub fn into_linear(self, curve: ToneCurve) -> LinearImage {
         match self {
             Self::Linear(image) => image,
-            Self::ToneMapped(image) => curve.inverse_tone_map_in_place(image),
+            Self::ToneMapped(image, own) => own.unwrap_or(curve).inverse_tone_map_in_place(image),
         }
     }
 
-    /// The image after the tone mapping, in its own memory.
+    /// The image after the tone mapping by `curve`, in its own memory; values that are tone-mapped so, or by an unknown curve, stay
+    /// as they are.
+    #[expect(clippy::float_cmp, reason = "another α is one by a bit")]
     pub fn into_tone_mapped(self, curve: ToneCurve) -> ToneMappedImage {
         match self {
             Self::Linear(image) => curve.tone_map_in_place(image),
-            Self::ToneMapped(image) => image,
+            Self::ToneMapped(image, own) => {
+                match own.filter(|own| own.alpha != curve.alpha || own.x_max > curve.x_max) {
+                    Some(own) => curve.tone_map_in_place(own.inverse_tone_map_in_place(image)),
+                    None => image,
+                }
+            }
         }
     }
 
@@ -118,4 +145,49 @@ pub fn check_output_domain(path: &Path, domain: DomainTag) -> Result<()> {
         )));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::WriteOptions;
+    use ndarray::Array3;
+    use serde_json::json;
+
+    const OWN: ToneCurve = ToneCurve { alpha: 0.1, x_max: 16.0 };
+
+    fn written(folder: &Path, provenance: Option<Provenance>) -> std::path::PathBuf {
+        let light = LinearImage::from_planes(Array3::from_elem((3, 2, 2), 2.0)).unwrap();
+        let path = folder.join("a.exr");
+        let options = WriteOptions { provenance, overwrite: true, ..WriteOptions::default() };
+        write_image(&path, &OWN.tone_map(&light), &options).unwrap();
+        path
+    }
+
+    #[test]
+    fn light_comes_back_by_the_curve_that_the_file_says() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = written(folder.path(), Some(Provenance::new("tonemap", &json!({ "tone": OWN }))));
+        let read = |tone| inspect_any_image(&path, None, tone).unwrap();
+        let light = |image: AnyImage| image.into_linear(ToneCurve::default()).max();
+        let reading = read(ToneFlags::default());
+        assert_eq!((reading.image.curve(), reading.contradictions.len()), (Some(OWN), 0));
+        assert!((light(reading.image.clone()) / 2.0 - 1.0).abs() < 1e-5);
+        let mapped = reading.image.clone().into_tone_mapped(ToneCurve::default()).max();
+        assert!((mapped / ToneCurve::default().compress(2.0) - 1.0).abs() < 1e-5, "{mapped}");
+        // In no other place of memory, and to no other bit.
+        let larger = ToneCurve { x_max: 500.0, ..OWN };
+        assert_eq!(reading.image.into_tone_mapped(larger).max(), OWN.compress(2.0));
+        let told = read(ToneFlags { alpha: Some(0.2), x_max: None });
+        assert!(told.contradictions[0].contains("alpha 0.1"), "{:?}", told.contradictions);
+        assert!((light(told.image) / 4.0 - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_file_that_says_no_curve_has_that_of_the_reader() {
+        let folder = tempfile::tempdir().unwrap();
+        let reading = inspect_any_image(&written(folder.path(), None), None, ToneFlags::default()).unwrap();
+        assert_eq!(reading.image.curve(), None);
+        assert!((reading.image.into_linear(OWN).max() / 2.0 - 1.0).abs() < 1e-5);
+    }
 }

@@ -80,7 +80,8 @@ impl OpenedImage {
         }
         let mut notes: Vec<String> = pixels.tell(path, told)?.into_iter().collect();
         let provenance = pixels.provenance.take();
-        let (light, values, is_display) = light_of(path, pixels, &mut notes)?;
+        let curve = provenance.as_ref().and_then(Provenance::tone_curve).unwrap_or_default();
+        let (light, values, is_display) = light_of(path, pixels, curve, &mut notes)?;
         Ok(Self::of_light(name, light, (values, is_display), (notes, provenance)))
     }
 
@@ -118,16 +119,21 @@ impl OpenedImage {
     }
 }
 
-/// The linear light of pixels, what they were in words, and whether they were made for viewing.
-fn light_of(path: &Path, pixels: Pixels, notes: &mut Vec<String>) -> Result<(Array3<f32>, String, bool)> {
+/// The linear light of pixels, which were mapped by `curve` if they are tone-mapped; what they were in words, and whether they
+/// were made for viewing.
+fn light_of(
+    path: &Path,
+    pixels: Pixels,
+    curve: ToneCurve,
+    notes: &mut Vec<String>,
+) -> Result<(Array3<f32>, String, bool)> {
     let (domain, is_integer) = (pixels.domain, pixels.is_integer);
     let mut light = io::to_rgb(path, pixels.planes)?;
     let (values, is_display) = match domain {
         Some(DomainTag::Linear) => ("linear light", false),
         Some(DomainTag::ToneMapped) => {
-            let curve = ToneCurve::default();
             light.par_mapv_inplace(|value| curve.expand(value));
-            ("tone-mapped, x/(x+0.25)", false)
+            return Ok((light, format!("tone-mapped, x/(x+{})", curve.alpha), false));
         }
         // Told so, and decoded by that.
         Some(DomainTag::Srgb) => ("sRGB", true),

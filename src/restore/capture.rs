@@ -31,7 +31,7 @@ pub struct Restored {
     pub info: Option<CaptureInfo>,
     /// The panel's angle, where it was searched in the capture.
     pub angle: Option<FoundAngle>,
-    /// φ∘C, by which the image changes between the domains.
+    /// φ∘C, by which the image changes between the domains, and was mapped if it is tone-mapped.
     pub curve: ToneCurve,
     /// The lamps whose light was measured by their flare, brightest first.
     pub lamps: Vec<Lamp>,
@@ -91,9 +91,10 @@ impl CaptureReading {
                 let once_more = told_restored(file, pixels.provenance.as_ref());
                 let mut warnings: Vec<String> =
                     pixels.describe_darkness(file).into_iter().chain(once_more).collect();
-                let ImageReading { image, info, contradiction } = any_image_of(file, pixels, told.domain)?;
+                let ImageReading { image, info, contradictions } =
+                    any_image_of(file, pixels, told.domain, told.tone)?;
                 let light = Light::Image(Box::new(Capture { image, info }));
-                warnings.extend(contradiction);
+                warnings.extend(contradictions);
                 return Ok(Self { warnings, light });
             }
         }
@@ -157,7 +158,7 @@ impl From<LinearImage> for Capture {
 
 impl From<ToneMappedImage> for Capture {
     fn from(image: ToneMappedImage) -> Self {
-        Self { image: AnyImage::ToneMapped(image), info: None }
+        Self { image: AnyImage::ToneMapped(image, None), info: None }
     }
 }
 

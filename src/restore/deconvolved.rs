@@ -4,7 +4,7 @@ use super::capture::{Capture, Restored};
 use super::deconvolution::{DeconvolutionConfig, Method, Relieved, invert, without_lamps_outside};
 use super::highlights::blend_highlights;
 use super::lamps::find_lamps;
-use super::levels::{doubted_levels, find_levels, suited_curve, with_levels};
+use super::levels::{doubted_levels, find_levels_below, suited_curve, with_levels};
 use super::restoration::Restoration;
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage};
@@ -23,11 +23,12 @@ impl Restoration {
         progress: &Progress,
     ) -> Result<Restored> {
         let Capture { image, info } = capture;
+        let most = image.curve().map(|own| own.x_max);
         let image: LinearImage = image.into_linear(curve);
         let is_joint = config.method == Method::Joint;
         let (mut saturation, mut levels, mut doubted) = (told, None, None);
         if self.asks_for_levels() && info.as_ref().is_none_or(|info| info.saturation.is_none()) {
-            let (found, count) = find_levels(&image, curve);
+            let (found, count) = find_levels_below(&image, curve, most);
             match count {
                 // Above all that there is.
                 0 => saturation = found,

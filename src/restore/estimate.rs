@@ -44,6 +44,8 @@ fn middle(image: &AnyImage, side: usize) -> AnyImage {
     let [top, left] = [(height - rows) / 4 * 2, (width - columns) / 4 * 2];
     match image {
         AnyImage::Linear(image) => AnyImage::Linear(image.crop(top, left, rows, columns)),
-        AnyImage::ToneMapped(image) => AnyImage::ToneMapped(image.crop(top, left, rows, columns)),
+        AnyImage::ToneMapped(image, curve) => {
+            AnyImage::ToneMapped(image.crop(top, left, rows, columns), *curve)
+        }
     }
 }

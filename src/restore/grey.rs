@@ -15,7 +15,7 @@ use crate::io::AnyImage;
 pub(super) fn is_grey(image: &AnyImage) -> bool {
     match image {
         AnyImage::Linear(image) => are_equal(image.planes()),
-        AnyImage::ToneMapped(image) => are_equal(image.planes()),
+        AnyImage::ToneMapped(image, _) => are_equal(image.planes()),
     }
 }
 
@@ -34,7 +34,7 @@ pub(super) fn grey_kernel(kernel: &KernelKnowledge) -> Result<Option<KernelKnowl
 pub(super) fn made_grey(image: AnyImage) -> Result<AnyImage> {
     Ok(match image {
         AnyImage::Linear(image) => AnyImage::Linear(grey_of(image)?),
-        AnyImage::ToneMapped(image) => AnyImage::ToneMapped(grey_of(image)?),
+        AnyImage::ToneMapped(image, curve) => AnyImage::ToneMapped(grey_of(image)?, curve),
     })
 }
 

@@ -11,7 +11,7 @@ use super::deconvolution::{Border, LampOutside, Relieved, Solution, solve, witho
 use super::guard::{Guard, Left};
 use super::highlights::blend_highlights;
 use super::lamps::find_lamps;
-use super::levels::{corrected_levels, doubted_levels, find_levels, suited_curve, with_levels};
+use super::levels::{corrected_levels, doubted_levels, find_levels_below, suited_curve, with_levels};
 use super::memory::MemoryPlan;
 use super::network::NetworkOperator;
 use super::planes::{PlaneConfig, planes_of};
@@ -156,7 +156,7 @@ impl Restoration {
                 AnyImage::Linear(with_light(curve.inverse_tone_map(&restored), &image, &light, saturation)?)
             }
             None if curve != told => AnyImage::Linear(curve.inverse_tone_map(&restored)),
-            None => AnyImage::ToneMapped(restored),
+            None => AnyImage::ToneMapped(restored, Some(told)),
         };
         let clips = found.filter(|_| !options.is_some_and(|options| options.true_highlights));
         let info = with_levels(info, clips);
@@ -230,6 +230,7 @@ impl Restoration {
 
     /// The light of a capture, and what saturates each channel.
     fn light_and_levels(&self, image: AnyImage, known: Option<[f32; CHANNELS]>) -> (LinearImage, Levels) {
+        let most = image.curve().map(|own| own.x_max);
         let image: LinearImage = image.into_linear(self.curve());
         let usual = self.curve().x_max;
         let finds_levels = self.guided_options().is_some_and(|options| options.finds_levels);
@@ -239,7 +240,7 @@ impl Restoration {
                 (levels, is_found.then_some(levels), None)
             }
             None if finds_levels => {
-                let (levels, count) = find_levels(&image, self.curve());
+                let (levels, count) = find_levels_below(&image, self.curve(), most);
                 (levels, (count > 0).then_some(levels), None)
             }
             told => {

@@ -88,6 +88,16 @@ pub(super) fn find_levels(image: &LinearImage, curve: ToneCurve) -> ([f32; CHANN
     (found.map(|found| found.map_or(unknown, |(level, _)| level)), count)
 }
 
+/// As [`find_levels`], of a capture whose file holds no light above `most`, where that is told: the x_max of a tone-mapped one.
+pub(super) fn find_levels_below(
+    image: &LinearImage,
+    curve: ToneCurve,
+    most: Option<f32>,
+) -> ([f32; CHANNELS], usize) {
+    let (levels, count) = find_levels(image, curve);
+    (levels.map(|level| most.map_or(level, |most| level.min(most))), count)
+}
+
 /// The levels that files tell, or those that the capture shows below them, as where a sensor is full before its converter is; whether
 /// it shows any.
 pub(super) fn corrected_levels(image: &LinearImage, told: [f32; CHANNELS]) -> ([f32; CHANNELS], bool) {
@@ -149,6 +159,7 @@ mod tests {
         assert_eq!(levels, [16.0; 3]);
         assert!(count > 3 * 100, "{count}");
         assert_eq!(find_levels(&scene(1e3), USUAL), ([500.0; 3], 0));
+        assert_eq!(find_levels_below(&scene(1e3), USUAL, Some(16.0)), ([16.0; 3], 0));
     }
 
     #[test]

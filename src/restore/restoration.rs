@@ -404,7 +404,7 @@ impl Restoration {
                 let (restored, smaller_windows) = self.restore_windows(&image, &plan, operator, progress)?;
                 let level = saturation.map(|white| curve.compress(saturated_from(white)));
                 let restored = blend_highlights(restored, &image, level, self.highlights)?;
-                let restored = Restored::new(AnyImage::ToneMapped(restored), info, curve);
+                let restored = Restored::new(AnyImage::ToneMapped(restored, Some(curve)), info, curve);
                 Ok(Restored { angle, smaller_windows, ..restored })
             }
             How::Deconvolution(config) => {
@@ -471,6 +471,8 @@ impl Restoration {
             How::Network(_) => [self.curve.x_max; CHANNELS],
             How::Deconvolution(config) => config.saturation,
         };
+        // A tone-mapped file holds no light above its own x_max.
+        let usual = capture.image.curve().map_or(usual, |own| [own.x_max; CHANNELS]);
         let levels = capture.info.as_ref().and_then(|info| info.saturation).unwrap_or(usual);
         // Of what a file says, a user who tells less is believed.
         if self.asks_for_levels { levels } else { levels.map(|white| white.min(self.curve.x_max)) }

@@ -56,6 +56,7 @@ mod synth;
 #[path = "../common/tiff.rs"]
 mod tiff;
 mod tone;
+mod tone_of_files;
 mod train;
 mod view;
 mod viewing;

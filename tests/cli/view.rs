@@ -21,14 +21,14 @@ fn write_light(path: &Path, [height, width]: [usize; 2], scale: f32) {
 }
 
 /// The data of a page's only viewer.
-fn data_of(page: &str) -> Value {
+pub(crate) fn data_of(page: &str) -> Value {
     let (_, rest) =
         page.split_once("<div class=\"viewer\"><script type=\"application/json\">").expect("a viewer");
     serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
 }
 
 /// The half floats that stand in a page under an id.
-fn light_of(page: &str, id: &Value) -> Vec<f32> {
+pub(crate) fn light_of(page: &str, id: &Value) -> Vec<f32> {
     let start = format!("id=\"{}\">", id.as_str().unwrap());
     let (_, rest) = page.split_once(&start).expect("the light stands in the page");
     let bytes = BASE64.decode(rest.split_once("</script>").unwrap().0.as_bytes()).unwrap();

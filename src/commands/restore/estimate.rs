@@ -56,7 +56,7 @@ impl Run<'_> {
         let options = udc::io::WriteOptions { half: self.args.half, ..Default::default() };
         match capture.image {
             udc::io::AnyImage::Linear(image) => udc::io::write_image(&path, &image, &options)?,
-            udc::io::AnyImage::ToneMapped(image) => udc::io::write_image(&path, &image, &options)?,
+            udc::io::AnyImage::ToneMapped(image, _) => udc::io::write_image(&path, &image, &options)?,
         }
         Ok(clock.spent())
     }

@@ -2,6 +2,8 @@
 
 use serde_json::{Map, Value, json};
 
+use udc::core::tone::ToneCurve;
+use udc::io::DomainTag;
 use udc::restore::{Lamp, Restored};
 
 use super::Session;
@@ -53,9 +55,14 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     }
 }
 
-/// What stays with the image, in its provenance, if anything does.
-pub(super) fn lasting(restored: &Restored) -> Option<Value> {
+/// What stays with the image, in its provenance, if anything does; it is written in `domain`, and `curve` is what is said of its
+/// tone mapping beforehand.
+pub(super) fn lasting(restored: &Restored, domain: DomainTag, curve: ToneCurve) -> Option<Value> {
     let mut found = Map::new();
+    // Of a capture with brighter light, which the curve that was said would cut.
+    if domain == DomainTag::ToneMapped && restored.curve.x_max > curve.x_max {
+        found.insert("tone".to_owned(), json!(restored.curve));
+    }
     if !restored.lamps.is_empty() {
         found.insert("lamps".to_owned(), json!(brightest(&restored.lamps)));
     }
