@@ -1,6 +1,7 @@
 //! Applies the tone mapping φ, or its inverse, to image files.
 
 use std::path::{Path, PathBuf};
+use std::sync::Once;
 
 use serde_json::{Value, json};
 
@@ -11,8 +12,8 @@ use crate::core::image::Linear;
 use crate::core::provenance::Provenance;
 use crate::core::tone::{ToneCurve, ToneFlags};
 use crate::io::{
-    AnyImage, DomainTag, ImageReading, WriteOptions, any_image_of, expand_inputs, image_of, read_pixels,
-    what_is_lost, without_repeats,
+    AnyImage, DomainTag, ImageReading, WriteOptions, any_image_of, check_output_domain, expand_inputs,
+    image_of, read_pixels, what_is_lost, what_is_lost_of_mapping, without_repeats,
 };
 
 /// How image files are tone-mapped.
@@ -45,8 +46,11 @@ impl ToneMapping {
         self.tone.over(ToneCurve::default())?;
         let files = without_repeats(expand_inputs(inputs)?);
         let outputs = destination.place_files(&files, inputs)?;
+        if !self.inverse {
+            outputs.iter().try_for_each(|output| check_output_domain(output, DomainTag::ToneMapped))?;
+        }
         let jobs = files.into_iter().zip(outputs).map(|(input, output)| Job { input, output });
-        run(&Mapping { how: self, watcher }, jobs.collect(), Selection::default(), watcher)
+        run(&Mapping { how: self, watcher, lost: Once::new() }, jobs.collect(), Selection::default(), watcher)
     }
 }
 
@@ -66,6 +70,8 @@ struct Mapped {
 struct Mapping<'a> {
     how: &'a ToneMapping,
     watcher: &'a dyn Watcher,
+    /// Done when it was said what files cannot say of their mapping.
+    lost: Once,
 }
 
 impl Stages for Mapping<'_> {
@@ -117,6 +123,9 @@ impl Stages for Mapping<'_> {
     fn write(&self, job: &Job, Mapped { image, info, curve }: Mapped) -> Result<()> {
         let lost = info.as_ref().and_then(|info| what_is_lost(&job.output, info));
         lost.iter().for_each(|lost| self.watcher.note(lost));
+        if let Some(lost) = what_is_lost_of_mapping(&job.output, curve).filter(|_| !self.how.inverse) {
+            self.lost.call_once(|| self.watcher.warn(&lost));
+        }
         let mut described = self.describe(job);
         described["tone"] = json!(curve);
         let options = WriteOptions {

@@ -60,6 +60,7 @@ impl ConvertArgs {
         conversion.write(&self.input, &self.output, &image)?;
         let lost = image.capture_beyond(&self.output).and_then(|info| what_is_lost(&self.output, &info));
         lost.iter().for_each(|lost| session.note(lost));
+        image.mapping_beyond(&self.output).iter().for_each(|lost| session.warn(lost));
         if image.pixels.raw.is_some() {
             session.warn(format_args!(
                 "{output} holds the values of the raw file as they are stored, black level and mosaic included; \

@@ -7,7 +7,7 @@ mod kernel;
 mod method;
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Mutex, Once, OnceLock, PoisonError};
 
 use anyhow::Result;
 use clap::{ArgGroup, Args};
@@ -22,7 +22,7 @@ use udc::core::shard::Shard;
 use udc::core::tone::ToneFlags;
 use udc::dataset::NoiseConfig;
 use udc::finish::Photograph;
-use udc::io::{DomainTag, WriteOptions, check_output_domain, what_is_lost};
+use udc::io::{DomainTag, WriteOptions, check_output_domain, what_is_lost, what_is_lost_of_mapping};
 use udc::network::{Backend, GUIDED};
 use udc::restore::{
     Capture, Highlights, MemoryBudget, MethodConfig, PoseSource, Precision, Restoration, RestorationConfig,
@@ -293,6 +293,8 @@ struct Run<'a> {
     progress: Progress,
     /// What was said last of the memory that an image takes.
     said: Mutex<String>,
+    /// Done when it was said what files cannot say of their tone mapping.
+    lost: Once,
     /// SHA-256 of the dark frames, when they were first asked for.
     darks_sha256: OnceLock<Option<Vec<Option<String>>>>,
 }
@@ -307,8 +309,8 @@ impl<'a> Run<'a> {
         let progress = if several { session.progress.without_bars() } else { session.progress.clone() };
         let tone = ToneFlags { alpha: args.alpha, x_max: args.x_max };
         let told = Told { tone, ..args.raw.told(args.domain)? };
-        let (said, darks_sha256) = (Mutex::default(), OnceLock::new());
-        Ok(Self { args, told, restoration, session, progress, said, darks_sha256 })
+        let (said, lost, darks_sha256) = (Mutex::default(), Once::new(), OnceLock::new());
+        Ok(Self { args, told, restoration, session, progress, said, lost, darks_sha256 })
     }
 
     /// Restores one capture; says beforehand what memory that takes, unless the image before took the same.
@@ -380,6 +382,11 @@ impl<'a> Run<'a> {
         let options = WriteOptions { provenance: Some(provenance), ..self.options() };
         let lost = restored.info.as_ref().and_then(|info| what_is_lost(&job.output, info));
         lost.iter().for_each(|lost| self.session.note(lost));
+        if let Some(lost) = what_is_lost_of_mapping(&job.output, restored.curve)
+            && domain == DomainTag::ToneMapped
+        {
+            self.lost.call_once(|| self.session.warn(lost));
+        }
         restored.write(&job.output, domain, &options)
     }
 }

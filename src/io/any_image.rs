@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::write::check_tone_mapped;
 use super::{DomainTag, Format, Pixels, WriteOptions, image_of, read_pixels, write_image};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
@@ -132,12 +133,14 @@ impl AnyImage {
     }
 }
 
-/// Refuses linear light in a file of integers, before the work.
+/// Refuses linear light in a file of integers and tone-mapped values in Radiance HDR, before the work.
 ///
 /// # Errors
 /// [`Error::Unsupported`] for such a file; [`Error::Format`] for one of no format that is written.
 pub fn check_output_domain(path: &Path, domain: DomainTag) -> Result<()> {
-    let holds_floats = matches!(Format::of_extension(path)?, Format::Exr | Format::Npy | Format::Hdr);
+    let format = Format::of_extension(path)?;
+    check_tone_mapped(path, format, Some(domain))?;
+    let holds_floats = matches!(format, Format::Exr | Format::Npy | Format::Hdr);
     if domain == DomainTag::Linear && !holds_floats {
         return Err(Error::Unsupported(format!(
             "{} cannot hold linear light above one: add --output-domain tone-mapped, or write .exr or .npy",

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::{DomainTag, Format, PixelOptions, Pixels, read_pixels, write_pixels};
+use super::{DomainTag, Format, PixelOptions, Pixels, read_pixels, what_is_lost_of_mapping, write_pixels};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
@@ -87,6 +87,13 @@ impl Conversion {
 }
 
 impl ConvertedImage {
+    /// What the output cannot say of how its values are tone-mapped, if they are.
+    pub fn mapping_beyond(&self, output: &Path) -> Option<String> {
+        self.pixels.domain.filter(|domain| *domain == DomainTag::ToneMapped)?;
+        let curve = self.pixels.provenance.as_ref().and_then(Provenance::tone_curve);
+        what_is_lost_of_mapping(output, curve.unwrap_or_default())
+    }
+
     /// What is known of the capture and does not follow from the output itself: linear integers that reach 1 clip there
     /// wherever they are read.
     pub fn capture_beyond(&self, output: &Path) -> Option<CaptureInfo> {

@@ -1,9 +1,10 @@
-//! Says what is known of a capture and lost in a file that `udc finish` would take it from.
+//! Says what is known of an image and lost in a file that other commands would take it from.
 
 use std::path::Path;
 
 use super::Format;
 use crate::core::capture::CaptureInfo;
+use crate::core::tone::ToneCurve;
 
 /// What a file cannot carry that `udc finish` would take from it, with the flags that say it instead.
 pub fn what_is_lost(path: &Path, info: &CaptureInfo) -> Option<String> {
@@ -33,6 +34,25 @@ pub fn what_is_lost(path: &Path, info: &CaptureInfo) -> Option<String> {
     })
 }
 
+/// What the file of an image that was tone-mapped by this curve cannot say of it, with the flags that say it where the file is read.
+/// Files of integers are asked for their domain, and those of floats would be taken for linear.
+pub fn what_is_lost_of_mapping(path: &Path, curve: ToneCurve) -> Option<String> {
+    let format = Format::of_extension(path).ok().filter(|format| *format != Format::Exr)?;
+    let usual = ToneCurve::default();
+    let numbers = [("--alpha", curve.alpha, usual.alpha), ("--x-max", curve.x_max, usual.x_max)];
+    let differ = numbers.iter().filter(|(_, own, usual)| own.total_cmp(usual).is_ne());
+    let mut flags: Vec<String> = differ.map(|(flag, own, _)| format!("{flag} {own}")).collect();
+    if flags.is_empty() && format != Format::Npy {
+        return None;
+    }
+    flags.insert(0, "--domain tone-mapped".to_owned());
+    Some(format!(
+        "files such as {} cannot say how they are tone-mapped: write .exr, or give {} where they are read",
+        path.display(),
+        flags.join(" ")
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -50,5 +70,17 @@ mod tests {
         assert_eq!(what_is_lost(Path::new("a.png"), &CaptureInfo::default()), None);
         let said = what_is_lost(Path::new("a.png"), &info).unwrap();
         assert!(said.ends_with("`udc finish` --saturation 1.9000,1.0000,1.6000, --orientation 6"), "{said}");
+    }
+
+    #[test]
+    fn only_exr_carries_the_tone_curve() {
+        let (usual, other) = (ToneCurve::default(), ToneCurve { alpha: 0.1, x_max: 16.0 });
+        let lost = |name: &str, curve| what_is_lost_of_mapping(Path::new(name), curve);
+        assert_eq!(lost("a.exr", other), None);
+        // It is asked for, and the rest is what is taken.
+        assert_eq!(lost("a.png", usual), None);
+        let said = lost("a.png", other).unwrap();
+        assert!(said.contains("--domain tone-mapped --alpha 0.1 --x-max 16"), "{said}");
+        assert!(lost("a.npy", usual).unwrap().contains("--domain tone-mapped where"));
     }
 }

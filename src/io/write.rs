@@ -164,6 +164,7 @@ fn encode(
     write: impl FnOnce(Encode<'_>) -> Result<()>,
 ) -> Result<()> {
     let format = Format::of_extension(path)?;
+    check_tone_mapped(path, format, contents.domain)?;
     let largest = f32::from(f16::MAX);
     let is_clipped_half = options.half && options.clip && matches!(format, Format::Exr | Format::Npy);
     if is_clipped_half && contents.planes.iter().any(|value| value.abs() > largest) {
@@ -182,6 +183,18 @@ fn encode(
     };
     let bytes = encoded.map_err(|reason| Error::format(path, reason))?;
     write(&mut |file| file.write_all(&bytes))
+}
+
+/// Refuses tone-mapped values in Radiance HDR, whose values are light by definition: whoever reads them takes them for that.
+pub(super) fn check_tone_mapped(path: &Path, format: Format, domain: Option<DomainTag>) -> Result<()> {
+    if format == Format::Hdr && domain == Some(DomainTag::ToneMapped) {
+        return Err(Error::Unsupported(format!(
+            "{} would hold tone-mapped values, and those of Radiance HDR are linear light: write linear light, or .exr, .tif, .png or \
+             .npy",
+            path.display()
+        )));
+    }
+    Ok(())
 }
 
 /// What a picture for viewing says of its camera; light is no such picture.

@@ -159,3 +159,50 @@ fn the_pose_of_a_tone_mapped_capture_is_that_of_its_light() {
     assert!((linear.turn_deg - mapped.turn_deg).abs() < 1e-3, "{linear:?} {mapped:?}");
     assert!((linear.scale - mapped.scale).abs() < 1e-5, "{linear:?} {mapped:?}");
 }
+
+#[test]
+fn radiance_holds_no_tone_mapped_values() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    mapped(folder);
+    let wiener = ["--psf", "psf.exr", "--method", "wiener"];
+    for command in [
+        &["tonemap", "scene.exr", "-o", "o.hdr"][..],
+        &["convert", "mapped.exr", "o.hdr"],
+        &[&["restore", "mapped.exr", "-o", "o.hdr"], &wiener[..]].concat(),
+        &[&["restore", "scene.exr", "-o", "o.hdr", "--output-domain", "tone-mapped"], &wiener[..]].concat(),
+    ] {
+        let said = fail(folder, command, 1);
+        assert!(said.contains("linear light") && said.contains(".exr"), "{command:?}: {said}");
+        assert!(!folder.join("o.hdr").exists());
+    }
+    succeed(
+        folder,
+        &[&["restore", "mapped.exr", "-o", "o.hdr", "--output-domain", "linear"], &wiener[..]].concat(),
+    );
+}
+
+#[test]
+fn what_a_numpy_file_cannot_say_of_its_mapping_is_told_once() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    mapped(folder);
+    let flags = "--domain tone-mapped --alpha 0.1 --x-max 16";
+    let said = stderr(folder, &["convert", "mapped.exr", "mapped.npy"]);
+    assert!(said.contains(flags), "{said}");
+    fs::create_dir(folder.join("scenes")).unwrap();
+    for name in ["a.exr", "b.exr"] {
+        fs::copy(folder.join("scene.exr"), folder.join("scenes").join(name)).unwrap();
+    }
+    let tonemap = ["tonemap", "scenes", "-o", "mapped/", "--format", "npy"];
+    let said = stderr(folder, &[&tonemap[..], &TONE].concat());
+    assert_eq!(said.matches(flags).count(), 1, "{said}");
+    // As told, the light is the same again.
+    let restore = ["restore", "--psf", "psf.exr", "--method", "wiener", "--output-domain", "linear"];
+    let told: Vec<&str> = flags.split(' ').collect();
+    succeed(folder, &[&restore[..], &["mapped.npy", "-o", "a.exr"], &told].concat());
+    succeed(folder, &[&restore[..], &["scene.exr", "-o", "b.exr"]].concat());
+    assert!(difference(folder, "a.exr", "b.exr") < 5e-3);
+    let said = stderr(folder, &["tonemap", "scene.exr", "-o", "shown.png"]);
+    assert!(!said.contains("cannot say how"), "{said}");
+}
