@@ -71,6 +71,10 @@ pub struct Triplet {
     pub source: String,
     /// SHA-256 of the degraded file; absent in datasets that do not record it.
     pub sha256: Option<String>,
+    /// SHA-256 of the file of the whole scene, with its margin and unclipped; absent in lists of earlier versions and of other
+    /// software.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene_sha256: Option<String>,
 }
 
 impl Triplet {

@@ -97,6 +97,7 @@ fn list_split(root: &Path, name: &str, split: Split) -> Result<Vec<Triplet>> {
                 angle_deg: Some(angle_deg(i)),
                 source: id.to_owned(),
                 sha256: None,
+                scene_sha256: None,
             });
         }
     }

@@ -90,7 +90,7 @@ impl DatasetFolder {
         let by_id: BTreeMap<&str, &Scene> =
             synthesis.scenes.iter().map(|scene| (scene.id.as_str(), scene)).collect();
         let mut triplets = finished_triplets(&self.root, &self.list)?;
-        check_scenes(&self.root, synthesis, &triplets)?;
+        self.warnings.extend(check_scenes(&self.root, synthesis, &triplets)?);
         let mut moved = BTreeMap::new();
         for triplet in &mut triplets {
             if let Some(scene) = by_id.get(triplet.id.as_str()) {

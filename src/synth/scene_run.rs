@@ -129,7 +129,11 @@ impl<'a> Run<'a> {
         let (mut computing, mut writing) = (started.elapsed(), Duration::ZERO);
         drop(image);
         for indices in todo.chunks(kernels.plan.at_once) {
-            let made = indices.par_iter().map(|&index| self.degrade(scene, &kernels, &light, index));
+            let made = indices.par_iter().map(|&index| {
+                let mut made = self.degrade(scene, &kernels, &light, index)?;
+                made.triplet.scene_sha256 = Some(sha256.clone());
+                Ok(made)
+            });
             let made: Vec<Made> = made.collect::<Result<_>>()?;
             computing += made.iter().map(|made| made.computing).sum::<Duration>();
             writing += made.iter().map(|made| made.writing).sum::<Duration>();
@@ -188,6 +192,7 @@ impl<'a> Run<'a> {
             angle_deg: self.synthesis.bank.angles_deg.as_ref().map(|angles| angles[index]),
             source: scene.source.clone(),
             sha256: Some(image.sha256.clone()),
+            scene_sha256: None,
         };
         Ok(Made { triplet, image, computing, writing: started.elapsed() })
     }

@@ -3,8 +3,9 @@
 use std::fs;
 use std::path::Path;
 
+use udc::core::image::Linear;
 use udc::dataset::Dataset;
-use udc::io;
+use udc::io::{self, WriteOptions};
 
 use super::common::{fail, succeed};
 use super::synth::{scratch, synth};
@@ -92,6 +93,20 @@ fn what_is_lost_is_made_again() {
     synth(folder, "packed", &[&TWO_SCENES[..], &["--overwrite"]].concat());
     assert_eq!(images(&dataset), before);
     assert_eq!(archives(&dataset).len(), 3);
+}
+
+#[test]
+fn resume_notices_a_scene_that_changed_where_its_ground_truth_is_clipped() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    synth(folder, "packed", &TWO_SCENES);
+    let scene = folder.join("views/park_01.npy");
+    let brighter = io::read_image::<Linear>(&scene).unwrap();
+    let brighter = brighter.map_values::<Linear>(|light| if light > 1000.0 { 2.0 * light } else { light });
+    io::write_image(&scene, &brighter, &WriteOptions { overwrite: true, ..WriteOptions::default() }).unwrap();
+    let resume = ["synth", "views", "--bank", "bank.safetensors", "-o", "packed", "--resume"];
+    let said = fail(folder, &[&resume[..], &TWO_SCENES].concat(), 1);
+    assert!(said.contains("images of another views/park_01.npy"), "{said}");
 }
 
 #[test]

@@ -13,7 +13,7 @@ use udc::core::psf::Psf;
 use udc::dataset::{Dataset, NoiseConfig, Split};
 use udc::io::{self, WriteOptions};
 
-use super::common::{fail, succeed};
+use super::common::{fail, succeed, udc};
 
 /// A scratch folder with five scenes of two panoramas in `views/`, a PSF and a bank of three kernels.
 pub(super) fn scratch() -> tempfile::TempDir {
@@ -616,10 +616,8 @@ fn resume_refuses_scenes_that_were_replaced_although_all_their_images_are_there(
         };
         assert!(succeed(folder, &resume).contains("0 images made, 15 were there"));
         let mut others = vec![kept.planes().mapv(|light| 0.5 * light), Array3::from_elem((3, 30, 24), 0.5)];
-        if format == "exr" {
-            // A lamp of another power, whose ground truth is clipped to the same: by the file's hash.
-            others.push(kept.planes().mapv(|light| if light > 1000.0 { 2.0 * light } else { light }));
-        }
+        // A lamp of another power, whose ground truth is clipped to the same: by the file's hash.
+        others.push(kept.planes().mapv(|light| if light > 1000.0 { 2.0 * light } else { light }));
         for planes in others {
             replace(planes);
             let said = fail(folder, &resume, 1);
@@ -632,6 +630,33 @@ fn resume_refuses_scenes_that_were_replaced_although_all_their_images_are_there(
         replace(kept.planes().to_owned());
         assert!(succeed(folder, &resume).contains("0 images made, 15 were there"));
     }
+}
+
+/// Lists of earlier versions, which do not say it.
+#[test]
+fn resume_warns_where_scenes_are_known_by_their_ground_truth_only() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    synth(folder, "dataset", &["--format", "npy"]);
+    let list = folder.join("dataset/triplets.jsonl");
+    let lines = fs::read_to_string(&list).unwrap();
+    let without: String = lines
+        .lines()
+        .map(|line| {
+            let mut triplet: serde_json::Value = serde_json::from_str(line).unwrap();
+            triplet.as_object_mut().unwrap().remove("scene_sha256").expect("each line says it");
+            format!("{triplet}\n")
+        })
+        .collect();
+    fs::write(&list, without).unwrap();
+    let args =
+        ["synth", "views", "--bank", "bank.safetensors", "-o", "dataset", "--resume", "--format", "npy"];
+    let output = udc(folder, &args);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.contains("5 of the scenes"), "{said}");
+    fs::write(&list, lines).unwrap();
+    let output = udc(folder, &args);
+    assert!(output.status.success() && !String::from_utf8_lossy(&output.stderr).contains("warning"));
 }
 
 #[test]

@@ -104,6 +104,7 @@ fn write_triplet(root: &Path, scene: usize, kernel: usize) -> String {
         angle_deg: None,
         source: id.clone(),
         sha256: None,
+        scene_sha256: None,
         id,
     };
     for (name, planes) in [(&triplet.gt, clean.clone()), (&triplet.degraded, clean * share)] {
