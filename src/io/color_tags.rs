@@ -1,6 +1,7 @@
-//! Reads what image files say of their colours: PNG's gAMA, sRGB, cICP and iCCP chunks, ICC profiles of JPEG and TIFF.
+//! Reads what image files say of their colours: PNG's gAMA, sRGB, cICP and iCCP chunks, ICC profiles of JPEG and TIFF; and shows lines of
+//! Radiance headers.
 //!
-//! These never change a value. They are shown, and compared with what the user says of a file; other primaries than those of
+//! These never change a value, but for factors of those lines, which reading undoes. They are shown, and compared with what the user says of a file; other primaries than those of
 //! sRGB are kept for finishing, which converts the colours. A transfer curve counts as sRGB's if it stays within
 //! [`CURVE_TOLERANCE`] of it, as a plain gamma of 2.2 does; a profile of tables (no matrix and curves) is named only.
 
@@ -54,6 +55,11 @@ impl fmt::Display for ColorTag {
 }
 
 impl ColorTag {
+    /// A line of a header that is shown, and speaks of no transfer curve.
+    pub(super) fn of_line(place: &'static str, says: &str) -> Self {
+        Self { place, says: says.to_owned(), transfer: None, srgb_primaries: None, primaries: None }
+    }
+
     /// Why values cannot be of `domain` if the tag is right; none where both may be.
     pub(super) fn contradiction(&self, domain: DomainTag) -> Option<String> {
         let Self { place, says, .. } = self;

@@ -35,6 +35,7 @@ mod plain;
 mod planes;
 mod process;
 mod psf;
+mod radiance;
 mod raster;
 mod read;
 mod shared_input;

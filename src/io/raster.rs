@@ -14,7 +14,7 @@ use super::exif::Said;
 use super::format::{Encoding, Format};
 use super::guard::guarded;
 use super::planes::from_interleaved;
-use super::{MAX_PIXELS, Pixels, color_tags, jpeg, tiff};
+use super::{MAX_PIXELS, Pixels, color_tags, jpeg, radiance, tiff};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 
@@ -41,9 +41,11 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: Format, packed: bool) ->
         return Err(Error::format(path, "is truncated or damaged: the end of the image is missing"));
     }
     let damaged = |reason| Error::format(path, reason);
+    let header =
+        (format == Format::Hdr).then(|| radiance::Header::read(bytes)).transpose().map_err(damaged)?;
     let (decoded, Beside { profile, said }) =
         guarded(|| decode_samples(bytes, format, packed)).map_err(damaged)?;
-    let (planes, sample_type) = match decoded {
+    let (mut planes, sample_type) = match decoded {
         Decoded::Bands(bands) => {
             let (planes, sample_type) = bands.into_planes();
             (without_alpha(planes, packed).map_err(damaged)?, sample_type)
@@ -61,8 +63,12 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: Format, packed: bool) ->
     let mut color_tags = if is_png { color_tags::of_png(bytes) } else { Vec::new() };
     let place = if is_png { "iCCP chunk" } else { "ICC profile" };
     color_tags.extend(profile.map(|profile| color_tags::of_profile(place, &profile)));
+    let mut primaries = color_tags::other_primaries(&color_tags);
+    if let Some(header) = header {
+        header.undo(&mut planes).map_err(damaged)?;
+        (color_tags, primaries) = (header.tags, header.primaries);
+    }
     let is_integer = sample_type.starts_with("uint");
-    let primaries = color_tags::other_primaries(&color_tags);
     let (exposure_s, iso) = said.exif.as_ref().map_or((None, None), |exif| (exif.exposure_s, exif.iso));
     let Said { exif, orientation } = said;
     let info = CaptureInfo { exif, orientation, primaries, ..CaptureInfo::default() };

@@ -40,6 +40,7 @@ mod pictures;
 mod plan;
 mod pose;
 mod psf_files;
+mod radiance;
 mod random_panels;
 mod raw;
 mod raw_brackets;
