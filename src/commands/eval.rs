@@ -290,6 +290,12 @@ impl EvalArgs {
             let count = evaluation.excluded.len();
             session.warn(format_args!("{count} images are excluded from all means; the table names them"));
         }
+        if evaluation.has_several_curves() {
+            session.warn(
+                "the datasets differ in alpha or x-max, as the line below the table says: numbers of one cannot be compared with those \
+                 of another",
+            );
+        }
         let methods = results.methods.iter().map(|method| {
             json!({ "name": method.name, "dataset": method.dataset, "count": method.count, "mean": method.mean })
         });

@@ -56,6 +56,9 @@ impl ReportArgs {
             origins.push(Origin::of(&name, input)?);
             bar.inc(1);
         }
+        if let Some(apart) = report::told_apart(&sections) {
+            session.warn(apart);
+        }
         let before = if psfs.is_empty() { Vec::new() } else { psf_section::psfs(&psfs) };
         let page = report::assemble(self.title, before, sections, report::origins(&origins))?;
         let html = page.to_html();

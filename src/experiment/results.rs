@@ -1,6 +1,6 @@
 //! The results of an evaluation as its file `metrics.json` holds them, and as reports read them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
@@ -138,6 +138,23 @@ pub struct Definition {
     /// The regions in words, by their names.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub regions: Option<BTreeMap<String, String>>,
+}
+
+impl Definition {
+    /// What decides whether its numbers can be compared with those of another: rounding, border, window and curves, in words.
+    pub fn in_short(&self) -> String {
+        let MetricDefinition { quantise, border, ssim_window, ssim_sigma } = self.images;
+        let rounding = if quantise { "rounded to 8 bits" } else { "not rounded" };
+        let of_folders = self.tone.iter().map(|tone| (tone.alpha, tone.x_max));
+        let curves = of_folders.chain(self.datasets.iter().map(|measured| (measured.alpha, measured.x_max)));
+        let curves: BTreeSet<String> =
+            curves.map(|(alpha, x_max)| format!("alpha {alpha} and x-max {x_max}")).collect();
+        let curves: Vec<String> = curves.into_iter().collect();
+        format!(
+            "{rounding}, border {border}, SSIM window {ssim_window} with sigma {ssim_sigma}, {}",
+            if curves.is_empty() { "curve unknown".to_owned() } else { curves.join(", ") }
+        )
+    }
 }
 
 /// The curve that images of folders were tone-mapped by.

@@ -1,6 +1,7 @@
 //! Turns scores into tables for people (Markdown) and for programs (CSV).
 
 use super::evaluation::Evaluation;
+use super::measured::Measured;
 use super::score::Score;
 use crate::core::metrics::Metric;
 use crate::core::tone::ToneCurve;
@@ -164,11 +165,33 @@ impl Evaluation {
                 tone.said_by.name()
             )
         });
+        let datasets = self.curves_in_words();
         format!(
             "Of tone-mapped images ({sizes}) clamped to [0, 1], {rounding}{border}; peak 1. SSIM: {0} × {0} Gaussian \
              window, σ = {1}, whole windows only, mean of the channels.",
             definition.ssim_window, definition.ssim_sigma
         ) + &tone
+            + &datasets
+    }
+
+    /// By which curves the images of datasets are tone-mapped; nothing without datasets.
+    fn curves_in_words(&self) -> String {
+        let Some(Measured { alpha, x_max, .. }) = self.measured.first() else { return String::new() };
+        if !self.has_several_curves() {
+            return format!(" Images of datasets are mapped by x / (x + {alpha}) of x up to {x_max}.");
+        }
+        let of = |Measured { dataset, alpha, x_max, .. }: &Measured| {
+            format!("x / (x + {alpha}) of x up to {x_max} for {}", dataset.as_deref().unwrap_or_default())
+        };
+        let all: Vec<String> = self.measured.iter().map(of).collect();
+        format!(" Images of datasets are mapped by {}.", all.join("; "))
+    }
+
+    /// Whether the images of datasets are tone-mapped by several curves, so that their numbers cannot be compared.
+    #[expect(clippy::float_cmp, reason = "another curve is one by a bit")]
+    pub fn has_several_curves(&self) -> bool {
+        let is_other = |pair: &[Measured]| pair[0].alpha != pair[1].alpha || pair[0].x_max != pair[1].x_max;
+        self.measured.windows(2).any(is_other)
     }
 }
 
@@ -198,7 +221,7 @@ pub fn markdown(rows: &[Vec<String>]) -> String {
 
 /// A field of a line of CSV, in quotes where it needs them.
 pub fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n']) {
+    if text.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", text.replace('"', "\"\""))
     } else {
         text.to_owned()

@@ -25,6 +25,18 @@ pub struct Section {
     pub blocks: Vec<Block>,
     /// The pictures of its viewer, which take as much room as the page has left.
     pub pictures: Option<KeptScenes>,
+    /// Name and definition of an evaluation, in short.
+    pub measured: Option<(String, String)>,
+}
+
+/// What to tell where evaluations of one page are not defined alike, so that their numbers cannot be compared.
+pub fn told_apart(sections: &[Section]) -> Option<String> {
+    let mut measured = sections.iter().filter_map(|section| section.measured.as_ref());
+    let (first, definition) = measured.next()?;
+    let (other, differs) = measured.find(|(_, other)| other != definition)?;
+    Some(format!(
+        "the numbers of {first} ({definition}) and of {other} ({differs}) are defined otherwise and cannot be compared"
+    ))
 }
 
 /// The place of an evaluation's viewer: behind heading and table.
@@ -32,7 +44,7 @@ const PLACE_OF_VIEWER: usize = 2;
 
 impl Section {
     fn of_blocks(blocks: Vec<Block>) -> Self {
-        Self { blocks, pictures: None }
+        Self { blocks, pictures: None, measured: None }
     }
 
     /// All blocks, the viewer among them, which takes no more than `room` bytes of the page.
@@ -63,7 +75,8 @@ pub fn gather(name: &str, input: &Path) -> Result<Section> {
         let results = Results::read(&results)?;
         let mut blocks = sections::evaluation(name, &results);
         blocks.extend(further_plots(input)?);
-        Ok(Section { blocks, pictures: KeptScenes::find(input, &results.definition)? })
+        let measured = Some((name.to_owned(), results.definition.in_short()));
+        Ok(Section { blocks, pictures: KeptScenes::find(input, &results.definition)?, measured })
     } else if log.is_file() {
         Ok(Section::of_blocks(sections::training(name, &io::read_text(&log)?)?))
     } else if input.join(CONFIG_FILE).is_file() || input.join("synthetic_data").is_dir() {

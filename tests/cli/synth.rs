@@ -699,6 +699,22 @@ fn an_evaluation_records_the_curve_the_margin_and_the_kernels_of_each_dataset() 
         })
     };
     assert_eq!(both, serde_json::json!([expected("day", 16.0, 2), expected("night", 500.0, 0)]));
+    let table = fs::read_to_string(folder.join("both/table.md")).unwrap();
+    let words = "x / (x + 0.25) of x up to 16 for day; x / (x + 0.25) of x up to 500 for night";
+    assert!(table.contains(words), "{table}");
+    let warned = |args: &[&str]| {
+        let output = udc(folder, args);
+        assert!(output.status.success(), "{args:?}");
+        String::from_utf8_lossy(&output.stderr).contains("cannot be compared")
+    };
+    assert!(warned(&["eval", "day", "night", "--limit", "1", "-o", "again"]));
     let one = definition("one", &["night", "--limit", "1"]);
+    let table = fs::read_to_string(folder.join("one/table.md")).unwrap();
+    assert!(table.contains("mapped by x / (x + 0.25) of x up to 500."), "{table}");
+    succeed(folder, &["eval", "night", "--limit", "1", "--definition", "float", "-o", "float"]);
+    assert!(!warned(&["eval", "night", "--limit", "1", "-o", "two"]));
+    assert!(!warned(&["report", "one", "two", "-o", "alike.html"]));
+    assert!(warned(&["report", "one", "float", "-o", "bits.html"]));
+    assert!(warned(&["report", "one", "both", "-o", "curves.html"]));
     assert_eq!((&one[0]["kernels"], &one[0]["dataset"]), (&"all".into(), &serde_json::Value::Null));
 }
