@@ -4,6 +4,10 @@
 //! The file: byte order, 42, the position of the first directory (TIFF 6.0, section 2). Nothing is believed that lies
 //! beyond the end of the file.
 
+/// What kind of image a directory is of: bits of the newer tag, a number of the older.
+const NEW_SUBFILE_TYPE: u16 = 254;
+const SUBFILE_TYPE: u16 = 255;
+
 pub(super) const WIDTH: u16 = 256;
 pub(super) const HEIGHT: u16 = 257;
 pub(super) const BITS: u16 = 258;
@@ -69,6 +73,27 @@ impl<'a> Directory<'a> {
     pub(super) fn inner(&self, tag: u16) -> impl Iterator<Item = Self> + '_ {
         let places = self.numbers(tag).unwrap_or_default();
         places.into_iter().take(MAX_DIRECTORIES).filter_map(|start| self.at(start))
+    }
+
+    /// The directory behind this one.
+    fn next(&self) -> Option<Self> {
+        let count = usize::from(self.u16(self.start)?);
+        let next = self.u32(self.start.checked_add(2 + 12 * count)?).filter(|next| *next > 0)?;
+        self.at(next)
+    }
+
+    /// How many images in full, which are neither previews nor masks, this directory and those behind it hold: pages.
+    pub(super) fn count_pages(&self) -> usize {
+        const PREVIEW_OR_MASK: usize = 0b101;
+        const OLD_PREVIEW: usize = 2;
+        let said =
+            |directory: &Self, tag: u16| directory.numbers(tag).and_then(|kinds| kinds.first().copied());
+        let is_page = |directory: &Self| {
+            said(directory, NEW_SUBFILE_TYPE).is_none_or(|kind| kind & PREVIEW_OR_MASK == 0)
+                && said(directory, SUBFILE_TYPE) != Some(OLD_PREVIEW)
+        };
+        let behind = std::iter::successors(self.next(), Self::next).take(MAX_DIRECTORIES);
+        usize::from(is_page(self)) + behind.filter(is_page).count()
     }
 
     /// Whether the file says that it is a digital negative.

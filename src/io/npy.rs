@@ -147,13 +147,24 @@ impl<'a> Npy<'a> {
     }
 
     /// The elements as image planes: integers are divided by their type's maximum.
-    #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit; a double's overflow is infinite")]
+    #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit; what overflows is refused")]
     fn into_planes(self) -> Result<Array3<f32>, String> {
         let layout = Layout::of_shape(&self.shape, self.fortran_order)?;
         match self.element {
             Element::F16 => Ok(self.gather(&layout, |b| f32::from(f16::from_le_bytes(b)))),
             Element::F32 => Ok(self.gather(&layout, f32::from_le_bytes)),
-            Element::F64 => Ok(self.gather(&layout, |b| f64::from_le_bytes(b) as f32)),
+            Element::F64 => {
+                let planes = self.gather(&layout, |b| f64::from_le_bytes(b) as f32);
+                let overflows = |value: &f64| value.is_finite() && (*value as f32).is_infinite();
+                let is_infinite = planes.iter().any(|value| value.is_infinite());
+                match is_infinite.then(|| self.map(f64::from_le_bytes).into_iter().find(overflows)).flatten()
+                {
+                    Some(value) => {
+                        Err(format!("holds {value:e}, and images are of 32-bit floats, up to {:e}", f32::MAX))
+                    }
+                    None => Ok(planes),
+                }
+            }
             Element::U8 => Ok(self.gather(&layout, |b| f32::from(u8::from_le_bytes(b)) / f32::from(u8::MAX))),
             Element::U16 => {
                 Ok(self.gather(&layout, |b| f32::from(u16::from_le_bytes(b)) / f32::from(u16::MAX)))

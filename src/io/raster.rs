@@ -87,7 +87,15 @@ struct Beside {
 
 fn decode_samples(bytes: &[u8], format: Format, packed: bool) -> Result<(Decoded, Beside), String> {
     if format == Format::Tiff {
-        let said = Directory::first(bytes).map_or_else(Said::default, |root| Said::of(&root));
+        // A BigTIFF has no directory of this kind.
+        let is_classic = bytes.starts_with(b"II*\0") || bytes.starts_with(b"MM\0*");
+        let root = Directory::first(bytes).filter(|_| is_classic);
+        if let Some(pages) = root.as_ref().map(Directory::count_pages).filter(|pages| *pages > 1) {
+            return Err(format!(
+                "holds {pages} pages, and which is meant is not said: save that page as a file of its own"
+            ));
+        }
+        let said = root.map_or_else(Said::default, |root| Said::of(&root));
         let beside = Beside { profile: tiff::icc_profile(bytes), said };
         return Ok(match tiff::decode(bytes, packed)? {
             Some(bands) => (Decoded::Bands(bands), beside),

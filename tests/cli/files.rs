@@ -242,6 +242,52 @@ fn tiff_files_of_wide_integers_and_of_wide_positions_are_refused() {
     assert!(message.contains("BigTIFF"), "{message}");
 }
 
+/// Of three directories: a page, its preview and a second page.
+#[test]
+fn a_tiff_of_several_pages_is_refused_and_one_with_a_preview_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, kinds: &[u32]| {
+        let mut file = Tiff::new();
+        let mut places = Vec::new();
+        for kind in kinds {
+            let mut fields = file.image(2, &[7; 4 * 5 * 3], [4, 5]);
+            fields.push((254, Field::Longs(vec![*kind])));
+            // The position of the next stands behind the fields.
+            places.push((file.directory(fields) as usize, 2 + 12 * 10));
+        }
+        let mut bytes = file.finish(u32::try_from(places[0].0).unwrap());
+        for pair in places.windows(2) {
+            let (start, length) = pair[0];
+            let next = u32::try_from(pair[1].0).unwrap().to_le_bytes();
+            bytes[start + length..start + length + 4].copy_from_slice(&next);
+        }
+        std::fs::write(folder.path().join(name), bytes).unwrap();
+    };
+    write("preview.tif", &[0, 1]);
+    succeed(folder.path(), &["convert", "preview.tif", "a.npy", "--domain", "linear"]);
+    write("pages.tif", &[0, 1, 2]);
+    let message = refused(folder.path(), &["convert", "pages.tif", "b.npy", "--domain", "linear"]);
+    assert!(message.contains("2 pages"), "{message}");
+}
+
+#[test]
+fn doubles_beyond_floats_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let header = "{'descr': '<f8', 'fortran_order': False, 'shape': (1, 2, 3), }\n";
+    let write = |value: f64| {
+        let length = u16::try_from(header.len()).unwrap().to_le_bytes();
+        let data = [[0.5_f64; 5].as_slice(), &[value]].concat();
+        let data: Vec<u8> = data.iter().flat_map(|value| value.to_le_bytes()).collect();
+        let bytes = [b"\x93NUMPY\x01\0", &length[..], header.as_bytes(), &data].concat();
+        std::fs::write(folder.path().join("a.npy"), bytes).unwrap();
+    };
+    write(1e38);
+    succeed(folder.path(), &["convert", "a.npy", "a.exr"]);
+    write(1e39);
+    let message = refused(folder.path(), &["convert", "a.npy", "b.exr"]);
+    assert!(message.contains("1e39"), "{message}");
+}
+
 #[test]
 fn convert_refuses_to_rename_a_domain() {
     let folder = tempfile::tempdir().unwrap();
