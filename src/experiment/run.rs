@@ -1,6 +1,6 @@
 //! A whole experiment on datasets: evaluation, wrong kernels, scenes of a monitor's range.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use serde_json::json;
@@ -53,11 +53,24 @@ pub struct Findings {
     pub ldr: Option<(LdrResults, Vec<LdrRow>)>,
 }
 
+/// Refuses rows of tables that nobody could tell apart.
+fn check_once(key: &str, names: impl Iterator<Item = String>) -> Result<()> {
+    let mut seen = BTreeSet::new();
+    for name in names {
+        if seen.contains(&name) {
+            return Err(Error::config(key, format!("names {name} twice")));
+        }
+        seen.insert(name);
+    }
+    Ok(())
+}
+
 impl<'a> Experiment<'a> {
     /// Checks that the candidates can be compared on the datasets, which come with their names in tables.
     ///
     /// # Errors
-    /// Those of [`Comparison::new`] and [`Ldr::new`]; [`Error::Unsupported`] when no candidate is told kernels, or several
+    /// Those of [`Comparison::new`] and [`Ldr::new`]; [`Error::Config`] for a dataset or a method that is named twice;
+    /// [`Error::Unsupported`] when no candidate is told kernels, or several
     /// datasets are given, for what needs the one and can do with only one of the other.
     pub fn new(
         datasets: &'a [(String, Dataset)],
@@ -69,6 +82,9 @@ impl<'a> Experiment<'a> {
             let reason = "--mismatch and --ldr are of one dataset; run them for each";
             return Err(Error::Unsupported(reason.to_owned()));
         }
+        let named = candidates.iter().map(|candidate| candidate.method().name);
+        check_once("dataset", datasets.iter().map(|(name, _)| name.clone()))?;
+        check_once("method", named)?;
         let comparison = |(name, dataset): &'a (String, Dataset)| {
             Ok((name.as_str(), Comparison::new(dataset, candidates, &config.images, listener)?))
         };

@@ -232,6 +232,12 @@ pub fn quoted(text: &str) -> String {
 mod tests {
     use super::super::{ComparedMethod, Cost, EvalConfig, Evaluation, Label, Score};
 
+    #[test]
+    fn fields_that_end_lines_are_quoted() {
+        let quoted = ["a", "a,b", "a\nb", "a\rb", "a\"b"].map(super::quoted);
+        assert_eq!(quoted, ["a", "\"a,b\"", "\"a\nb\"", "\"a\rb\"", "\"a\"\"b\""]);
+    }
+
     fn evaluation() -> Evaluation {
         let methods = vec![ComparedMethod::baseline("degraded"), ComparedMethod::restored("a,b|c")];
         let mut evaluation = Evaluation::new(&EvalConfig::default(), methods);
