@@ -148,11 +148,12 @@ impl Session {
         }
     }
 
-    /// Warns of a dataset whose synthesis did not come to its end.
+    /// Warns of a dataset whose synthesis did not come to its end, and of images that are left out.
     pub(crate) fn warn_of_unfinished(&self, dataset: &Dataset) -> Result<()> {
         if let Some(what) = dataset.unfinished()? {
             self.warn(format_args!("{what}; finish it with the flags of its `udc synth` and --resume"));
         }
+        dataset.left_out()?.iter().for_each(|left| self.warn(left));
         Ok(())
     }
 

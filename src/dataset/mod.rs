@@ -177,6 +177,24 @@ impl Dataset {
         Ok(Some(format!("{} is not finished: {first}{more}", self.root.display())))
     }
 
+    /// Which images lie in a folder of the published layout and are left out, for their kernels have no codes there, in words for a
+    /// warning; nothing of other datasets.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the folder cannot be listed.
+    pub fn left_out(&self) -> Result<Option<String>> {
+        if self.config.is_some() {
+            return Ok(None);
+        }
+        let left = published::other_inputs(&self.root, &self.kernels)?;
+        let Some(first) = left.first() else { return Ok(None) };
+        Ok(Some(format!(
+            "{} holds images of other kernels than those whose codes it has, which are left out: {first}{}",
+            self.root.display(),
+            if left.len() > 1 { format!(", and {} more folders", left.len() - 1) } else { String::new() }
+        )))
+    }
+
     /// Refuses to form images anew where one PSF stands for a field of them.
     ///
     /// # Errors

@@ -104,6 +104,19 @@ fn list_split(root: &Path, name: &str, split: Split) -> Result<Vec<Triplet>> {
     Ok(triplets)
 }
 
+/// The folders of images through other kernels than `kernels`.
+pub(super) fn other_inputs(root: &Path, kernels: &[String]) -> Result<Vec<String>> {
+    let inputs = root.join(SYNTHETIC).join("input");
+    if !inputs.is_dir() {
+        return Ok(Vec::new());
+    }
+    let is_other = |name: &String| {
+        let is_numbered = name.rsplit_once('_').is_some_and(|(_, i)| i.parse::<usize>().is_ok());
+        is_numbered && !kernels.contains(name)
+    };
+    Ok(io::list_folder(&inputs)?.into_iter().filter(is_other).collect())
+}
+
 /// The rotation of kernel `i` (from 1): −12 to 12 degrees in steps of 3.
 fn angle_deg(i: usize) -> f64 {
     3.0 * (i as f64 - 5.0)

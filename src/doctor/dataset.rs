@@ -12,7 +12,7 @@ use super::images::{Fault, Faults, Sizes, exceeds, read};
 use crate::core::error::{Error, Result};
 use crate::core::progress::Progress;
 use crate::dataset::{CONFIG_FILE, Dataset, Split, Triplet};
-use crate::io::{is_hidden, list_folder, list_unfinished, sha256_of_file};
+use crate::io::{is_hidden, list_folder, list_unfinished, read_provenance, sha256_of_file};
 
 /// Names that are told of several files.
 const NAMED: usize = 3;
@@ -46,9 +46,14 @@ pub(super) fn look(
         let mend = "finish it with the flags of its `udc synth` and --resume";
         findings.warn(&about, "dataset-unfinished", what, mend);
     }
+    if let Some(what) = dataset.left_out()? {
+        let mend = "add the codes of these kernels in a folder of their own, or take their images away";
+        findings.warn(&about, "images-left-out", what, mend);
+    }
     tell_of_gaps(&about, &dataset, findings);
     tell_of_unlisted(&about, &dataset, &folders, findings);
     tell_of_splits(&about, &dataset, findings);
+    tell_of_twins(&about, &dataset, findings)?;
     if let Some(warning) = dataset.formation.scale_warning(None) {
         findings.warn(&about, "scale", warning, "make the dataset anew with one scale of light");
     }
@@ -170,6 +175,45 @@ fn tell_of_splits(about: &str, dataset: &Dataset, findings: &mut Findings) {
         let mend = "add one of other scenes: `udc synth SCENES --split test` with the same flags";
         findings.warn(about, "no-test-split", what, mend);
     }
+}
+
+/// Tells of scenes that are learned from and measured with, under two names: by the SHA-256 of their files.
+fn tell_of_twins(about: &str, dataset: &Dataset, findings: &mut Findings) -> Result<()> {
+    let mut scenes: BTreeMap<&str, &Triplet> = BTreeMap::new();
+    for triplet in &dataset.triplets {
+        scenes.entry(&triplet.id).or_insert(triplet);
+    }
+    let mut trained = BTreeMap::new();
+    let mut others = Vec::new();
+    for triplet in scenes.into_values() {
+        let Some(sha256) = scene_sha256(dataset, triplet)? else { continue };
+        match triplet.split {
+            Split::Train => drop(trained.insert(sha256, &triplet.id)),
+            Split::Test | Split::Val => others.push((sha256, triplet)),
+        }
+    }
+    let twins: Vec<_> =
+        others.iter().filter_map(|(sha256, other)| Some((trained.get(sha256)?, *other))).collect();
+    if let Some((trained, other)) = twins.first() {
+        let (count, split) = (twins.len(), other.split.name());
+        let what = format!(
+            "{count} scenes are in training and in another split under two names, the first as {trained} and as {} ({split}): what is \
+             measured there was learned by heart",
+            other.id
+        );
+        let mend = "take one of the two away, and make that split anew with --overwrite";
+        findings.warn(about, "scene-in-two-splits", what, mend);
+    }
+    Ok(())
+}
+
+/// SHA-256 of a scene's file, as its list or its ground truth says it.
+fn scene_sha256(dataset: &Dataset, triplet: &Triplet) -> Result<Option<String>> {
+    if triplet.scene_sha256.is_some() || !dataset.root.join(&triplet.gt).is_file() {
+        return Ok(triplet.scene_sha256.clone());
+    }
+    let made = read_provenance(&dataset.root.join(&triplet.gt))?;
+    Ok(made.and_then(|made| Some(made.config.get("scene-sha256")?.as_str()?.to_owned())))
 }
 
 /// Reads the images of triplets; what is wrong with them, and their sizes.

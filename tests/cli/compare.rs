@@ -11,7 +11,7 @@ use udc::io::{self, WriteOptions};
 use udc::network::weights::{self, Weights};
 use udc::network::{Architecture, Initialisation, Origin, Parameters};
 
-use super::common::{fail, succeed};
+use super::common::{fail, succeed, udc};
 
 const HEIGHT: usize = 40;
 const WIDTH: usize = 48;
@@ -67,6 +67,22 @@ fn svg(folder: &Path, name: &str) -> String {
     let svg = fs::read_to_string(folder.join(name)).unwrap();
     assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{name}");
     svg
+}
+
+#[test]
+fn what_is_named_twice_is_refused() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    let wiener = ["--method", "wiener", "-o", "results"];
+    for twice in [
+        &[&["eval", "dataset", "dataset"], &wiener[..]].concat()[..],
+        &[&["eval", "dataset", "--method", "wiener"], &wiener[..]].concat(),
+        &[&["eval", "dataset", "--model", "net.safetensors", "net.safetensors"], &wiener[..]].concat(),
+    ] {
+        let said = fail(folder, twice, 1);
+        assert!(said.contains("twice"), "{twice:?}: {said}");
+        assert!(!folder.join("results").exists());
+    }
 }
 
 #[test]
@@ -257,7 +273,15 @@ fn deconvolutions_need_the_psfs_of_the_dataset() {
         let code = ndarray::ArrayD::from_elem(vec![5], 0.1 * i as f32);
         io::write_array(&root.join(format!("PSF/kernel_code/panel_code_{i}.npy")), &code, false).unwrap();
     }
-    succeed(scratch.path(), &["eval", "published", "-o", "results"]);
+    let output = udc(scratch.path(), &["eval", "published", "-o", "results"]);
+    assert!(output.status.success() && !String::from_utf8_lossy(&output.stderr).contains("left out"));
+    write("synthetic_data/input/other_1/street.npy".to_owned());
+    let output = udc(scratch.path(), &["eval", "published", "-o", "again"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.contains("which are left out: other_1"), "{said}");
+    let output = udc(scratch.path(), &["doctor", "published"]);
+    let said = [output.stdout, output.stderr].concat();
+    assert!(String::from_utf8_lossy(&said).contains("which are left out: other_1"));
     for more in [["--method", "wiener"], ["--ldr", "1"]] {
         let said = fail(scratch.path(), &[&["eval", "published", "-o", "other"][..], &more].concat(), 1);
         assert!(said.contains("no PSFs") && said.contains("udc synth"), "{said}");
