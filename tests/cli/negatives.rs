@@ -7,6 +7,7 @@ use ndarray::{Array3, Axis, Ix3, s};
 use udc::io::{inspect_image, read_array};
 
 use super::common::succeed;
+use super::tiff::{Field, Tiff};
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/negatives").join(name)
@@ -114,4 +115,78 @@ fn tiles_do_not_hold_more_than_their_pixels() {
     fs::write(&path, bytes).unwrap();
     let said = inspect_image(&path).unwrap_err().to_string();
     assert!(said.contains("more samples than the 16"), "{said}");
+}
+
+/// Interpolated colours with levels of their own: each is a share of its own white above its own black.
+#[test]
+fn each_colour_of_an_interpolated_negative_has_its_own_levels() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (blacks, whites) = ([100_u16, 120, 140], [4000_u16, 3000, 3500]);
+    let share = |y: usize, x: usize| (y * 8 + x) as f64 / 63.0;
+    let samples: Vec<u16> = (0..8 * 8 * 3)
+        .map(|index| {
+            let (black, white) = (f64::from(blacks[index % 3]), f64::from(whites[index % 3]));
+            (black + share(index / 24, index / 3 % 8) * (white - black)).round() as u16
+        })
+        .collect();
+    let mut file = Tiff::new();
+    let mut fields = file.image(34892, &samples, [8, 8]);
+    fields.extend([
+        (50706, Field::Bytes(vec![1, 4, 0, 0])),
+        (50714, Field::Shorts(blacks.to_vec())),
+        (50717, Field::Shorts(whites.to_vec())),
+    ]);
+    let first = file.directory(fields);
+    let path = scratch.path().join("linear.dng");
+    fs::write(&path, file.finish(first)).unwrap();
+    let (read, _) = inspect_image(&path).unwrap();
+    let raw = read.raw.unwrap();
+    for ((channel, y, x), value) in read.planes.indexed_iter() {
+        let found = (f64::from(*value) - raw.black) / (raw.white - raw.black);
+        // Half a digital step, and what 32 bits round.
+        assert!((found - share(y, x)).abs() < 0.6 / 2880.0, "{found} of channel {channel} at {y}, {x}");
+    }
+}
+
+/// Floats may have any white level; 1 is theirs only where the file says none.
+#[test]
+fn floats_have_the_white_level_that_the_negative_says() {
+    let scratch = tempfile::tempdir().unwrap();
+    let light = |index: usize| index as f32 / 64.0;
+    for (white, black) in [(None, 0_u16), (Some(4095_u16), 200)] {
+        let range = f32::from(white.unwrap_or(1)) - f32::from(black);
+        let halves: Vec<u16> = (0..64)
+            .flat_map(|index| {
+                let bits = (f32::from(black) + light(index) * range).to_bits();
+                [(bits & 0xffff) as u16, (bits >> 16) as u16]
+            })
+            .collect();
+        let mut file = Tiff::new();
+        // Each float is two numbers of 16 bits, the lower first.
+        let mut fields = file.image(32803, &halves, [8, 16]);
+        fields.retain(|(tag, _)| ![256, 258].contains(tag));
+        fields.extend([
+            (256, Field::Longs(vec![8])),
+            (258, Field::Shorts(vec![32])),
+            (339, Field::Shorts(vec![3])),
+            (33421, Field::Shorts(vec![2, 2])),
+            (33422, Field::Bytes(vec![0, 1, 1, 2])),
+            (50706, Field::Bytes(vec![1, 4, 0, 0])),
+            (50714, Field::Shorts(vec![black])),
+        ]);
+        fields.extend(white.map(|white| (50717, Field::Shorts(vec![white]))));
+        let first = file.directory(fields);
+        let path = scratch.path().join("floats.dng");
+        fs::write(&path, file.finish(first)).unwrap();
+        let (read, encoding) = inspect_image(&path).unwrap();
+        let raw = read.raw.unwrap();
+        assert_eq!(
+            (raw.white, raw.black, &encoding.sample_type[..]),
+            (f64::from(white.unwrap_or(1)), f64::from(black), "float")
+        );
+        for (index, value) in read.planes.iter().enumerate() {
+            let found = (f64::from(*value) - raw.black) / (raw.white - raw.black);
+            assert!((found - f64::from(light(index))).abs() < 1e-6, "{found} at {index}");
+        }
+    }
 }

@@ -227,7 +227,7 @@ fn a_negative_has_one_black_level_in_the_end() {
     }
 }
 
-/// The same of levels that grow by column and row; those of full photosites are cut off at the brightest.
+/// The same of levels that grow by column and row; light is a share of white above the highest of them everywhere.
 #[test]
 fn black_levels_of_columns_and_rows_are_taken_off() {
     let scratch = scratch();
@@ -238,10 +238,9 @@ fn black_levels_of_columns_and_rows_are_taken_off() {
     let added = 2.0 * (SIDES[1] - 1) as f64 / 2.0 + 3.0 * (SIDES[0] - 1) as f64 / 2.0;
     assert!((raw.black - raw_of_plain.black - added / 65535.0).abs() < 1e-9, "{}", raw.black);
     for ((_, y, x), value) in read.planes.indexed_iter() {
-        // What is light lies between black and white as far as it did, but for the white that does not grow.
-        let dark = f64::from(BLACK) + 2.0 * x as f64 + 3.0 * y as f64;
+        let darkest = f64::from(BLACK) + 2.0 * (SIDES[1] - 1) as f64 + 3.0 * (SIDES[0] - 1) as f64;
         let light = f64::from(photosite(y, x) - BLACK) * 0.5;
-        let share = light.round() / (f64::from(WHITE) - dark);
+        let share = light.round() / (f64::from(WHITE) - darkest);
         let found = (f64::from(*value) - raw.black) / (raw.white - raw.black);
         assert!((found - share).abs() < 1e-5, "{found} for {share} at {y}, {x}");
     }

@@ -3,10 +3,11 @@
 //! The raw image lies in the first directory or in one inside of it, beside previews. Where it is stored as a grey or RGB
 //! TIFF image is, but for what its samples are declared to be, it is decoded as such; where it is packed, or compressed
 //! as lossless JPEG, by [`samples`]. Then it is made linear, cut to its active area, every photosite brought to the
-//! same black level, and the shading of the lens corrected by [`opcodes`]. The picture stays as it lies on the sensor.
+//! same levels, and the shading of the lens corrected by [`opcodes`]. The picture stays as it lies on the sensor.
 
 mod color;
 mod gains;
+mod levels;
 mod lossless_jpeg;
 mod opcodes;
 mod reader;
@@ -35,11 +36,6 @@ const EXPOSURE_TIME: u16 = 33434;
 const ISO: u16 = 34855;
 const EXIF: u16 = 34665;
 const LINEARIZATION_TABLE: u16 = 50712;
-const BLACK_LEVEL_REPEAT: u16 = 50713;
-const BLACK_LEVEL: u16 = 50714;
-const BLACK_LEVEL_OF_COLUMN: u16 = 50715;
-const BLACK_LEVEL_OF_ROW: u16 = 50716;
-const WHITE_LEVEL: u16 = 50717;
 const BASELINE_EXPOSURE: u16 = 50730;
 const ACTIVE_AREA: u16 = 50829;
 
@@ -77,11 +73,11 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
         (pixels.planes, encoding)
     };
     if let Some(table) = raw.numbers(LINEARIZATION_TABLE) {
-        linearise(&mut planes, &table, largest_value(&encoding)).map_err(damaged)?;
+        linearise(&mut planes, &table, largest_value(&encoding).unwrap_or(1.0)).map_err(damaged)?;
         encoding.sample_type = "uint16".to_owned();
     }
     let mut planes = active_area(planes, &raw).map_err(damaged)?;
-    let metadata = levelled(&mut planes, &raw, largest_value(&encoding)).map_err(damaged)?;
+    let metadata = levels::levelled(&mut planes, &raw, largest_value(&encoding)).map_err(damaged)?;
     let bayer = if is_mosaic { pattern_of(&raw).map_err(damaged)? } else { None };
     let corrections = Corrections::of(&raw).map_err(damaged)?;
     corrections.apply(&mut planes, [metadata.black, metadata.white], bayer);
@@ -161,11 +157,12 @@ fn linearise(planes: &mut Array3<f32>, table: &[usize], largest: f64) -> Result<
 /// The number that integers of 16 bits are divided by.
 const WHOLE: f32 = u16::MAX as f32;
 
-fn largest_value(encoding: &Encoding) -> f64 {
+/// What integers were divided by; none for floats.
+fn largest_value(encoding: &Encoding) -> Option<f64> {
     match encoding.sample_type.as_str() {
-        "uint8" => f64::from(u8::MAX),
-        "uint16" => f64::from(WHOLE),
-        _ => 1.0,
+        "uint8" => Some(f64::from(u8::MAX)),
+        "uint16" => Some(f64::from(WHOLE)),
+        _ => None,
     }
 }
 
@@ -179,60 +176,6 @@ fn active_area(planes: Array3<f32>, raw: &Directory<'_>) -> Result<Array3<f32>, 
         }
         _ => Err(format!("is damaged: its active area {area:?} lies outside of {height} × {width}")),
     }
-}
-
-/// Reads the levels, and brings every photosite to the mean black level where they have several: one for each place of a
-/// repeated pattern, and what each column and row adds.
-fn levelled(planes: &mut Array3<f32>, raw: &Directory<'_>, largest: f64) -> Result<RawMetadata, String> {
-    let (channels, height, width) = planes.dim();
-    let in_planes = |levels: Vec<f64>| levels.into_iter().map(|level| level / largest).collect::<Vec<_>>();
-    // Without a level, white is the largest number that the file's samples hold.
-    let whole =
-        raw.number(BITS).filter(|bits| *bits < 16).map_or(largest, |bits| f64::from((1_u32 << bits) - 1));
-    let white = raw.reals(WHITE_LEVEL).unwrap_or_else(|| vec![whole]);
-    let white = in_planes(white).into_iter().fold(1.0, f64::min);
-    let blacks = raw.reals(BLACK_LEVEL).map_or(vec![0.0], in_planes);
-    let (rows, columns) = match raw.numbers(BLACK_LEVEL_REPEAT).as_deref() {
-        None => (1, 1),
-        Some(&[rows, columns]) => (rows, columns),
-        Some(_) => return Err("is damaged: its black levels have no repeat pattern".into()),
-    };
-    let added = |tag: u16, count: usize| {
-        let levels = raw.reals(tag).map_or(vec![0.0; count], in_planes);
-        let is_whole = levels.len() == count && levels.iter().all(|level| level.is_finite());
-        is_whole
-            .then_some(levels)
-            .ok_or("is damaged: its black levels of rows or columns do not fit its size")
-    };
-    let (of_columns, of_rows) = (added(BLACK_LEVEL_OF_COLUMN, width)?, added(BLACK_LEVEL_OF_ROW, height)?);
-    let mean = |levels: &[f64]| levels.iter().sum::<f64>() / levels.len() as f64;
-    let black = mean(&blacks) + mean(&of_columns) + mean(&of_rows);
-    let highest = |levels: &[f64]| levels.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let darkest = highest(&blacks) + highest(&of_columns) + highest(&of_rows);
-    if blacks.is_empty() || blacks.iter().chain([&white]).any(|level| !level.is_finite()) || darkest >= white
-    {
-        return Err(format!("is damaged: black levels up to {darkest} do not lie below white {white}"));
-    }
-    let metadata = RawMetadata { black, white, ..RawMetadata::default() };
-    let is_even = |levels: &[f64]| levels.iter().all(|&level| (level - levels[0]).abs() < f64::EPSILON);
-    let is_one_level = is_even(&blacks);
-    if is_one_level && is_even(&of_columns) && is_even(&of_rows) {
-        return Ok(metadata);
-    }
-    // Some writers give one level a channel and leave the repeat pattern out.
-    let count = rows.checked_mul(columns).and_then(|sites| sites.checked_mul(channels));
-    if !is_one_level && count != Some(blacks.len()) {
-        return Err(format!("is damaged: {} black levels for {rows} × {columns} photosites", blacks.len()));
-    }
-    for ((channel, y, x), value) in planes.indexed_iter_mut() {
-        let site = if is_one_level { 0 } else { (y % rows * columns + x % columns) * channels + channel };
-        let here = blacks[site] + of_columns[x] + of_rows[y];
-        let light = (f64::from(*value) - here) / (white - here);
-        #[expect(clippy::cast_possible_truncation, reason = "images are kept in 32 bit")]
-        let levelled = (black + light * (white - black)) as f32;
-        *value = levelled;
-    }
-    Ok(metadata)
 }
 
 /// The colours of the first two rows; none where the file does not say them.
