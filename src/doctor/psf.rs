@@ -57,6 +57,9 @@ pub(super) fn look(path: &Path, options: PsfOptions, findings: &mut Findings) ->
             "subtract less background, or measure with `udc fuse --point-source`",
         );
     }
+    for doubt in &reading.doubts {
+        findings.warn(&about, "psf-doubt", doubt.clone(), "mend the file, or measure the PSF again");
+    }
     if let Some(contradiction) = &reading.contradiction {
         findings.warn(&about, "psf-domain", contradiction.clone(), "say what it holds by --psf-domain");
     }

@@ -41,6 +41,9 @@ pub struct ImageDescription {
     /// What the file says of the capture that it was made of.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub capture: Option<Box<CaptureInfo>>,
+    /// What the file says and reading it does not heed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub doubts: Vec<String>,
     /// Number of values that are NaN or infinite.
     pub non_finite: usize,
     /// Number of values below zero.
@@ -83,6 +86,7 @@ impl ImageDescription {
     pub(super) fn new(pixels: Pixels, encoding: Encoding) -> Self {
         let (_, height, width) = pixels.planes.dim();
         Self {
+            doubts: pixels.all_doubts(),
             format: encoding.format.name(),
             sample_type: encoding.sample_type,
             width,

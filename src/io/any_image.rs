@@ -36,10 +36,15 @@ pub struct ImageReading {
 /// # Errors
 /// As [`read_pixels`], [`image_of`], [`Pixels::tell`] and [`ToneFlags::over`].
 pub fn inspect_any_image(path: &Path, told: Option<DomainTag>, tone: ToneFlags) -> Result<ImageReading> {
-    any_image_of(path, read_pixels(path)?, told, tone)
+    let pixels = read_pixels(path)?;
+    let darkness = pixels.describe_darkness(path);
+    let mut reading = any_image_of(path, pixels, told, tone)?;
+    reading.contradictions.splice(0..0, darkness);
+    Ok(reading)
 }
 
-/// Takes the pixels that were read from `path` for an image, as [`inspect_any_image`] does.
+/// Takes the pixels that were read from `path` for an image, as [`inspect_any_image`] does, but that it leaves
+/// [`Pixels::describe_darkness`] to the caller.
 ///
 /// # Errors
 /// As [`image_of`], [`Pixels::tell`] and [`ToneFlags::over`].
@@ -49,6 +54,7 @@ pub fn any_image_of(
     told: Option<DomainTag>,
     tone: ToneFlags,
 ) -> Result<ImageReading> {
+    pixels.without_data = 0;
     let mut contradictions: Vec<String> = pixels.tell(path, told)?.into_iter().collect();
     let info = pixels.capture.take();
     let image = match pixels.domain {

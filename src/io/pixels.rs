@@ -72,6 +72,8 @@ pub struct Pixels {
     pub capture: Option<CaptureInfo>,
     /// Pixels that the file shows and holds no data of: they are black.
     pub without_data: usize,
+    /// What the file says and its reading does not heed, each to be told to the user.
+    pub doubts: Vec<String>,
 }
 
 /// A correction that a raw file asks for and that was not made.
@@ -123,20 +125,37 @@ impl Pixels {
             color_tags: Vec::new(),
             capture: None,
             without_data: 0,
+            doubts: Vec::new(),
         }
     }
 
     /// What to tell of pixels without data where darkness is light like any other.
     pub fn describe_darkness(&self, path: &Path) -> Option<String> {
+        self.darkness().map(|darkness| format!("{}: {darkness}", path.display()))
+    }
+
+    fn darkness(&self) -> Option<String> {
         let (_, height, width) = self.planes.dim();
         (self.without_data > 0).then(|| {
             format!(
-                "{}: its data window does not cover its display window: {} of {} pixels hold no data and are taken for darkness; crop \
+                "its data window does not cover its display window: {} of {} pixels hold no data and are taken for darkness; crop \
                  the file to its data window",
-                path.display(),
                 self.without_data,
                 height * width
             )
         })
+    }
+
+    /// What to tell of the file itself, whatever its values are taken for: of pixels without data, and of what is not heeded.
+    pub fn all_doubts(&self) -> Vec<String> {
+        self.darkness().into_iter().chain(self.doubts.iter().cloned()).collect()
+    }
+
+    /// As [`all_doubts`](Self::all_doubts), each naming the file; there are none left.
+    pub(super) fn take_doubts(&mut self, path: &Path) -> Vec<String> {
+        let doubts =
+            self.all_doubts().into_iter().map(|doubt| format!("{}: {doubt}", path.display())).collect();
+        (self.without_data, self.doubts) = (0, Vec::new());
+        doubts
     }
 }

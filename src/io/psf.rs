@@ -43,6 +43,8 @@ pub struct PsfReading {
     pub faults: PsfFaults,
     /// How it was moved to bring its peak to the centre.
     pub moved: Option<PsfMove>,
+    /// What the file says and its reading does not heed.
+    pub doubts: Vec<String>,
     /// What the file says of its colours against what the user says.
     pub contradiction: Option<String>,
     /// Whether the file has one channel, which was taken for all colours.
@@ -60,7 +62,8 @@ impl PsfReading {
                  so that captures in colour need a PSF of three"
             )
         });
-        faults.into_iter().chain(grey).chain(self.contradiction.clone()).collect()
+        let found = faults.into_iter().chain(grey).chain(self.doubts.iter().cloned());
+        found.chain(self.contradiction.clone()).collect()
     }
 
     /// How it was moved, where it was, and what light that cost.
@@ -98,6 +101,9 @@ pub fn read_psf(path: &Path) -> Result<Psf> {
 /// light, or moving the peak to the centre would lose much of it.
 pub fn inspect_psf(path: &Path, options: PsfOptions) -> Result<PsfReading> {
     let mut pixels = read_pixels(path)?;
+    // Around a PSF is darkness.
+    pixels.without_data = 0;
+    let doubts = pixels.take_doubts(path);
     let contradiction = pixels.tell(path, options.domain)?;
     check_domain(path, pixels.domain, Linear::NAME)?;
     check_cooked(path, &pixels)?;
@@ -113,7 +119,7 @@ pub fn inspect_psf(path: &Path, options: PsfOptions) -> Result<PsfReading> {
     }
     faults.recentered = options.recenter;
     let psf = Psf::from_energy(planes).map_err(in_file)?;
-    Ok(PsfReading { path: path.to_owned(), psf, faults, moved, contradiction, is_grey })
+    Ok(PsfReading { path: path.to_owned(), psf, faults, moved, doubts, contradiction, is_grey })
 }
 
 /// Writes a PSF as an image file of linear values.

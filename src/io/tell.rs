@@ -60,14 +60,21 @@ impl Pixels {
     /// was sRGB clips at 1, which [`capture`](Self::capture) says unless the file says more; so do linear integers of which
     /// one is that bright: white of 10 or 12 bits in words of 16 is less.
     ///
-    /// Returns what the file's colour tags say against it, to be warned of; they change nothing. A file made for viewing
-    /// may be told anew.
+    /// Returns what is to be warned of, whether or not the user says anything: the [doubts](Self::all_doubts) of the file,
+    /// which are told once, and what its colour tags say against the user's word; they change nothing. A file made for
+    /// viewing may be told anew.
     ///
     /// # Errors
     /// [`Error::Format`] when the file declares another domain, or is told to be sRGB and holds values outside of `[0, 1]`, or to
     /// be tone-mapped, which it does not say itself, and holds values clearly above 1.
     pub fn tell(&mut self, path: &Path, told: Option<DomainTag>) -> Result<Option<String>> {
-        let Some(told) = told else { return Ok(None) };
+        let mut warnings = self.take_doubts(path);
+        warnings.extend(told.map_or(Ok(None), |told| self.take_for(path, told))?);
+        Ok((!warnings.is_empty()).then(|| warnings.join("; ")))
+    }
+
+    /// Takes the values for `told`; returns what the file's colour tags say against it.
+    fn take_for(&mut self, path: &Path, told: DomainTag) -> Result<Option<String>> {
         if self.raw.is_some() && told == DomainTag::Srgb {
             return Err(Error::format(
                 path,
@@ -192,6 +199,20 @@ mod tests {
         let declared = Some(DomainTag::ToneMapped);
         let mut pixels = Pixels { domain: declared, ..Pixels::of_planes(Array3::from_elem((3, 2, 2), 1.5)) };
         pixels.tell(Path::new("a.exr"), declared).unwrap();
+    }
+
+    #[test]
+    fn what_a_file_leaves_in_doubt_is_told_once_and_without_a_domain_too() {
+        let planes = Array3::from_elem((3, 2, 2), 0.5);
+        let doubts = vec!["its pixels are not square".to_owned()];
+        let mut pixels = Pixels { without_data: 1, doubts, ..Pixels::of_planes(planes) };
+        let said = pixels.tell(Path::new("a.exr"), None).unwrap().unwrap();
+        assert!(
+            said.contains("1 of 4 pixels hold no data")
+                && said.ends_with("; a.exr: its pixels are not square"),
+            "{said}"
+        );
+        assert_eq!(pixels.tell(Path::new("a.exr"), Some(DomainTag::Linear)).unwrap(), None);
     }
 
     /// 12 bits in a word of 16: who takes 65535 for white finds no lamp.

@@ -20,6 +20,8 @@ mod domains;
 mod eval;
 mod events;
 mod examples;
+mod exr_headers;
+
 mod files;
 mod finish;
 mod foreign;

@@ -30,6 +30,9 @@ fn write_image(text: &mut String, image: &ImageDescription) -> fmt::Result {
     for tag in &image.color_tags {
         writeln!(text, "  colours   {tag}")?;
     }
+    for doubt in &image.doubts {
+        writeln!(text, "  warning   {doubt}")?;
+    }
     if let Some(seconds) = image.exposure_s {
         writeln!(text, "  exposure  {} s", number(seconds))?;
     }
