@@ -41,8 +41,10 @@ impl Primaries {
         Self { red: [0.708, 0.292], green: [0.170, 0.797], blue: [0.131, 0.046], white: D65 };
 
     /// Linear values to XYZ: the primaries, scaled so that they add up to the white; none of what are no primaries.
+    ///
+    /// Primaries may have no luminance, as two of XYZ itself have none.
     pub fn to_xyz(&self) -> Option<Matrix3> {
-        let [red, green, blue] = [self.red, self.green, self.blue].map(xyz_of);
+        let [red, green, blue] = [self.red, self.green, self.blue].map(|[x, y]| [x, y, 1.0 - x - y]);
         let primaries = [0, 1, 2].map(|i| [red[i], green[i], blue[i]]);
         let matrix = product(&primaries, &diagonal(apply(&inverse(&primaries)?, xyz_of(self.white))));
         matrix.iter().flatten().all(|value| value.is_finite()).then_some(matrix)
@@ -179,6 +181,13 @@ mod tests {
         let found = Primaries::of_profile(colorants).unwrap();
         assert!(found.is_near(&Primaries::DISPLAY_P3), "{found:?}");
         assert_eq!(Primaries::of_profile([[0.0; 3]; 3]), None);
+    }
+
+    #[test]
+    fn xyz_itself_is_an_image_of_primaries() {
+        let xyz =
+            Primaries { red: [1.0, 0.0], green: [0.0, 1.0], blue: [0.0, 0.0], white: [1.0 / 3.0, 1.0 / 3.0] };
+        assert_near(&xyz.to_xyz().unwrap(), &crate::core::matrix3::IDENTITY, 1e-12);
     }
 
     #[test]

@@ -65,6 +65,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], packed: Option<BayerPattern>) ->
             .and_then(|json| serde_json::from_str(&json).ok()),
         capture: capture_of(header).map_err(damaged)?,
         without_data: window::pixels_without_data(header),
+        doubts: chromaticities::doubt(header).into_iter().collect(),
         ..Pixels::of_planes(planes)
     };
     Ok((pixels, Encoding { format: Format::Exr, sample_type: sample_type.to_owned() }))

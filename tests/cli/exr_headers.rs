@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use exr::meta::attribute::Chromaticities;
 use exr::prelude::{
     AnyChannel, AnyChannels, FlatSamples, Image, IntegerBounds, Layer, LayerAttributes, Vec2, WritableImage,
 };
@@ -69,4 +70,42 @@ fn pixels_without_data_are_warned_of_wherever_light_is_read() {
     image.attributes.display_window = IntegerBounds::from_dimensions((SIDE, SIDE));
     image.write().to_file(path).unwrap();
     assert_doubted(scratch.path(), "1792 of 4096 pixels hold no data");
+}
+
+fn write_with_chromaticities(folder: &Path, [red, green, blue, white]: [[f32; 2]; 4]) {
+    let place = |[x, y]: [f32; 2]| Vec2(x, y);
+    let even = |light: f32| vec![light; SIDE * SIDE];
+    let mut image = of_channels(SIDE, &[("R", even(0.25)), ("G", even(0.33)), ("B", even(0.12))]);
+    image.attributes.chromaticities =
+        Some(Chromaticities { red: place(red), green: place(green), blue: place(blue), white: place(white) });
+    image.write().to_file(folder.join("a.exr")).unwrap();
+}
+
+/// What it becomes, by an independent computation.
+const EXPECTED: [f32; 3] = [0.4603, 0.6662, 0.3194];
+
+/// XYZ of 0.25, 0.33, 0.12 under equal energy, adapted to D65 by Bradford, in sRGB.
+#[test]
+fn an_image_of_xyz_is_finished_in_its_colours() {
+    let scratch = tempfile::tempdir().unwrap();
+    let third = 1.0 / 3.0;
+    write_with_chromaticities(scratch.path(), [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [third, third]]);
+    let args =
+        ["finish", "a.exr", "-o", "a.png", "--curve", "srgb", "--max", "1", "--no-clahe", "--bits", "16"];
+    assert!(!warnings(scratch.path(), &args).contains("chromaticities"));
+    let planes = read_pixels(&scratch.path().join("a.png")).unwrap().planes;
+    for (channel, expected) in EXPECTED.into_iter().enumerate() {
+        let found = planes[[channel, 5, 5]];
+        assert!((found - expected).abs() < 2e-3, "{found} of channel {channel}, not {expected}");
+    }
+}
+
+#[test]
+fn chromaticities_that_are_no_colours_are_warned_of() {
+    let scratch = tempfile::tempdir().unwrap();
+    write_with_chromaticities(scratch.path(), [[0.0, 0.0]; 4]);
+    for args in &READERS[1..] {
+        let said = warnings(scratch.path(), args);
+        assert!(said.contains("its chromaticities span no colours"), "udc {args:?} said: {said}");
+    }
 }

@@ -22,6 +22,15 @@ pub(super) fn with_primaries(info: Option<CaptureInfo>, header: &Header) -> Opti
     Some(info)
 }
 
+/// What to tell of primaries that the file declares and that are none, so that they are not heeded.
+pub(super) fn doubt(header: &Header) -> Option<String> {
+    let declared = header.shared_attributes.chromaticities.map(|found| primaries_of(&found))?;
+    declared.matrix_to(&Primaries::SRGB).is_none().then(|| {
+        "its chromaticities span no colours; its red, green and blue are taken for those of Rec. 709"
+            .to_owned()
+    })
+}
+
 fn primaries_of(found: &Chromaticities) -> Primaries {
     let place = |Vec2(x, y): Vec2<f32>| [f64::from(x), f64::from(y)];
     Primaries {
