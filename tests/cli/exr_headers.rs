@@ -109,3 +109,17 @@ fn chromaticities_that_are_no_colours_are_warned_of() {
         assert!(said.contains("its chromaticities span no colours"), "udc {args:?} said: {said}");
     }
 }
+
+#[test]
+fn channels_in_capital_letters_are_the_image_and_others_are_named_as_they_are() {
+    let scratch = tempfile::tempdir().unwrap();
+    let lights = [("R", 0.1), ("G", 0.2), ("B", 0.3), ("r", 0.4), ("g", 0.5), ("b", 0.6)];
+    let image = of_channels(SIDE, &lights.map(|(name, light)| (name, vec![light; SIDE * SIDE])));
+    image.write().to_file(scratch.path().join("a.exr")).unwrap();
+    for (input, expected) in [("a.exr", vec![0.1, 0.2, 0.3]), ("a.exr:g", vec![0.5]), ("a.exr:G", vec![0.2])]
+    {
+        let planes = read_pixels(&scratch.path().join(input)).unwrap().planes;
+        let found: Vec<f32> = planes.outer_iter().map(|plane| plane[[3, 3]]).collect();
+        assert_eq!(found, expected, "{input}");
+    }
+}

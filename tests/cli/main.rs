@@ -21,7 +21,6 @@ mod eval;
 mod events;
 mod examples;
 mod exr_headers;
-
 mod files;
 mod finish;
 mod foreign;

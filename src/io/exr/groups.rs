@@ -36,7 +36,8 @@ pub(super) struct Group {
     pub(super) name: String,
     /// All names that choose it; an empty one where channels are named alone.
     pub(super) aliases: Vec<String>,
-    /// The channels' names behind the prefix in capital letters, and their indices in the part's list.
+    /// The channels' names behind the prefix in capital letters, and their indices in the part's list; of names that differ in
+    /// nothing else, the one in capital letters has its place and others stay as they are.
     pub(super) channels: BTreeMap<String, usize>,
 }
 
@@ -78,13 +79,7 @@ pub(super) fn groups_of(meta: &MetaData) -> Vec<Group> {
     let mut groups = Vec::new();
     for (index, header) in meta.headers.iter().enumerate() {
         let part = text(header.own_attributes.layer_name.as_ref());
-        let mut channels: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
-        for (channel, description) in header.channels.list.iter().enumerate() {
-            let name = description.name.to_string();
-            let (prefix, name) = name.rsplit_once('.').map_or(("", name.as_str()), |split| split);
-            channels.entry(prefix.to_owned()).or_default().insert(name.to_ascii_uppercase(), channel);
-        }
-        for (prefix, channels) in channels {
+        for (prefix, channels) in channels_by_prefix(header) {
             let aliases = aliases(header, &part, &prefix, has_parts);
             let spelled = || {
                 ["RGB", "Y"]
@@ -100,6 +95,25 @@ pub(super) fn groups_of(meta: &MetaData) -> Vec<Group> {
             let name = name.unwrap_or_else(|| format!("part {}", index + 1));
             groups.push(Group { header: index, prefix, name, aliases, channels });
         }
+    }
+    groups
+}
+
+/// The channels of a part as [`Group::channels`] has them, by what stands before the last point of their names.
+fn channels_by_prefix(header: &Header) -> BTreeMap<String, BTreeMap<String, usize>> {
+    let names: Vec<String> = header.channels.list.iter().map(|channel| channel.name.to_string()).collect();
+    let split = |index: usize| {
+        let name = names[index].as_str();
+        (index, name.rsplit_once('.').unwrap_or(("", name)))
+    };
+    let (capital, other): (Vec<_>, Vec<_>) =
+        (0..names.len()).map(split).partition(|(_, (_, name))| *name == name.to_ascii_uppercase());
+    let mut groups: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
+    for (index, (prefix, name)) in capital.into_iter().chain(other) {
+        let channels = groups.entry(prefix.to_owned()).or_default();
+        let folded = name.to_ascii_uppercase();
+        let is_taken = channels.contains_key(&folded);
+        channels.insert(if is_taken { name.to_owned() } else { folded }, index);
     }
     groups
 }
