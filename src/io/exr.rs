@@ -23,6 +23,7 @@ use ::exr::meta::header::Header;
 use super::format::{Encoding, Format};
 use super::guard::guarded;
 use super::layer::locate;
+use super::pixels::doubt_of_shape;
 use super::{DomainTag, Pixels};
 use crate::core::bayer::BayerPattern;
 use crate::core::capture::CaptureInfo;
@@ -65,10 +66,16 @@ pub(super) fn decode(path: &Path, bytes: &[u8], packed: Option<BayerPattern>) ->
             .and_then(|json| serde_json::from_str(&json).ok()),
         capture: capture_of(header).map_err(damaged)?,
         without_data: window::pixels_without_data(header),
-        doubts: chromaticities::doubt(header).into_iter().collect(),
+        doubts: doubts_of(header),
         ..Pixels::of_planes(planes)
     };
     Ok((pixels, Encoding { format: Format::Exr, sample_type: sample_type.to_owned() }))
+}
+
+/// What the header says and is not heeded.
+fn doubts_of(header: &Header) -> Vec<String> {
+    let aspect = f64::from(header.shared_attributes.pixel_aspect);
+    chromaticities::doubt(header).into_iter().chain(doubt_of_shape(aspect, "pixelAspectRatio")).collect()
 }
 
 /// The provenance that the header at the start of `bytes` carries, if they are the start of an EXR file.

@@ -159,3 +159,18 @@ impl Pixels {
         doubts
     }
 }
+
+/// Pixels are square up to this share of their side: files round their numbers.
+const SQUARE: f64 = 1e-3;
+
+/// What to tell of a file that declares its pixels `aspect` times as wide as high.
+pub(super) fn doubt_of_shape(aspect: f64, said_by: &str) -> Option<String> {
+    let is_square = (aspect - 1.0).abs() <= SQUARE;
+    let is_shape = aspect.is_finite() && aspect > 0.0;
+    (is_shape && !is_square).then(|| {
+        format!(
+            "its pixels are {aspect:.3} times as wide as high ({said_by}) and taken as they are: a PSF fits only if its pixels have \
+             the same shape"
+        )
+    })
+}

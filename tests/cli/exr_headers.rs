@@ -72,6 +72,15 @@ fn pixels_without_data_are_warned_of_wherever_light_is_read() {
     assert_doubted(scratch.path(), "1792 of 4096 pixels hold no data");
 }
 
+#[test]
+fn pixels_that_are_not_square_are_warned_of() {
+    let scratch = tempfile::tempdir().unwrap();
+    let mut image = point_source(SIDE);
+    image.attributes.pixel_aspect = 2.0;
+    image.write().to_file(scratch.path().join("a.exr")).unwrap();
+    assert_doubted(scratch.path(), "2.000 times as wide as high (pixelAspectRatio)");
+}
+
 fn write_with_chromaticities(folder: &Path, [red, green, blue, white]: [[f32; 2]; 4]) {
     let place = |[x, y]: [f32; 2]| Vec2(x, y);
     let even = |light: f32| vec![light; SIDE * SIDE];

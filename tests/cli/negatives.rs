@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use ndarray::{Array3, Axis, Ix3, s};
 use udc::io::{inspect_image, read_array};
 
-use super::common::succeed;
+use super::common::{succeed, udc};
 use super::tiff::{Field, Tiff};
 
 fn fixture(name: &str) -> PathBuf {
@@ -189,4 +189,22 @@ fn floats_have_the_white_level_that_the_negative_says() {
             assert!((found - f64::from(light(index))).abs() < 1e-6, "{found} at {index}");
         }
     }
+}
+
+#[test]
+fn a_negative_whose_pixels_are_not_square_is_warned_of() {
+    let scratch = tempfile::tempdir().unwrap();
+    let mut file = Tiff::new();
+    let mut fields = file.image(32803, &[1000; 16 * 16], [16, 16]);
+    fields.extend([
+        (33421, Field::Shorts(vec![2, 2])),
+        (33422, Field::Bytes(vec![0, 1, 1, 2])),
+        (50706, Field::Bytes(vec![1, 4, 0, 0])),
+        (50718, Field::Rationals(vec![(1, 1), (2, 1)])),
+    ]);
+    let first = file.directory(fields);
+    fs::write(scratch.path().join("a.dng"), file.finish(first)).unwrap();
+    let output = udc(scratch.path(), &["fuse", "a.dng", "-o", "a.exr"]);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("0.500 times as wide as high (DefaultScale)"), "{said}");
 }

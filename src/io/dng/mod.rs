@@ -20,6 +20,7 @@ use ndarray::{Array3, s};
 use super::directory::{BITS, COMPRESSION, Directory, GREY, PHOTOMETRIC, RGB, SAMPLES, WIDTH};
 use super::exif::Said;
 use super::format::{Encoding, Format};
+use super::pixels::doubt_of_shape;
 use super::{Pixels, RawMetadata, raster};
 use crate::core::bayer::BayerPattern;
 use crate::core::capture::is_exposure;
@@ -36,6 +37,7 @@ const EXPOSURE_TIME: u16 = 33434;
 const ISO: u16 = 34855;
 const EXIF: u16 = 34665;
 const LINEARIZATION_TABLE: u16 = 50712;
+const DEFAULT_SCALE: u16 = 50718;
 const BASELINE_EXPOSURE: u16 = 50730;
 const ACTIVE_AREA: u16 = 50829;
 
@@ -88,6 +90,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
     let baseline_exposure_ev = stops(&raw).or_else(|| stops(&root)).filter(|stops| is_exposure(*stops));
     let in_exif =
         |tag| positive(&root, tag).or_else(|| root.inner(EXIF).find_map(|exif| positive(&exif, tag)));
+    let scale = doubt_of_scale(&raw);
     let raw = Some(RawMetadata {
         bayer,
         white_balance,
@@ -100,7 +103,14 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
         ..metadata
     });
     let (exposure_s, iso) = (in_exif(EXPOSURE_TIME), in_exif(ISO));
-    Ok((Pixels { exposure_s, iso, raw, ..Pixels::of_planes(planes) }, encoding))
+    let doubts = scale.into_iter().collect();
+    Ok((Pixels { exposure_s, iso, raw, doubts, ..Pixels::of_planes(planes) }, encoding))
+}
+
+/// What to tell of pixels that are to be made square by scales across and down.
+fn doubt_of_scale(raw: &Directory<'_>) -> Option<String> {
+    let [across, down] = raw.reals(DEFAULT_SCALE)?.try_into().ok()?;
+    doubt_of_shape(across / down, "DefaultScale")
 }
 
 /// The widest raw image; a file may hold smaller versions of it.
