@@ -13,6 +13,7 @@ pub(super) const HEIGHT: u16 = 257;
 pub(super) const BITS: u16 = 258;
 pub(super) const COMPRESSION: u16 = 259;
 pub(super) const PHOTOMETRIC: u16 = 262;
+pub(super) const FILL_ORDER: u16 = 266;
 pub(super) const SAMPLES: u16 = 277;
 
 const DNG_VERSION: u16 = 50706;

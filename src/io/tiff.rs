@@ -12,6 +12,7 @@ use tiff::tags::{CompressionMethod, PhotometricInterpretation, Tag};
 use tiff::{ColorType, TiffError};
 
 use super::MAX_PIXELS;
+use super::directory::{Directory, FILL_ORDER};
 use super::planes::gather;
 use super::raster::{MAX_DECODER_BYTES, MAX_RATIO, check_declared, from_u8, from_u16};
 
@@ -32,9 +33,10 @@ pub(super) struct Bands {
 ///
 /// # Errors
 /// When the file holds such bands that are damaged or too large, or integers of 32 bits, whose bits `image` takes for
-/// floats.
+/// floats, or bytes whose lowest bit comes first, which nothing here turns around.
 pub(super) fn decode(bytes: &[u8], packed: bool) -> Result<Option<Bands>, String> {
     let Some((mut decoder, color, layout)) = open(bytes) else { return Ok(None) };
+    check_order_of_bits(bytes)?;
     let bands = match (color, layout.sample_type) {
         (_, Some(DecodingSampleType::U32 | DecodingSampleType::I32)) if color.bit_depth() == 32 => {
             let reason = "holds 32-bit integers, which are not read; write 16-bit integers or 32-bit floats";
@@ -76,6 +78,16 @@ pub(super) fn icc_profile(bytes: &[u8]) -> Option<Vec<u8>> {
     // No value of the file is longer than the file.
     limits.decoding_buffer_size = bytes.len().saturating_mul(size_of::<ifd::Value>());
     Decoder::new(Cursor::new(bytes)).ok()?.with_limits(limits).get_tag_u8_vec(Tag::IccProfile).ok()
+}
+
+fn check_order_of_bits(bytes: &[u8]) -> Result<(), String> {
+    match Directory::first(bytes).and_then(|root| root.number(FILL_ORDER)) {
+        None | Some(1) => Ok(()),
+        Some(_) => {
+            let reason = "stores the lowest bit of each byte first (FillOrder 2), which is not read; write it again without";
+            Err(reason.to_owned())
+        }
+    }
 }
 
 fn open(bytes: &[u8]) -> Option<(FileDecoder<'_>, ColorType, BufferLayoutPreference)> {
@@ -220,6 +232,15 @@ mod tests {
                 assert_eq!(*value, half((y * WIDTH + x) * bands + c).to_f32());
             }
         }
+    }
+
+    #[test]
+    fn bits_in_the_other_order_are_refused() {
+        let mut bytes = tiled(16, 16);
+        // The tag of the sample's format becomes that of the order: its value is 3.
+        let place = bytes.windows(4).position(|field| field == [0x53, 1, 3, 0]).unwrap();
+        bytes[place..place + 2].copy_from_slice(&FILL_ORDER.to_le_bytes());
+        assert!(decode(&bytes, false).err().unwrap().contains("FillOrder"));
     }
 
     /// Every prefix is refused, never believed or a panic.

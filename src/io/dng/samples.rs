@@ -6,9 +6,8 @@ use rayon::prelude::*;
 
 use super::lossless_jpeg;
 use crate::io::MAX_PIXELS;
-use crate::io::directory::{BITS, COMPRESSION, Directory, HEIGHT, SAMPLES, WIDTH};
+use crate::io::directory::{BITS, COMPRESSION, Directory, FILL_ORDER, HEIGHT, SAMPLES, WIDTH};
 
-const FILL_ORDER: u16 = 266;
 const STRIP_OFFSETS: u16 = 273;
 const ROWS_PER_STRIP: u16 = 278;
 const STRIP_LENGTHS: u16 = 279;
