@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use ndarray::{Array2, Axis, s};
+use ndarray::{Array2, Array3, Axis, s};
 
 use crate::core::error::{Error, Result};
-use crate::io::read_pixels;
+use crate::io::{Pixels, read_pixels};
 
 use super::display::{Grey, LayoutConfig, LayoutKind};
 use super::panel;
@@ -107,7 +107,12 @@ pub(super) fn rounded_up(count: f64) -> usize {
 fn read_layout(layout: &LayoutConfig) -> Result<UnitCell> {
     let file = layout.file.as_deref().unwrap_or(Path::new(""));
     // Shares of light that pass, not light: 8-bit values are taken as they are, whatever curve the file speaks of.
-    let planes = read_pixels(file)?.planes;
+    let Pixels { planes, capture, is_integer, .. } = read_pixels(file)?;
+    let orientation = capture.and_then(|capture| capture.orientation).unwrap_or_default();
+    let mut planes = orientation.upright(planes);
+    if is_integer {
+        open_ones(&mut planes);
+    }
     let (channels, rows, columns) = planes.dim();
     if planes.iter().any(|t| !(0.0..=1.0).contains(t)) {
         return Err(Error::format(file, "a layout picture needs values from 0 (opaque) to 1 (open)"));
@@ -128,6 +133,17 @@ fn read_layout(layout: &LayoutConfig) -> Result<UnitCell> {
     }
     let raster_m = [layout.pixel_size_um.unwrap_or(1.0) * 1e-6; 2];
     Ok(UnitCell { transmittance: amplitude, raster_m, centre_m: [0.0; 2] })
+}
+
+/// Takes the ones of integers that are all zero or one for open: masks of programs are written so.
+fn open_ones(planes: &mut Array3<f32>) {
+    let highest = planes.iter().copied().fold(0.0, f32::max);
+    let is_one = [u8::MAX.into(), u16::MAX.into()]
+        .into_iter()
+        .any(|largest: f32| (highest * largest - 1.0).abs() < 1e-3);
+    if is_one {
+        planes.mapv_inplace(|t| t / highest);
+    }
 }
 
 #[cfg(test)]
@@ -206,5 +222,51 @@ mod tests {
         assert_eq!(kept.transmittance[[10, 10]], cell.transmittance[[40, 70]]);
         assert!(kept.centre_m.iter().all(|c| c.abs() < 1e-12));
         assert_eq!(cell.clone().within(1.0).transmittance, cell.transmittance);
+    }
+
+    /// What is read of a layout file.
+    fn drawn(name: &str, bytes: &[u8]) -> Array2<f64> {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join(name);
+        std::fs::write(&file, bytes).unwrap();
+        let layout = LayoutConfig { kind: LayoutKind::Image, file: Some(file), ..LayoutConfig::default() };
+        UnitCell::of(&layout, 250e3).unwrap().transmittance
+    }
+
+    #[test]
+    fn integers_that_are_zero_or_one_are_opaque_or_open() {
+        let array = |values: [u8; 4]| {
+            let header = "{'descr': '|u1', 'fortran_order': False, 'shape': (2, 2), }\n";
+            let length = u16::try_from(header.len()).unwrap().to_le_bytes();
+            [&b"\x93NUMPY\x01\x00"[..], &length, header.as_bytes(), &values].concat()
+        };
+        let found = drawn("mask.npy", &array([0, 1, 1, 0]));
+        assert_eq!(found, ndarray::array![[0.0, 1.0], [1.0, 0.0]]);
+        let found = drawn("grey.npy", &array([0, 51, 255, 0]));
+        assert!((found[[0, 1]] - 0.2).abs() < 1e-7 && found[[1, 0]] == 1.0, "{found}");
+    }
+
+    /// Three columns of one row, the first open, to be turned right when it is shown: three rows of one column.
+    #[test]
+    fn a_layout_lies_as_its_file_says() {
+        let short = |tag: u16, value: u16| {
+            [&tag.to_le_bytes()[..], &[3, 0, 1, 0, 0, 0], &value.to_le_bytes(), &[0, 0]].concat()
+        };
+        let fields = [
+            (256, 3),
+            (257, 1),
+            (258, 8),
+            (259, 1),
+            (262, 1),
+            (273, 8),
+            (274, 6),
+            (277, 1),
+            (278, 1),
+            (279, 3),
+        ];
+        let directory: Vec<u8> = fields.into_iter().flat_map(|(tag, value)| short(tag, value)).collect();
+        let head = [&b"II*\0\x0c\0\0\0"[..], &[255, 0, 0, 0], &[10, 0]].concat();
+        let found = drawn("turned.tif", &[&head[..], &directory, &[0; 4]].concat());
+        assert_eq!(found, ndarray::array![[1.0], [0.0], [0.0]]);
     }
 }
