@@ -3,6 +3,7 @@
 //! [`develop`] goes the whole way from files; [`fuse`](fuse()) does of pictures that somebody else has read.
 
 pub mod alignment;
+mod alike;
 pub mod bayer;
 pub mod bracket;
 mod brightness;

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use ndarray::{Array2, Array3};
 
+use super::alike::{Said, check_levels, check_scene};
 use super::bracket::Bracket;
 use super::fuse::FuseConfig;
 use super::levels::{Kind, Levels, Samples, Unit};
@@ -55,8 +56,8 @@ impl Pictures {
         };
         let dark_files = told.darks.as_deref().map_or(Ok(Vec::new()), expand_inputs)?;
         let mut reader = Reader { told, first: None, said: None, warnings: Vec::new() };
-        let lights = reader.read_group(files, progress)?;
-        let darks = reader.read_group(&dark_files, progress)?;
+        let lights = reader.read_group(files, false, progress)?;
+        let darks = reader.read_group(&dark_files, true, progress)?;
         let Reader { first: of_first, said, mut warnings, .. } = reader;
         let (raw, samples) = of_first.expect("at least one picture was read");
 
@@ -172,11 +173,14 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    fn read_group(&mut self, files: &[PathBuf], progress: &Progress) -> Result<Group> {
+    fn read_group(&mut self, files: &[PathBuf], are_dark: bool, progress: &Progress) -> Result<Group> {
         let mut group = Group::default();
         for file in files {
             progress.check()?;
             let pixels = self.read(file)?;
+            if !are_dark {
+                self.check_scene(file, &pixels)?;
+            }
             group.planes.push(pixels.planes);
             group.shots.push(Shot { seconds: pixels.exposure_s, iso: pixels.iso });
         }
@@ -191,10 +195,10 @@ impl Reader<'_> {
         let samples = Samples::of(&pixels, &encoding);
         self.settle_domain(file, &mut pixels, Kind::of(samples, &self.told.levels, self.told.is_raw()))?;
         if self.first.is_none() {
-            self.said = pixels.capture.take();
+            self.said = pixels.capture.clone();
         }
         let (raw, of_first) = self.first.get_or_insert_with(|| (pixels.raw.clone(), samples));
-        check_alike(file, self.told, raw.as_ref(), pixels.raw.as_ref())?;
+        check_levels(file, self.told, raw.as_ref(), pixels.raw.as_ref())?;
         let is_of_integers = Unit::is_of_integers(self.told.levels.white, of_first.is_camera_raw);
         if is_of_integers && of_first.largest != samples.largest {
             return Err(Error::Unsupported(format!(
@@ -203,6 +207,15 @@ impl Reader<'_> {
             )));
         }
         Ok(pixels)
+    }
+
+    /// Compares what a picture says of its colours with what the first one says.
+    fn check_scene(&mut self, file: &Path, pixels: &Pixels) -> Result<()> {
+        let raw = self.first.as_ref().and_then(|(raw, _)| raw.as_ref());
+        let first = Said { raw, capture: self.said.as_ref() };
+        let this = Said { raw: pixels.raw.as_ref(), capture: pixels.capture.as_ref() };
+        self.warnings.extend(check_scene(file, self.told, first, this)?);
+        Ok(())
     }
 
     /// Takes the user's word for the domain, which must be told of integers that nobody declares raw, and must be light.
@@ -249,28 +262,6 @@ impl Reader<'_> {
         }
         pixels.check_told_light(file)
     }
-}
-
-/// Refuses a raw file of other levels or colours than the first, unless the user gives them.
-fn check_alike(
-    file: &Path,
-    told: &Told,
-    first: Option<&RawMetadata>,
-    this: Option<&RawMetadata>,
-) -> Result<()> {
-    let untold = |raw: &RawMetadata| {
-        let levels = &told.levels;
-        let white = levels.white.is_none().then_some(raw.white);
-        let black = levels.black.is_none().then_some(raw.black);
-        (white, black, if levels.bayer.is_some() { None } else { raw.bayer })
-    };
-    if first.map(untold) == this.map(untold) {
-        return Ok(());
-    }
-    Err(Error::Unsupported(format!(
-        "{} says another black or white level or mosaic than the first picture; give --black, --white and --bayer",
-        file.display()
-    )))
 }
 
 /// The names of files, for messages.
