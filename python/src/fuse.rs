@@ -110,6 +110,7 @@ pub(crate) fn fuse<'py>(
             ));
         }
         warnings.extend(fused.warnings());
+        warnings.extend(measured.as_ref().and_then(|_| fused.core_is_narrow()));
         let info = measured.is_none().then(|| info.to_json());
         let planes = match measured {
             None => fused.image.into_planes(),

@@ -26,6 +26,8 @@ pub struct Developed {
     pub config: FuseConfig,
     /// The exposures in the order of the files, as shares of the longest.
     pub exposures: Vec<f64>,
+    /// The longest of them, in the unit in which the user or the files say it.
+    pub longest_exposure: f64,
     /// What the user should look at: those of [`Pictures::warnings`] that were left there, then those of the fusion.
     pub warnings: Vec<String>,
 }
@@ -59,7 +61,9 @@ impl Pictures {
         warnings.extend(fused.warnings());
         warnings.extend(raw.as_ref().and_then(uncorrected));
         let info = info_of(&fused, raw.as_ref(), said, config.white_balance);
-        Ok(Developed { fused, info, raw, config, exposures: relative_times(times), warnings })
+        let longest_exposure = times.iter().copied().fold(0.0, f64::max);
+        let exposures = relative_times(times);
+        Ok(Developed { fused, info, raw, config, exposures, longest_exposure, warnings })
     }
 
     /// Says that the times are the files' own, where nobody else has any.

@@ -14,6 +14,7 @@ use super::cut_off::{CutOff, ceilings, cut_offs};
 use super::exposure_times::{check_order, estimate_times, ratios_found};
 use super::frames::{Frames, Uneven};
 use super::inpaint::inpaint;
+use super::point_source::core_share;
 
 /// How the exposures of a pixel become one value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -123,6 +124,9 @@ pub struct Fused {
     pub times: Vec<f64>,
     /// Whether the declared Bayer pattern seems to have its greens on the wrong diagonal.
     pub greens_look_swapped: bool,
+    /// Of a mosaic whose energy is kept, as that of a point source: the [share](super::point_source::core_share) of the light
+    /// that one photosite of the core has.
+    pub core_share: Option<f64>,
     /// How many pictures each exposure is the mean of.
     pub averaged: Vec<usize>,
     /// The pictures of one exposure time whose brightness differs by more than a tenth, or could not be compared.
@@ -180,13 +184,7 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
     }
     let is_good = |place| exposures.is_good(source[place], place);
     let shortest = frames.last().expect("a bracket has at least one exposure");
-    let full = |channel: usize, plane: ArrayView2<'_, f32>| {
-        let is_full = |&((y, x), &v): &((usize, usize), &f32)| {
-            f64::from(v) >= config.saturation && is_good((channel, y, x))
-        };
-        plane.indexed_iter().filter(is_full).count()
-    };
-    let saturated = shortest.outer_iter().enumerate().map(|(channel, plane)| full(channel, plane)).collect();
+    let saturated = count_saturated(shortest, config.saturation, is_good);
     drop(frames);
     balance(&mut merged, config);
     let valid = &exposures.valid;
@@ -199,6 +197,7 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
     }
     let mosaic = config.bayer.map(|pattern| (merged.index_axis(Axis(0), 0), pattern));
     let greens_look_swapped = mosaic.is_some_and(|(mosaic, pattern)| greens_look_swapped(mosaic, pattern));
+    let core_share = mosaic.filter(|_| config.demosaic_linear).map(|(mosaic, _)| core_share(mosaic));
     let planes = match mosaic {
         Some((mosaic, pattern)) if config.demosaic_linear => demosaic(mosaic, pattern)?,
         Some((mosaic, pattern)) => demosaic_scene(mosaic, pattern)?,
@@ -215,11 +214,26 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
         motion,
         times,
         greens_look_swapped,
+        core_share,
         averaged: exposures.counts(),
         uneven: exposures.uneven,
         cut_off,
         hot_pixels: exposures.darks.map(|darks| darks.hot_pixels()),
     })
+}
+
+/// For each plane of the shortest exposure, how many of the good values are saturated.
+fn count_saturated(
+    shortest: &Array3<f32>,
+    saturation: f64,
+    is_good: impl Fn((usize, usize, usize)) -> bool,
+) -> Vec<usize> {
+    let full = |channel: usize, plane: ArrayView2<'_, f32>| {
+        let is_full =
+            |&((y, x), &v): &((usize, usize), &f32)| f64::from(v) >= saturation && is_good((channel, y, x));
+        plane.indexed_iter().filter(is_full).count()
+    };
+    shortest.outer_iter().enumerate().map(|(channel, plane)| full(channel, plane)).collect()
 }
 
 /// The merged values, and which exposure each was taken of.

@@ -3,6 +3,7 @@
 use super::bracket::show_time;
 use super::frames::Uneven;
 use super::fuse::Fused;
+use super::point_source::NARROW;
 use crate::io::RawMetadata;
 
 /// So many saturated values of a whole image are no lamps.
@@ -62,6 +63,18 @@ impl Fused {
             }
         };
         pairs.filter_map(doubt).collect()
+    }
+
+    /// What is to be said of a point source whose core the photosites of a mosaic do not sample.
+    pub fn core_is_narrow(&self) -> Option<String> {
+        let share = self.core_share.filter(|share| *share > NARROW)?;
+        Some(format!(
+            "the core is too narrow for a mosaic: one photosite has {:.0} % of the light that those of its colour see around it, and what \
+             lies between them is guessed, so that a good part of the PSF may be wrong. Take the same bracket with the source \
+             moved by one pixel right, down, and both, and give the four folders with --positions; or measure with the lens \
+             slightly out of focus, if it will be so in use",
+            100.0 * share
+        ))
     }
 
     /// What is to be said of an image of which much is brighter than its values are.

@@ -1,5 +1,6 @@
 //! `udc fuse`.
 
+mod positions;
 mod summary;
 
 use std::path::PathBuf;
@@ -13,11 +14,12 @@ use super::bracket::BracketArgs;
 use super::choices::Choices;
 use super::domain::SceneDomainArgs;
 use super::psf::check_float_output;
-use udc::capture::{Developed, PSF_BRACKET, Pictures, SCENE_BRACKET, Told, names_of, read_mask, uncorrected};
+use udc::capture::{Developed, PSF_BRACKET, SCENE_BRACKET, Told, names_of, read_mask, uncorrected};
 use udc::core::provenance::Provenance;
 use udc::io::{WriteOptions, check_output, expand_inputs, what_is_lost, write_image, write_psf};
 use udc::psf::{MeasureConfig, Normalization, measure_psf};
 
+use positions::Light;
 use summary::Summary;
 
 /// Fuse a bracket of exposures to one linear HDR image or PSF
@@ -38,6 +40,13 @@ pub(crate) struct FuseArgs {
     bracket: BracketArgs,
     #[command(flatten)]
     scene: SceneDomainArgs,
+    /// Each folder is a bracket of one point source at another position: a mosaic sees a narrow core whole only from four,
+    /// displaced by a pixel right, down, and both
+    ///
+    /// The folders, or one folder that holds them, are of equal exposures: --exposures are those of each. Displacements are
+    /// found from the pictures; each colour is taken from its own photosites alone, and nothing is interpolated.
+    #[arg(long, requires = "point_source", conflicts_with = "mask")]
+    positions: bool,
     /// Picture that is black where pixels are to be discarded and filled from their neighbours
     #[arg(long, value_name = "MASK")]
     mask: Option<PathBuf>,
@@ -60,8 +69,6 @@ const NORMALIZATIONS: Choices<Normalization> = Choices(&[
 
 impl FuseArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
-        let files = expand_inputs(&self.inputs)?;
-        let doing = || format!("fusing bracket {}", names_of(&files));
         if self.point_source {
             check_float_output(&self.output)?;
         }
@@ -70,14 +77,13 @@ impl FuseArgs {
         measure.as_ref().map_or(Ok(()), MeasureConfig::check)?;
 
         let told = self.told()?;
-        let read = || Pictures::read(&files, &told, &session.progress);
-        let pictures =
-            session.timed(format_args!("reading {}", names_of(&files)), read).with_context(doing)?;
-        pictures.warnings.iter().for_each(|warning| session.warn(warning));
-        session.progress.check()?;
-        let develop = || pictures.develop();
-        let Developed { fused, info, raw, config, exposures, .. } =
-            session.timed("fusing", develop).with_context(doing)?;
+        let light = match self.positions {
+            false => Light::of_bracket(expand_inputs(&self.inputs)?, &told, session)?,
+            true => Light::of_positions(&self.inputs, &told, session)?,
+        };
+        let Light { inputs, developed: Developed { fused, info, raw, config, exposures, .. }, positions } =
+            light;
+        let doing = || format!("fusing bracket {}", names_of(&inputs));
         session.progress.check()?;
         let cut_out = |measure| measure_psf(&fused.image, told.mask.as_ref(), measure);
         let measured =
@@ -85,7 +91,7 @@ impl FuseArgs {
         let measured = measured.transpose().with_context(doing)?;
         session.progress.check()?;
 
-        let resolved = json!({"inputs": files, "exposures": exposures, "fuse": config, "psf": measure});
+        let resolved = json!({"inputs": inputs, "exposures": exposures, "fuse": config, "psf": measure});
         let provenance = Some(Provenance::new("fuse", &resolved));
         let info = measured.is_none().then_some(info);
         let lost = info.as_ref().and_then(|info| what_is_lost(&self.output, info));
@@ -106,7 +112,12 @@ impl FuseArgs {
             (Some(measured), _) => write_image(&self.output, &measured.image, &options)?,
             (None, _) => write_image(&self.output, &fused.image, &options)?,
         }
-        let summary = Summary { output: &self.output, fused: &fused, measured: measured.as_ref() };
+        let summary = Summary {
+            output: &self.output,
+            fused: &fused,
+            measured: measured.as_ref(),
+            positions: &positions,
+        };
         summary.warnings().into_iter().for_each(|warning| session.warn(warning));
         session.results_of(summary.json());
         session.say(summary.text())

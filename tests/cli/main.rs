@@ -40,6 +40,7 @@ mod photograph;
 mod pictures;
 mod plan;
 mod pose;
+mod positions;
 mod psf_files;
 mod radiance;
 mod random_panels;

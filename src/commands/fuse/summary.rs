@@ -7,25 +7,24 @@ use serde_json::{Value, json};
 use udc::capture::Fused;
 use udc::psf::MeasuredPsf;
 
+use super::positions::Position;
+
 /// What there is to tell about a fusion.
 pub(super) struct Summary<'a> {
     pub(super) output: &'a Path,
     pub(super) fused: &'a Fused,
     pub(super) measured: Option<&'a MeasuredPsf>,
+    /// Where the source was taken, if at several positions: `fused` is of the first, with the image of all.
+    pub(super) positions: &'a [Position],
 }
 
 impl Summary<'_> {
     /// What the user should look at.
     pub(super) fn warnings(&self) -> Vec<String> {
-        let mut warnings = Vec::new();
-        let saturated: usize = self.fused.saturated.iter().sum();
-        if saturated > 0 {
-            let values = if saturated == 1 { "value is" } else { "values are" };
-            warnings.push(format!(
-                "{saturated} {values} saturated in every exposure and brighter than written; add a shorter exposure"
-            ));
+        let mut warnings = doubts_of(self.fused);
+        if self.positions.is_empty() {
+            warnings.extend(self.fused.core_is_narrow());
         }
-        warnings.extend(self.fused.warnings());
         if let Some(measured) = self.measured {
             warnings.extend(measured.warnings());
         }
@@ -37,6 +36,7 @@ impl Summary<'_> {
         let image = self.measured.map_or(&self.fused.image, |measured| &measured.image);
         let mut lines = vec![format!("{}: {} × {}", self.output.display(), image.width(), image.height())];
         lines.extend(self.fused.summary());
+        lines.extend(self.positions.iter().map(Position::describe));
         lines.extend(self.measured.map(MeasuredPsf::summary).unwrap_or_default());
         lines.join("\n")
     }
@@ -54,8 +54,10 @@ impl Summary<'_> {
                 "channels": measured.quality.channels,
             })
         });
+        let positions = self.positions.iter().map(Position::json).collect::<Vec<_>>();
         json!({
             "output": self.output,
+            "positions": positions,
             "exposures": fused.times,
             "shares": fused.shares(fused.times.len()),
             "saturated": fused.saturated,
@@ -67,4 +69,18 @@ impl Summary<'_> {
             "psf": psf,
         })
     }
+}
+
+/// What the user should look at in one bracket.
+pub(super) fn doubts_of(fused: &Fused) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let saturated: usize = fused.saturated.iter().sum();
+    if saturated > 0 {
+        let values = if saturated == 1 { "value is" } else { "values are" };
+        warnings.push(format!(
+            "{saturated} {values} saturated in every exposure and brighter than written; add a shorter exposure"
+        ));
+    }
+    warnings.extend(fused.warnings());
+    warnings
 }
