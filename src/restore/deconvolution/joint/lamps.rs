@@ -106,33 +106,55 @@ impl Light {
 
 impl Saturated<'_> {
     /// Finds the light of saturated pixels: what half the resolution tells or what is measured, whichever explains the spikes
-    /// of the flare better, as far as that reaches. `coarse` is the scene at half the resolution, if it is known, and `brightness` D;
-    /// where pixels are the means of blocks, the capture `is_reduced`.
+    /// of the flare better; those whose flares do not meet are looked at apart. `coarse` is the scene at half the resolution, if it is
+    /// known, and `brightness` D; where pixels are the means of blocks, the capture `is_reduced`.
     pub(super) fn light(
         &self,
         brightness: ArrayView2<'_, f32>,
         (coarse, is_reduced): (Option<ArrayView2<'_, f32>>, bool),
         progress: &Progress,
     ) -> Result<Light> {
-        let Self { frame, capture, psf, pixels, level } = *self;
-        let of_psf = [psf.nrows(), psf.ncols()];
-        let reached = of_psf.map(|length| length / 2 + high_pass_reach());
-        let window = Window::around(pixels, reached).filter(|_| !frame.repeats());
-        let window = window.unwrap_or_else(|| Window::whole(frame.size()));
-        let of_window = &frame.like(window.size(), of_psf);
-        let blur = &of_window.blur(psf)?;
+        let Self { frame, capture, psf, pixels, .. } = *self;
         let count = pixels.iter().filter(|saturated| **saturated).count();
         let most = if is_reduced { MOST_MEASURED_REDUCED } else { MOST_MEASURED };
         let is_measured = count as f64 <= most * pixels.len() as f64;
-        let saturated = &window.cut(pixels.view()).to_owned();
-        let [seen, brightness] = [capture, brightness].map(|plane| window.cut(plane));
-        let clipped = Clipped { blur, capture: seen, saturated, brightness, level };
+        let coarse = coarse.map(|scene| coarse::light(scene, pixels, capture));
+        let windows = match frame.repeats() {
+            true => vec![Window::whole(frame.size())],
+            false => {
+                let reach = [psf.nrows(), psf.ncols()].map(|length| length / 2 + high_pass_reach());
+                Window::apart(pixels, reach)
+            }
+        };
+        let (mut light, mut is_coarse) = (Array2::zeros(frame.size()), false);
+        for window in &windows {
+            let coarse = coarse.as_ref().map(|light| window.cut(light.view()).to_owned());
+            let (of_window, is_of_coarse) =
+                self.light_in(window, brightness, (coarse, is_measured), progress)?;
+            light.slice_mut(window.slices()).assign(&of_window);
+            is_coarse |= is_of_coarse;
+        }
+        Ok(Light { of_pixels: OfMembers::new(pixels, |place| light[place]), is_measured, is_coarse })
+    }
+
+    /// The light in a window, and whether it is what half the resolution tells, `coarse`.
+    fn light_in(
+        &self,
+        window: &Window,
+        brightness: ArrayView2<'_, f32>,
+        (coarse, is_measured): (Option<Array2<f32>>, bool),
+        progress: &Progress,
+    ) -> Result<(Array2<f32>, bool)> {
+        let Self { frame, psf, level, .. } = *self;
+        let of_window = &frame.like(window.size(), [psf.nrows(), psf.ncols()]);
+        let saturated = &window.cut(self.pixels.view()).to_owned();
+        let [capture, brightness] = [self.capture, brightness].map(|plane| window.cut(plane));
+        let clipped = Clipped { blur: &of_window.blur(psf)?, capture, saturated, brightness, level };
         let measured = || match is_measured {
             true => clipped.measure(&of_window.squared_blur(psf)?, progress),
             false => Ok(Measured { light: clipped.at_level(), is_gathered: false }),
         };
-        let coarse = coarse.map(|scene| window.cut(coarse::light(scene, pixels, capture).view()).to_owned());
-        let (light, is_coarse) = match coarse {
+        Ok(match coarse {
             Some(light) if is_measured && is_large(frame) => (clipped.corrected(light, progress)?, true),
             Some(light) if is_measured => {
                 let Measured { light: measured, is_gathered } = measured()?;
@@ -142,9 +164,7 @@ impl Saturated<'_> {
             }
             Some(light) => (light, true),
             None => (measured()?.light, false),
-        };
-        let of_pixels = OfMembers::new(pixels, |place| light[window.place(place)]);
-        Ok(Light { of_pixels, is_measured, is_coarse })
+        })
     }
 
     /// The first scene with the light of saturated pixels in it, a whole plane. `brightness` is D, also a plane, and becomes zero at
