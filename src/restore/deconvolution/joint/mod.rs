@@ -7,8 +7,8 @@
 //! 1. The noise of the capture is estimated from its finest detail.
 //! 2. Where nothing is saturated, a regularised inverse of the PSF, relative to the local brightness, is the first scene.
 //!    Where something is, the clipped light is found at half the resolution, by all of these steps ([`coarse`]), and by a fit
-//!    of its flare, which in large captures begins with what half the resolution tells; whichever explains that flare better,
-//!    the former if in doubt, is taken away, and what it hid is painted over; in large captures, of which every step takes long, that is
+//!    of its flare as far as that reaches ([`window`]), which in large captures begins with what half the resolution tells; whichever
+//!    explains that flare better, the former if in doubt, is taken away, and what it hid is painted over; in large captures, of which every step takes long, that is
 //!    inverted in turn, and steps are few. Where there is neither noise nor a lamp, [`constrained`](super::constrained) solves to many
 //!    digits if nothing is unknown around the frame, and small captures begin from what it makes of them if something is.
 //! 3. In each of a few rounds the edges of the scene are looked for in all colours together, and conjugate gradients lower the
