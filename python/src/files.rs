@@ -8,6 +8,7 @@ use pyo3::prelude::*;
 use udc::core::capture::CaptureInfo;
 use udc::core::image::{Linear, ToneMapped};
 use udc::core::primaries::{ColorSpace, Primaries};
+use udc::core::tone::ToneFlags;
 use udc::io::{
     DomainTag, PixelOptions, Pixels, PsfOptions, WriteOptions, image_of, inspect_psf, write_image,
     write_pixels,
@@ -31,7 +32,7 @@ pub(crate) fn read_image<'py>(
     let domain = domain("domain", domain_told).map_err(|error| to_python(&error))?;
     let (capture, notices) = run(py, |progress| {
         let mut notices = Notices::new();
-        Ok((Given::File(path).capture(domain, progress, &mut notices)?, notices))
+        Ok((Given::File(path).capture((domain, ToneFlags::default()), progress, &mut notices)?, notices))
     })?;
     let (planes, domain) = planes_of(capture.image);
     Ok((to_array(py, planes)?, domain, capture.info.map(|info| info.to_json()), notices))

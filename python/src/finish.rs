@@ -9,7 +9,7 @@ use udc::core::capture::{CaptureInfo, is_exposure, is_level};
 use udc::core::error::{Error, Result};
 use udc::core::orientation::Orientation;
 use udc::core::primaries::ColorSpace;
-use udc::core::tone::ToneCurve;
+use udc::core::tone::{ToneCurve, ToneFlags};
 use udc::finish::{
     ClaheConfig, Clip, ColorMatrix, Curve, CurveKind, Look, NoiseFloor, RollOff, Style, channel_means,
     finish as finish_light, read_color_matrix,
@@ -42,8 +42,8 @@ pub(crate) struct FinishSettings {
     grid: Option<usize>,
     no_clahe: bool,
     bits: u8,
-    alpha: f32,
-    x_max: f32,
+    alpha: Option<f32>,
+    x_max: Option<f32>,
 }
 
 impl FinishSettings {
@@ -181,11 +181,13 @@ pub(crate) fn finish<'py>(
     let (planes, notices) = run(py, |_| {
         let mut notices = Notices::new();
         let style = settings.style()?;
-        let tone = ToneCurve::new(settings.alpha, settings.x_max)?;
-        let (image, said) = image.image(domain("domain", settings.domain.as_deref())?, &mut notices)?;
+        let told = ToneFlags { alpha: settings.alpha, x_max: settings.x_max };
+        let tone = told.over(ToneCurve::default())?;
+        let (image, said) = image.image(domain("domain", settings.domain.as_deref())?, told, &mut notices)?;
         let look = settings.look(said.unwrap_or_default(), reference, &mut notices)?;
+        let x_max = image.curve().unwrap_or(tone).x_max;
         let image = image.into_linear(tone);
-        let config = style.config_of(&image, &look, settings.bits == 8, tone.x_max);
+        let config = style.config_of(&image, &look, settings.bits == 8, x_max);
         if let Curve::Photographic { grey, white } = config.curve {
             notices.push(("debug", format!("middle grey at light {grey:.4}, white at {white:.4}")));
         }

@@ -10,6 +10,7 @@ use udc::capture::{
 };
 use udc::core::bayer::BayerPattern;
 use udc::core::error::Result;
+use udc::core::tone::ToneFlags;
 use udc::psf::{MeasureConfig, Normalization, measure_psf};
 
 use crate::error::to_python;
@@ -51,6 +52,7 @@ impl FuseSettings {
         Ok(Told {
             levels: ToldLevels { white, black, bayer, white_balance },
             domain: light_domain("domain", self.domain.as_deref())?,
+            tone: ToneFlags::default(),
             exposures: self.exposures.clone(),
             default_times: Some(if self.point_source { PSF_BRACKET } else { SCENE_BRACKET }),
             estimate_exposures: self.estimate_exposures,

@@ -3,7 +3,7 @@
 use pyo3::prelude::*;
 
 use udc::core::metrics::{Measure, Metric, MetricDefinition};
-use udc::core::tone::ToneCurve;
+use udc::core::tone::{ToneCurve, ToneFlags};
 
 use crate::error::to_python;
 use crate::source::{Notices, Source, choice, domain};
@@ -39,8 +39,8 @@ pub(crate) fn measure(
     let (image, ground_truth) = (image.own(None)?, ground_truth.own(None)?);
     run(py, |_| {
         let mut notices = Notices::new();
-        let (image, _) = image.image(domain, &mut notices)?;
-        let (ground_truth, _) = ground_truth.image(domain, &mut notices)?;
+        let (image, _) = image.image(domain, ToneFlags::default(), &mut notices)?;
+        let (ground_truth, _) = ground_truth.image(domain, ToneFlags::default(), &mut notices)?;
         let (image, ground_truth) = (image.into_tone_mapped(curve), ground_truth.into_tone_mapped(curve));
         Ok((Measure::of(metric).compare(&image, &ground_truth, &definition)?, notices))
     })

@@ -8,6 +8,7 @@ use serde_json::json;
 
 use udc::core::bytes::parse_bytes;
 use udc::core::error::{Error, Result};
+use udc::core::tone::ToneFlags;
 use udc::dataset::NoiseConfig;
 use udc::io::{AnyImage, DomainTag, PsfOptions};
 use udc::network::{Backend, GUIDED};
@@ -188,11 +189,12 @@ pub(crate) fn restore<'py>(
     };
     let (domain_told, output) = resolve().map_err(|error| to_python(&error))?;
     let capture = capture.own(info)?;
+    let tone = ToneFlags { alpha: settings.alpha, x_max: settings.x_max };
     let (image, info, found, notices) = run(py, |progress| {
         let mut notices = Notices::new();
         let (restoration, of_files) = settings.config()?.open()?;
         notices.extend(of_files.iter().map(told));
-        let capture = capture.capture(domain_told, progress, &mut notices)?;
+        let capture = capture.capture((domain_told, tone), progress, &mut notices)?;
         let usual = if settings.true_highlights { DomainTag::Linear } else { capture.image.domain() };
         let restored = restoration.restore(capture, progress)?;
         notices.extend(restored.doubt().map(warning));
@@ -205,7 +207,7 @@ pub(crate) fn restore<'py>(
             "pose": pose.map(|pose| json!({"turn": pose.turn_deg, "scale": pose.scale})),
         });
         let image = match output.unwrap_or(usual) {
-            DomainTag::ToneMapped => AnyImage::ToneMapped(image.into_tone_mapped(curve)),
+            DomainTag::ToneMapped => AnyImage::ToneMapped(image.into_tone_mapped(curve), Some(curve)),
             DomainTag::Linear | DomainTag::Display | DomainTag::Srgb => {
                 AnyImage::Linear(image.into_linear(curve))
             }

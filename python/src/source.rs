@@ -10,6 +10,7 @@ use udc::capture::Told;
 use udc::core::capture::CaptureInfo;
 use udc::core::error::{Error, Result};
 use udc::core::progress::Progress;
+use udc::core::tone::ToneFlags;
 use udc::io::{AnyImage, DomainTag, ImageReading, Pixels, any_image_of, read_pixels};
 use udc::restore::{Capture, Notice};
 
@@ -58,32 +59,34 @@ impl Given {
         }
     }
 
-    /// An image in a domain of light.
+    /// An image in a domain of light; `tone` is what the user says of its tone curve.
     pub(crate) fn image(
         self,
         told: Option<DomainTag>,
+        tone: ToneFlags,
         notices: &mut Notices,
     ) -> Result<(AnyImage, Option<CaptureInfo>)> {
         let (path, pixels) = self.pixels()?;
-        let ImageReading { image, info, contradiction } = any_image_of(&path, pixels, told)?;
-        notices.extend(contradiction.map(warning));
+        let darkness = pixels.describe_darkness(&path);
+        let ImageReading { image, info, contradictions } = any_image_of(&path, pixels, told, tone)?;
+        notices.extend(darkness.into_iter().chain(contradictions).map(warning));
         Ok((image, info))
     }
 
     /// A capture, which may be a camera's raw file.
     pub(crate) fn capture(
         self,
-        told: Option<DomainTag>,
+        (told, tone): (Option<DomainTag>, ToneFlags),
         progress: &Progress,
         notices: &mut Notices,
     ) -> Result<Capture> {
         if let Self::File(path) = &self {
-            let told = Told { domain: told, ..Told::default() };
+            let told = Told { domain: told, tone, ..Told::default() };
             let (capture, warnings) = Capture::open(path, &told, progress)?;
             notices.extend(warnings.into_iter().map(warning));
             return Ok(capture);
         }
-        let (image, info) = self.image(told, notices)?;
+        let (image, info) = self.image(told, tone, notices)?;
         Ok(Capture { image, info })
     }
 }
@@ -129,7 +132,7 @@ pub(crate) fn planes_of(image: AnyImage) -> (Array3<f32>, &'static str) {
     let domain = image.domain().name();
     let planes = match image {
         AnyImage::Linear(image) => image.into_planes(),
-        AnyImage::ToneMapped(image) => image.into_planes(),
+        AnyImage::ToneMapped(image, _) => image.into_planes(),
     };
     (planes, domain)
 }

@@ -231,8 +231,8 @@ def finish(
     grid: Optional[int] = None,
     no_clahe: bool = False,
     bits: Literal[8, 16, 32] = 8,
-    alpha: float = 0.25,
-    x_max: float = 500.0,
+    alpha: Optional[float] = None,
+    x_max: Optional[float] = None,
     info: Optional[_Info] = None,
 ) -> NDArray[Any]: ...  # uint8, uint16 or float32 [H, W, 3], by bits
 def psnr(

@@ -173,8 +173,8 @@ def finish(
     grid=None,
     no_clahe=False,
     bits=8,
-    alpha=0.25,
-    x_max=500.0,
+    alpha=None,
+    x_max=None,
     info=None,
 ):
     """Finishes an image for viewing, as `udc finish` does: colour matrix, curve, reference scaling, local contrast.
@@ -217,8 +217,8 @@ def finish(
         Of CLAHE: height to which histograms are cut (1), tiles on each side (8); no_clahe leaves it out.
     bits : {8, 16, 32}
         8 and 16 are what PNGs of so many bits hold, 32 is what an OpenEXR holds.
-    alpha, x_max : float
-        Of the tone mapping of tone-mapped images.
+    alpha, x_max : float, optional
+        Of the tone mapping of tone-mapped images; by default what their file says, else 0.25 and 500.
     info : dict, optional
         What is known of the capture, as restore, fuse and read return it.
 
