@@ -285,7 +285,7 @@ fn balance(merged: &mut Array3<f32>, config: &FuseConfig) {
 
 fn longest(values: impl Iterator<Item = f32>, times: &[f64], saturation: f64) -> (f32, u8) {
     let mut last = (0.0, 0);
-    for ((index, value), time) in (0u8..).zip(values).zip(times) {
+    for ((index, value), time) in (0..=u8::MAX).zip(values).zip(times) {
         last = (quotient(f64::from(value), *time), index);
         if f64::from(value) < saturation {
             break;
@@ -298,7 +298,7 @@ fn longest(values: impl Iterator<Item = f32>, times: &[f64], saturation: f64) ->
 fn weighted<'a>(values: impl Iterator<Item = (f32, &'a usize)>, times: &[f64], saturation: f64) -> (f32, u8) {
     let (mut light, mut time_sum, mut source) = (0.0, 0.0, None);
     let mut last = (0.0, 0);
-    for ((index, (value, &count)), &time) in (0u8..).zip(values).zip(times) {
+    for ((index, (value, &count)), &time) in (0..=u8::MAX).zip(values).zip(times) {
         let (value, count) = (f64::from(value), count as f64);
         if value < saturation {
             light += count * value;

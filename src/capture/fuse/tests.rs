@@ -429,3 +429,12 @@ fn pictures_of_one_time_that_are_not_as_bright_are_told() {
     assert_eq!(fused.uneven[0].pictures, [1, 3]);
     assert!((fused.uneven[0].ratio.unwrap() - 0.5).abs() < 1e-6);
 }
+
+/// As many as a bracket may have.
+#[test]
+fn the_last_of_256_exposures_is_counted() {
+    let values = || std::iter::repeat_n(1.0, 256);
+    let times = [1.0; 256];
+    assert_eq!(longest(values(), &times, 0.99), (1.0, 255));
+    assert_eq!(weighted(values().zip(&[1; 256]), &times, 0.99), (1.0, 255));
+}
