@@ -58,7 +58,7 @@ const BELIEVED: f64 = 1e-4;
 /// The mean from which on light is not believed at all, if more than this share of the saturated pixels shines. Windows a little
 /// above saturation have 0.003 to 0.012 in some colours, and are restored 2 to 14 dB better from the level.
 const IMPLAUSIBLE: f64 = 0.002;
-const WIDESPREAD: f32 = 0.1;
+const WIDESPREAD: f64 = 0.1;
 
 /// Halvings that find the plausible part of a light.
 const HALVINGS: usize = 8;
@@ -173,10 +173,11 @@ impl Clipped<'_> {
     }
 
     /// The share of the saturated pixels that a light comes from, as if all of those were alike.
-    fn shining(&self, light: &Array2<f32>) -> f32 {
-        let of_squares = light.iter().map(|light| light * light).sum::<f32>().max(f32::MIN_POSITIVE);
+    fn shining(&self, light: &Array2<f32>) -> f64 {
+        let sum: f64 = light.iter().map(|light| f64::from(*light)).sum();
+        let of_squares: f64 = light.iter().map(|light| f64::from(*light).powi(2)).sum();
         let saturated = self.saturated.iter().filter(|saturated| **saturated).count();
-        light.sum().powi(2) / of_squares / saturated as f32
+        sum.powi(2) / of_squares.max(f64::MIN_POSITIVE) / saturated as f64
     }
 
     /// What one flare is brighter than the capture, and another beside it, over the brightness, in pixels that are not hidden and where
