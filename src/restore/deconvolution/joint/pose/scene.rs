@@ -1,6 +1,6 @@
 //! What a capture tells of the PSF's pose: lamps, and the flare around them.
 
-use ndarray::{Array2, ArrayView2, Zip, s};
+use ndarray::{Array2, ArrayView2, Axis, Zip, s};
 
 use super::super::super::Border;
 use super::super::fit::grown;
@@ -58,7 +58,7 @@ impl Scene {
     ) -> Option<Self> {
         let clipped_from = saturated_from(level);
         let lamps_from = clipped_from.min(bright_from(channel));
-        let [top, left] = window_of_lamps(channel.mapv(|y| y >= lamps_from))?;
+        let [top, left] = window_of_lamps(&channel.mapv(|y| y >= lamps_from))?;
         let side = |length: usize| length.min(LARGEST_PX);
         let (height, width) = (side(channel.nrows()), side(channel.ncols()));
         let capture = channel.slice(s![top..top + height, left..left + width]).mapv(|y| y.max(0.0));
@@ -113,7 +113,7 @@ fn bright_from(channel: ArrayView2<'_, f32>) -> f32 {
 }
 
 /// The corner of the part of the frame whose middle holds most lamps.
-fn window_of_lamps(lamps: Array2<bool>) -> Option<[usize; 2]> {
+fn window_of_lamps(lamps: &Array2<bool>) -> Option<[usize; 2]> {
     if !lamps.iter().any(|lamp| *lamp) {
         return None;
     }
@@ -124,20 +124,76 @@ fn window_of_lamps(lamps: Array2<bool>) -> Option<[usize; 2]> {
         (0..count).map(move |index| room * index / (count - 1).max(1))
     };
     // Near the middle the flare lies in the window on all sides: a pixel counts by its distance from the border.
-    let nearness = |place: usize, start: usize, whole: usize| {
+    let nearness = |at: usize, whole: usize| {
         let side = whole.min(LARGEST_PX);
-        place.checked_sub(start).map_or(0, |at| if at < side { (at + 1).min(side - at) as u64 } else { 0 })
+        (at + 1).min(side - at) as u64
     };
-    let places: Vec<(usize, usize)> =
-        lamps.indexed_iter().filter(|(_, lamp)| **lamp).map(|(place, _)| place).collect();
-    let score = |top: usize, left: usize| -> u64 {
-        places.iter().map(|(y, x)| nearness(*y, top, height) * nearness(*x, left, width)).sum()
+    let window = |start: usize, whole: usize| start..start + whole.min(LARGEST_PX);
+    // Row by row, so that a clipped sky takes no longer than a lamp.
+    let lefts: Vec<usize> = starts(width).collect();
+    let mut of_rows = Array2::<u64>::zeros((height, lefts.len()));
+    Zip::from(of_rows.axis_iter_mut(Axis(0))).and(lamps.axis_iter(Axis(0))).par_for_each(
+        |mut of_row, lamps| {
+            if !lamps.iter().any(|lamp| *lamp) {
+                return;
+            }
+            for (sum, left) in of_row.iter_mut().zip(&lefts) {
+                let window = lamps.slice(s![window(*left, width)]);
+                let near =
+                    window.iter().enumerate().filter(|(_, lamp)| **lamp).map(|(x, _)| nearness(x, width));
+                *sum = near.sum();
+            }
+        },
+    );
+    let score = |top: usize, column: usize| -> u64 {
+        let of_rows = of_rows.slice(s![window(top, height), column]);
+        of_rows.iter().enumerate().map(|(y, of_row)| nearness(y, height) * of_row).sum()
     };
-    let corners = starts(height).flat_map(|top| starts(width).map(move |left| [top, left]));
-    corners.max_by_key(|[top, left]| score(*top, *left))
+    let corners = starts(height).flat_map(|top| (0..lefts.len()).map(move |column| (top, column)));
+    let (top, column) = corners.max_by_key(|(top, column)| score(*top, *column))?;
+    Some([top, lefts[column]])
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "planes are of 32 bits")]
 fn narrow(value: f64) -> f32 {
     value as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_window_has_most_lamps_in_its_middle() {
+        let lamps = |places: &[(usize, usize)]| {
+            let mut lamps = Array2::from_elem((1408, 2112), false);
+            places.iter().for_each(|place| lamps[*place] = true);
+            lamps
+        };
+        assert_eq!(window_of_lamps(&lamps(&[])), None);
+        // Corners stand 176 pixels apart, and a window's middle is 352 pixels in.
+        assert_eq!(window_of_lamps(&lamps(&[(352, 352)])), Some([0, 0]));
+        assert_eq!(window_of_lamps(&lamps(&[(704, 1056)])), Some([352, 704]));
+        assert_eq!(window_of_lamps(&lamps(&[(704, 1056), (1400, 10)])), Some([352, 704]));
+        assert_eq!(window_of_lamps(&lamps(&[(704, 1056), (1000, 1410), (1001, 1409)])), Some([704, 1056]));
+    }
+
+    /// As far as it is added up lamp by lamp, corner by corner.
+    #[test]
+    fn lamps_count_by_their_distance_from_the_border_of_the_window() {
+        let (height, width) = (720, 1100);
+        let is_lamp = |y: usize, x: usize| (y * 7919 + x * 104_729) % 997 < 3 && x % 501 < 60 + y / 8;
+        let lamps = Array2::from_shape_fn((height, width), |(y, x)| is_lamp(y, x));
+        let near = |place: usize, start: usize| match place.checked_sub(start) {
+            Some(at) if at < LARGEST_PX => (at + 1).min(LARGEST_PX - at) as u64,
+            _ => 0,
+        };
+        let score = |top: usize, left: usize| -> u64 {
+            let places = lamps.indexed_iter().filter(|(_, lamp)| **lamp);
+            places.map(|((y, x), _)| near(y, top) * near(x, left)).sum()
+        };
+        let corners = [0, 16].into_iter().flat_map(|top| [0, 132, 264, 396].map(|left| [top, left]));
+        let best = corners.max_by_key(|[top, left]| score(*top, *left));
+        assert_eq!(window_of_lamps(&lamps), best);
+    }
 }
