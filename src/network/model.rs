@@ -145,12 +145,11 @@ impl Model {
     pub fn restore_in(&self, inputs: &Inputs<'_>, room: u64, progress: &Progress) -> Result<ToneMappedImage> {
         let inputs = inputs.checked(self.architecture())?;
         let planes = self.engine().restore(&inputs, room, progress)?;
-        if let Some(value) = planes.iter().find(|value| !value.is_finite()) {
-            return Err(Error::Diverged(format!(
-                "the network's output holds {value}: its weights have diverged; use a model of an earlier iteration"
-            )));
-        }
-        ToneMappedImage::from_planes(planes)
+        ToneMappedImage::from_planes(planes).map_err(|_| {
+            let reason = "the network's output holds a NaN or an infinity: its weights have diverged; use a model of an earlier \
+                          iteration";
+            Error::Diverged(reason.to_owned())
+        })
     }
 
     /// Pixels around a tile, starting at a multiple of [`Architecture::side_multiple`], that its restoration may depend
