@@ -76,7 +76,7 @@ pub use read::{
     read_pixels, read_provenance, to_rgb,
 };
 pub use shared_input::SharedInput;
-pub use size::read_image_size;
+pub use size::{read_any_image_size, read_image_size};
 use write::Contents;
 pub use write::{PixelOptions, WriteOptions, encode_image, write_image, write_pixels, write_with_gains};
 pub use written::tell_of_files;

@@ -2,9 +2,9 @@
 
 use udc::batch::{Clock, Estimate, HEADER_BYTES, LinearCost, Spent, Stages as _};
 use udc::core::error;
-use udc::core::image::{CHANNELS, Linear};
+use udc::core::image::CHANNELS;
 use udc::core::shard::Shard;
-use udc::io::{Format, read_image_size, scratch_folder};
+use udc::io::{Format, read_any_image_size, scratch_folder};
 use udc::restore::Capture;
 
 use super::Run;
@@ -37,7 +37,7 @@ impl Run<'_> {
         for job in &jobs {
             // Raw pictures and brackets are taken to be of the first one's size: their headers do not tell it.
             let own = match &job.inputs[..] {
-                [input] if !self.told.is_raw() => read_image_size::<Linear>(input, self.args.domain).ok(),
+                [input] if !self.told.is_raw() => read_any_image_size(input, self.args.domain).ok(),
                 _ => None,
             };
             let size = own.unwrap_or(first_size);

@@ -33,3 +33,17 @@ fn a_file_of_another_domain_or_kind_has_no_size() {
     assert!(read_image_size::<Linear>(&path, None).unwrap_err().to_string().contains("truncated"));
     assert!(read_image_size::<Linear>(&folder.path().join("absent"), None).is_err());
 }
+
+#[test]
+fn light_in_either_domain_has_a_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let [mapped, linear] = ["mapped.exr", "linear.exr"].map(|name| folder.path().join(name));
+    let options = WriteOptions::default();
+    write_image(&mapped, &Image::<ToneMapped>::from_planes(Array3::zeros((3, 2, 5))).unwrap(), &options)
+        .unwrap();
+    write_image(&linear, &Image::<Linear>::from_planes(Array3::zeros((3, 4, 3))).unwrap(), &options).unwrap();
+    assert_eq!(read_any_image_size(&mapped, None).unwrap(), [2, 5]);
+    assert_eq!(read_any_image_size(&mapped, Some(DomainTag::ToneMapped)).unwrap(), [2, 5]);
+    assert_eq!(read_any_image_size(&linear, None).unwrap(), [4, 3]);
+    assert!(read_any_image_size(&mapped, Some(DomainTag::Linear)).is_err());
+}
