@@ -10,7 +10,7 @@ use udc::capture::Told;
 use udc::core::psf::Psf;
 use udc::core::tone::{ToneCurve, ToneFlags};
 use udc::io::{DomainTag, check_output, expand_inputs};
-use udc::restore::{Capture, Pose, PoseConfig, PoseEstimate, find_pose, write_pose};
+use udc::restore::{Capture, Pose, PoseConfig, PoseEstimate, find_pose, psf_seen, write_pose};
 
 use super::choices::DOMAINS;
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
@@ -107,13 +107,14 @@ impl PoseArgs {
         let (capture, warnings) = Capture::open(file, &told, &session.progress)?;
         warnings.iter().for_each(|warning| session.warn(warning));
         let own = capture.image.curve();
+        let psf = psf_seen(&capture.image, psf)?;
         let image = capture.image.into_linear(curve);
         let mut config = PoseConfig::of_capture(capture.info.as_ref(), &image, (curve.alpha, self.x_max));
         if let Some(own) = own {
             // No light above is in the file.
             config.saturation = config.saturation.map(|level| level.min(own.x_max));
         }
-        let find = || find_pose(&image, psf, &config, &session.progress);
+        let find = || find_pose(&image, &psf, &config, &session.progress);
         Ok(session.timed(format_args!("finding the pose in {}", file.display()), find)?)
     }
 }

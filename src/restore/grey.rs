@@ -1,5 +1,6 @@
 //! Captures of one colour, as grey files and monochrome cameras give them: three equal planes, seen through one kernel.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use ndarray::{Array3, ArrayView3, Axis, Zip};
@@ -23,11 +24,22 @@ pub(super) fn is_grey(image: &AnyImage) -> bool {
 /// sensor without filters sees nearly so.
 pub(super) fn grey_kernel(kernel: &KernelKnowledge) -> Result<Option<KernelKnowledge>> {
     let KernelKnowledge::Psf { psf, code } = kernel else { return Ok(None) };
-    if are_equal(psf.planes()) {
-        return Ok(None);
-    }
-    let psf = Arc::new(Psf::from_energy(with_luminance(psf.planes().to_owned()))?);
-    Ok(Some(KernelKnowledge::Psf { psf, code: code.clone() }))
+    let grey = grey_psf(psf)?;
+    Ok(grey.map(|psf| KernelKnowledge::Psf { psf: Arc::new(psf), code: code.clone() }))
+}
+
+/// The PSF that an image is seen through: that of grey light, where its colours are the same everywhere.
+///
+/// # Errors
+/// Those of [`Psf::from_energy`].
+pub fn psf_seen<'a>(image: &AnyImage, psf: &'a Psf) -> Result<Cow<'a, Psf>> {
+    let grey = if is_grey(image) { grey_psf(psf)? } else { None };
+    Ok(grey.map_or(Cow::Borrowed(psf), Cow::Owned))
+}
+
+fn grey_psf(psf: &Psf) -> Result<Option<Psf>> {
+    let differs = !are_equal(psf.planes());
+    differs.then(|| Psf::from_energy(with_luminance(psf.planes().to_owned()))).transpose()
 }
 
 /// An image whose colours are its luminance.

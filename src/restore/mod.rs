@@ -32,6 +32,7 @@ pub use capture::{Capture, CaptureReading, Restored};
 pub use config::{MethodConfig, PoseSource, RestorationConfig, is_guided};
 pub use deconvolution::{LampOutside, PoseConfig, PoseEstimate, find_pose};
 pub use field::code_map;
+pub use grey::psf_seen;
 pub use highlights::{Highlights, blend_highlights};
 pub use kernel::{Angle, KernelFiles, KernelKnowledge};
 pub use lamps::Lamp;

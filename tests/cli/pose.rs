@@ -75,3 +75,39 @@ fn says_when_no_capture_tells_the_pose() {
     assert!(said.contains("no capture tells the pose") && said.contains("--x-max 16"), "{said}");
     assert!(!fs::exists(folder.join("pose.toml")).unwrap());
 }
+
+/// A grey file is seen through all colours of the PSF at once, by their shares in luminance.
+#[test]
+fn the_pose_of_a_grey_capture_is_told_by_the_psf_of_grey_light() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    let shares = [0.2126, 0.7152, 0.0722];
+    let light = |radius: f64, turn_deg: f64| {
+        let (sin, cos) = f64::to_radians(turn_deg).sin_cos();
+        move |y: usize, x: usize| {
+            let (dy, dx) = (y as f64 - 40.0, x as f64 - 40.0);
+            let (u, v) = (cos * dx - sin * dy, sin * dx + cos * dy);
+            let order = |a: f64, b: f64| (-((u - a).powi(2) + (v - b).powi(2)) / 3.0).exp();
+            let orders = order(radius, 0.0) + order(-radius, 0.0) + order(0.0, radius) + order(0.0, -radius);
+            (-(u * u + v * v) / 2.0).exp() + 2e-3 * orders
+        }
+    };
+    let panel = |turn_deg: f64| {
+        let colors = [34.0, 30.0, 26.0].map(|radius| light(radius, turn_deg));
+        Psf::from_energy(Array3::from_shape_fn((3, 81, 81), |(c, y, x)| colors[c](y, x) as f32)).unwrap()
+    };
+    let grey = |psf: Psf| {
+        let sum = |y: usize, x: usize| (0..3).map(|c| shares[c] * psf.planes()[[c, y, x]]).sum();
+        Psf::from_energy(Array3::from_shape_fn((3, 81, 81), |(_, y, x)| sum(y, x))).unwrap()
+    };
+    write_psf(&folder.join("psf.exr"), &panel(0.0), &WriteOptions::default()).unwrap();
+    write_psf(&folder.join("grey.exr"), &grey(panel(0.0)), &WriteOptions::default()).unwrap();
+    write_capture(&folder.join("lamps.exr"), &grey(panel(0.4)), 3000.0);
+    let pose = |psf: &str, output: &str| {
+        succeed(folder, &["pose", "lamps.exr", "--psf", psf, "--x-max", "16", "-o", output]);
+        read_pose(&folder.join(output)).unwrap()
+    };
+    let (of_colors, of_grey) = (pose("psf.exr", "a.toml"), pose("grey.exr", "b.toml"));
+    assert!((of_colors.turn_deg - of_grey.turn_deg).abs() < 1e-4, "{of_colors:?} {of_grey:?}");
+    assert!((of_colors.scale - of_grey.scale).abs() < 1e-6, "{of_colors:?} {of_grey:?}");
+}
