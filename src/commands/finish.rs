@@ -55,7 +55,7 @@ pub(crate) struct FinishArgs {
     /// Colour matrix: .txt `key: nine numbers`, .npy, .toml; or a folder of them
     #[arg(long, value_name = "FILE")]
     ccm: Option<PathBuf>,
-    /// Leave out the colour matrices of the published dataset and of cameras
+    /// Leave out the colour matrices of the published dataset and of cameras; other primaries than those of sRGB are converted still
     #[arg(long, conflicts_with = "ccm")]
     no_ccm: bool,
     /// Picture, of any size, whose channel means to take over; or a folder of them

@@ -114,12 +114,13 @@ impl Finishing<'_> {
     fn look(&self, job: &Job, said: CaptureInfo) -> Result<Look> {
         let told = &self.plan.told;
         let mut look = Look::of_capture(&CaptureInfo {
+            // Without it, other primaries than those of sRGB are converted still.
+            color: said.color.filter(|_| !self.leaves_out_ccm),
             saturation: told.saturation.or(said.saturation),
             orientation: told.orientation.or(said.orientation),
             baseline_exposure_ev: told.baseline_exposure_ev.or(said.baseline_exposure_ev),
             ..said
         });
-        look.ccm = look.ccm.filter(|_| !self.leaves_out_ccm);
         if let Some(path) = &job.ccm {
             let ccm = read_color_matrix(path)?;
             if ccm.looks_transposed() {
@@ -179,7 +180,7 @@ impl Stages for Finishing<'_> {
         let finish = style.describe(job.reference.is_some(), self.plan.is_eight_bit(&job.output));
         json!({
             "domain": domain.map(DomainTag::name), "tone": tone, "finish": finish,
-            "orientation": told.orientation, "saturation": told.saturation,
+            "orientation": told.orientation, "saturation": told.saturation, "camera-matrix": !self.leaves_out_ccm,
             "baseline-exposure-ev": told.baseline_exposure_ev, "exif": !self.plan.leaves_out_exif,
         })
     }

@@ -3,7 +3,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use udc::core::capture::CaptureInfo;
 use udc::core::image::{Linear, LinearImage};
+use udc::core::primaries::Primaries;
 use udc::io::{self, PixelOptions, Pixels, WriteOptions, read_pixels, write_pixels};
 
 #[cfg(unix)]
@@ -233,4 +235,21 @@ fn refuses_a_setting_of_another_curve() {
     );
     assert!(fail(scratch.path(), &finish(&["none", "--max", "2"]), 2).contains("--max"));
     succeed(scratch.path(), &finish(&["srgb", "--max", "2"]));
+}
+
+/// They say what its red, green and blue are, which no camera's matrix does.
+#[test]
+fn other_primaries_are_converted_without_a_colour_matrix_too() {
+    let scratch = tempfile::tempdir().unwrap();
+    let planes = ndarray::Array3::from_shape_fn((3, 16, 16), |(c, y, x)| ((c + 1) * (y + x)) as f32 / 99.0);
+    let info = CaptureInfo { primaries: Some(Primaries::DISPLAY_P3), ..CaptureInfo::default() };
+    let options = WriteOptions { capture: Some(info), ..WriteOptions::default() };
+    io::write_image(&scratch.path().join("a.exr"), &LinearImage::from_planes(planes).unwrap(), &options)
+        .unwrap();
+    let shown = |output: &str, more: &[&str]| {
+        let finish = ["finish", "a.exr", "--curve", "srgb", "--max", "1", "--no-clahe", "-o", output];
+        succeed(scratch.path(), &[&finish[..], more].concat());
+        read_pixels(&scratch.path().join(output)).unwrap().planes
+    };
+    assert_eq!(shown("a.png", &[]), shown("b.png", &["--no-ccm"]));
 }
