@@ -106,7 +106,8 @@ impl Stages for Mapping<'_> {
             let image = AnyImage::Linear(image_of::<Linear>(path, pixels)?);
             return Ok(Mapped { image, info, curve: self.how.tone.over(usual)? });
         }
-        let ImageReading { image, info, contradictions } = any_image_of(path, pixels, told, self.how.tone)?;
+        let ImageReading { image, info, contradictions, .. } =
+            any_image_of(path, pixels, told, self.how.tone)?;
         contradictions.iter().for_each(|contradiction| self.watcher.warn(contradiction));
         let curve = image.curve().map_or_else(|| self.how.tone.over(usual), Ok)?;
         Ok(Mapped { image, info, curve })

@@ -100,7 +100,8 @@ pub(crate) struct FinishArgs {
     /// Irradiance that the tone mapping maps to one half [default: what a tone-mapped file says, else 0.25]
     #[arg(long, value_name = "A")]
     alpha: Option<f32>,
-    /// Irradiance at which the capture, fused of all its exposures, saturates [default: what a tone-mapped file says, else 500]
+    /// Irradiance at which the capture, fused of all its exposures, saturates [default: what the file's origin says, else
+    /// 500]
     #[arg(long, value_name = "X")]
     x_max: Option<f32>,
 }

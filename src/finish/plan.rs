@@ -12,7 +12,9 @@ use crate::core::error::{Error, Result};
 use crate::core::exif::Exif;
 use crate::core::provenance::Provenance;
 use crate::core::tone::{ToneCurve, ToneFlags};
-use crate::io::{AnyImage, DomainTag, Format, WriteOptions, inspect_any_image, read_pixels};
+use crate::io::{
+    AnyImage, DomainTag, Format, ImageReading, WriteOptions, check_display, inspect_any_image, read_pixels,
+};
 
 /// How image files are finished.
 #[derive(Clone, Debug, Default)]
@@ -50,6 +52,7 @@ impl FinishPlan {
         self.style.check()?;
         self.tone.over(ToneCurve::default())?;
         let jobs = inputs.jobs(destination, watcher)?;
+        jobs.iter().try_for_each(|job| check_display(&job.output))?;
         self.check_bits(&jobs)?;
         self.check_hdr(&jobs)?;
         let finishing = Finishing { plan: self, leaves_out_ccm: inputs.ccm == Companions::Nowhere, watcher };
@@ -99,6 +102,15 @@ impl FinishPlan {
             _ => false,
         }
     }
+}
+
+/// An image that was read, and what belongs to it.
+struct Read {
+    image: AnyImage,
+    /// The curve that its origin says.
+    tone: Option<ToneCurve>,
+    look: Look,
+    exif: Option<Exif>,
 }
 
 /// A plan at work.
@@ -163,7 +175,7 @@ impl Finishing<'_> {
 
 impl Stages for Finishing<'_> {
     type Job = Job;
-    type Input = (AnyImage, Look, Option<Exif>);
+    type Input = Read;
     type Output = (Photograph, Option<ToneCurve>);
 
     fn doing(&self, job: &Job) -> String {
@@ -196,22 +208,23 @@ impl Stages for Finishing<'_> {
         let read = || {
             let reading = inspect_any_image(&job.input, self.plan.domain, self.plan.tone)?;
             reading.contradictions.iter().for_each(|contradiction| self.watcher.warn(contradiction));
-            Ok((reading.image, reading.info))
+            Ok(reading)
         };
-        let (image, said) = timed(self.watcher, format_args!("reading {}", job.input.display()), read)?;
-        let mut said = said.unwrap_or_default();
+        let reading = timed(self.watcher, format_args!("reading {}", job.input.display()), read)?;
+        let ImageReading { image, info, tone, .. } = reading;
+        let mut said = info.unwrap_or_default();
         let exif = said.exif.take().filter(|_| !self.plan.leaves_out_exif);
         let look = self.look(job, said)?;
-        Ok((image, look, exif))
+        Ok(Read { image, tone, look, exif })
     }
 
-    fn compute(&self, job: &Job, (image, look, exif): Self::Input) -> Result<Self::Output> {
+    fn compute(&self, job: &Job, Read { image, tone: own, look, exif }: Read) -> Result<Self::Output> {
         let FinishPlan { style, tone, .. } = self.plan;
         let usual = tone.over(ToneCurve::default())?;
         let curve = (image.domain() == DomainTag::ToneMapped).then(|| image.curve().unwrap_or(usual));
         let image = image.into_linear(usual);
-        let x_max = curve.unwrap_or(usual).x_max;
-        let config = style.config_of(&image, &look, self.plan.is_eight_bit(&job.output), x_max);
+        let ceiling = own.unwrap_or(usual).x_max;
+        let config = style.config_of(&image, &look, self.plan.is_eight_bit(&job.output), ceiling);
         if let Curve::Photographic { grey, white } = config.curve {
             let input = job.input.display();
             self.watcher

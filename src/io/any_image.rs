@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::write::check_tone_mapped;
+use super::write::check_light;
 use super::{DomainTag, Format, Pixels, WriteOptions, image_of, read_pixels, write_image};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
@@ -26,6 +26,9 @@ pub struct ImageReading {
     pub image: AnyImage,
     /// What is known of the capture, where the file says it.
     pub info: Option<CaptureInfo>,
+    /// The curve that the file's origin says, by which its light was or is to be mapped, where it says one; but for what the user
+    /// says of it.
+    pub tone: Option<ToneCurve>,
     /// What the file says of its colours and its tone curve against what the user says.
     pub contradictions: Vec<String>,
 }
@@ -57,9 +60,9 @@ pub fn any_image_of(
     pixels.without_data = 0;
     let mut contradictions: Vec<String> = pixels.tell(path, told)?.into_iter().collect();
     let info = pixels.capture.take();
+    let own = pixels.provenance.as_ref().and_then(Provenance::tone_curve);
     let image = match pixels.domain {
         Some(DomainTag::ToneMapped) => {
-            let own = pixels.provenance.as_ref().and_then(Provenance::tone_curve);
             contradictions.extend(own.and_then(|own| tone.contradiction(path, own)));
             let curve = own.map(|own| tone.over(own)).transpose()?;
             AnyImage::ToneMapped(image_of::<ToneMapped>(path, pixels)?, curve)
@@ -68,7 +71,8 @@ pub fn any_image_of(
             AnyImage::Linear(image_of::<Linear>(path, pixels)?)
         }
     };
-    Ok(ImageReading { image, info, contradictions })
+    let tone = own.map(|own| tone.over(own)).transpose()?;
+    Ok(ImageReading { image, info, tone, contradictions })
 }
 
 impl AnyImage {
@@ -145,7 +149,7 @@ impl AnyImage {
 /// [`Error::Unsupported`] for such a file; [`Error::Format`] for one of no format that is written.
 pub fn check_output_domain(path: &Path, domain: DomainTag) -> Result<()> {
     let format = Format::of_extension(path)?;
-    check_tone_mapped(path, format, Some(domain))?;
+    check_light(path, format, Some(domain))?;
     let holds_floats = matches!(format, Format::Exr | Format::Npy | Format::Hdr);
     if domain == DomainTag::Linear && !holds_floats {
         return Err(Error::Unsupported(format!(

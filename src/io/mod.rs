@@ -78,7 +78,9 @@ pub use read::{
 pub use shared_input::SharedInput;
 pub use size::{read_any_image_size, read_image_size};
 use write::Contents;
-pub use write::{PixelOptions, WriteOptions, encode_image, write_image, write_pixels, write_with_gains};
+pub use write::{
+    PixelOptions, WriteOptions, check_display, encode_image, write_image, write_pixels, write_with_gains,
+};
 pub use written::tell_of_files;
 
 /// The largest number of pixels an image may have: 16384 × 16384, four times the largest panorama in use.

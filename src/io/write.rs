@@ -164,7 +164,7 @@ fn encode(
     write: impl FnOnce(Encode<'_>) -> Result<()>,
 ) -> Result<()> {
     let format = Format::of_extension(path)?;
-    check_tone_mapped(path, format, contents.domain)?;
+    check_light(path, format, contents.domain)?;
     let largest = f32::from(f16::MAX);
     let is_clipped_half = options.half && options.clip && matches!(format, Format::Exr | Format::Npy);
     if is_clipped_half && contents.planes.iter().any(|value| value.abs() > largest) {
@@ -185,16 +185,30 @@ fn encode(
     write(&mut |file| file.write_all(&bytes))
 }
 
-/// Refuses tone-mapped values in Radiance HDR, whose values are light by definition: whoever reads them takes them for that.
-pub(super) fn check_tone_mapped(path: &Path, format: Format, domain: Option<DomainTag>) -> Result<()> {
-    if format == Format::Hdr && domain == Some(DomainTag::ToneMapped) {
-        return Err(Error::Unsupported(format!(
-            "{} would hold tone-mapped values, and those of Radiance HDR are linear light: write linear light, or .exr, .tif, .png or \
-             .npy",
-            path.display()
-        )));
+/// Refuses pictures for viewing in Radiance HDR, before the work.
+///
+/// # Errors
+/// [`Error::Unsupported`] for such a file; [`Error::Format`] for one of no format that is written.
+pub fn check_display(path: &Path) -> Result<()> {
+    check_light(path, Format::of_extension(path)?, Some(DomainTag::Display))
+}
+
+/// Refuses other values than light in Radiance HDR, whose values are light by definition: whoever reads them takes them for that.
+pub(super) fn check_light(path: &Path, format: Format, domain: Option<DomainTag>) -> Result<()> {
+    let (what, instead) = match domain {
+        Some(DomainTag::ToneMapped) => {
+            ("tone-mapped values", "write linear light, or .exr, .tif, .png or .npy")
+        }
+        Some(DomainTag::Display) => ("values of a display", "write .png, .jpg, .tif or .exr"),
+        Some(DomainTag::Linear | DomainTag::Srgb) | None => return Ok(()),
+    };
+    if format != Format::Hdr {
+        return Ok(());
     }
-    Ok(())
+    let path = path.display();
+    Err(Error::Unsupported(format!(
+        "{path} would hold {what}, and those of Radiance HDR are linear light: {instead}"
+    )))
 }
 
 /// What a picture for viewing says of its camera; light is no such picture.

@@ -91,7 +91,7 @@ impl CaptureReading {
                 let once_more = told_restored(file, pixels.provenance.as_ref());
                 let mut warnings: Vec<String> =
                     pixels.describe_darkness(file).into_iter().chain(once_more).collect();
-                let ImageReading { image, info, contradictions } =
+                let ImageReading { image, info, contradictions, .. } =
                     any_image_of(file, pixels, told.domain, told.tone)?;
                 let light = Light::Image(Box::new(Capture { image, info }));
                 warnings.extend(contradictions);

@@ -171,6 +171,7 @@ fn radiance_holds_no_tone_mapped_values() {
         &["convert", "mapped.exr", "o.hdr"],
         &[&["restore", "mapped.exr", "-o", "o.hdr"], &wiener[..]].concat(),
         &[&["restore", "scene.exr", "-o", "o.hdr", "--output-domain", "tone-mapped"], &wiener[..]].concat(),
+        &["finish", "scene.exr", "-o", "o.hdr"],
     ] {
         let said = fail(folder, command, 1);
         assert!(said.contains("linear light") && said.contains(".exr"), "{command:?}: {said}");
