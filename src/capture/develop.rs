@@ -8,7 +8,7 @@ use super::fuse::{FuseConfig, Fused, fuse};
 use super::pictures::Pictures;
 use super::told::Told;
 use super::warnings::uncorrected;
-use crate::core::capture::CaptureInfo;
+use crate::core::capture::{CaptureInfo, is_level};
 use crate::core::error::{Error, Result};
 use crate::core::progress::Progress;
 use crate::io::RawMetadata;
@@ -85,7 +85,9 @@ fn info_of(
     white_balance: [f64; 3],
 ) -> CaptureInfo {
     #[expect(clippy::cast_possible_truncation, reason = "an irradiance in f32")]
-    let saturation = Some(fused.saturation.map(|white| white as f32));
+    let levels = fused.saturation.map(|white| white as f32);
+    // Of others, files say nothing.
+    let saturation = levels.iter().all(|level| is_level(*level)).then_some(levels);
     let CaptureInfo { orientation, primaries, exif, .. } = said.unwrap_or_default();
     let white_balance = Some(white_balance);
     let info =
@@ -151,5 +153,19 @@ mod tests {
         };
         assert!(error(Some(vec![2.0, 1.0])).starts_with("picture 2 of the bracket"));
         assert!(error(None).contains("--exposures"));
+    }
+
+    /// Files of such levels would be refused by whoever reads them.
+    #[test]
+    fn levels_that_no_sensor_has_are_not_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = [folder.path().join("a.npy")];
+        write_array(&files[0], &Array3::from_elem((3, 8, 8), 0.5f32).into_dyn(), false).unwrap();
+        let saturation = |gain: f64| {
+            let levels = ToldLevels { white_balance: Some([gain, 1.0, 1.0]), ..ToldLevels::default() };
+            let told = Told { levels, exposures: Some(vec![1.0]), ..Told::default() };
+            develop(&files, &told, &Progress::default()).unwrap().info.saturation
+        };
+        assert_eq!((saturation(2.0), saturation(1e-7)), (Some([2.0, 1.0, 1.0]), None));
     }
 }
