@@ -12,7 +12,8 @@ use crate::core::field::FieldGrid;
 use crate::core::kernel_code::{KernelBank, KernelCode};
 use crate::core::psf::Psf;
 use crate::io::{
-    PsfOptions, PsfReading, inspect_psf, is_bank_of_sha256, read_bank, read_bank_codes, read_code, read_field,
+    PsfOptions, PsfReading, bank_sha256, inspect_psf, is_bank_of_sha256, read_bank, read_bank_codes,
+    read_code, read_field,
 };
 use crate::network::Model;
 
@@ -34,7 +35,12 @@ pub enum KernelKnowledge {
         code: Option<KernelCode>,
     },
     /// The kernels, one of whose angles is to be found in each capture.
-    Search(Arc<KernelBank>),
+    Search {
+        /// The kernels.
+        bank: Arc<KernelBank>,
+        /// Their identity, by which other files refer to them.
+        sha256: String,
+    },
     /// The codes at several places of the frame.
     Field {
         /// The places.
@@ -80,7 +86,7 @@ impl KernelKnowledge {
     pub(super) fn psf(&self) -> Option<&Psf> {
         match self {
             Self::Psf { psf, .. } => Some(psf),
-            Self::Nothing | Self::Code(_) | Self::Search(_) | Self::Field { .. } => None,
+            Self::Nothing | Self::Code(_) | Self::Search { .. } | Self::Field { .. } => None,
         }
     }
 
@@ -98,7 +104,7 @@ impl KernelKnowledge {
             Self::Nothing => None,
             Self::Code(code) => Some(code.clone()),
             Self::Psf { code, .. } => code.clone(),
-            Self::Search(bank) => Some(bank.code(0).to_owned()),
+            Self::Search { bank, .. } => Some(bank.code(0).to_owned()),
             Self::Field { codes, .. } => codes.first().cloned(),
         }
     }
@@ -109,9 +115,10 @@ impl KernelKnowledge {
             Self::Nothing => None,
             Self::Code(code) => Some(json!(code.to_vec())),
             Self::Psf { code, .. } => code.as_ref().map(|code| json!(code.to_vec())),
-            Self::Search(_) => Some(json!("auto")),
-            Self::Field { codes, .. } => {
-                Some(json!(codes.iter().map(|code| code.to_vec()).collect::<Vec<_>>()))
+            Self::Search { sha256, .. } => Some(json!({ "auto-of-bank": sha256 })),
+            Self::Field { grid, codes } => {
+                let codes: Vec<Vec<f32>> = codes.iter().map(|code| code.to_vec()).collect();
+                Some(json!({ "rows": grid.rows(), "columns": grid.columns(), "codes": codes }))
             }
         }
     }
@@ -141,7 +148,10 @@ impl KernelFiles {
         let mut notices = Vec::from_iter(check_bank(bank, model)?);
         let knowledge = match (&self.field, self.angle, &self.psf) {
             (Some(field), ..) => self.read_field(bank, field, &mut notices)?,
-            (None, Some(Angle::Search), _) => KernelKnowledge::Search(Arc::new(read_bank(bank)?)),
+            (None, Some(Angle::Search), _) => {
+                let sha256 = bank_sha256(bank)?;
+                KernelKnowledge::Search { bank: Arc::new(read_bank(bank)?), sha256 }
+            }
             (None, Some(Angle::Degrees(angle)), _) => {
                 let code = interpolate_code(&read_bank_codes(bank)?, angle);
                 let what = || format!("finding the code of {angle}° in {}", bank.display());
@@ -283,4 +293,24 @@ fn check_bank(bank: &Path, model: &Model) -> Result<Option<Notice>> {
             expected.get(..12).unwrap_or(expected)
         ))
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array3;
+
+    #[test]
+    fn a_description_tells_banks_and_grids_apart() {
+        let psf = Psf::from_energy(Array3::ones((3, 3, 3))).unwrap();
+        let bank = Arc::new(KernelBank::single(psf));
+        let search =
+            |sha256: &str| KernelKnowledge::Search { bank: Arc::clone(&bank), sha256: sha256.to_owned() };
+        assert_ne!(search("a").describe(), search("b").describe());
+        let field = |rows, columns| KernelKnowledge::Field {
+            grid: FieldGrid::new(rows, columns).unwrap(),
+            codes: vec![KernelCode::zeros(2); 4],
+        };
+        assert_ne!(field(2, 2).describe(), field(1, 4).describe());
+    }
 }

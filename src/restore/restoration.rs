@@ -454,7 +454,7 @@ impl Restoration {
         let seen = saturation.map(|x_max| ToneCurve { x_max, ..self.curve });
         Ok(match &self.kernel {
             _ if !model.architecture().reads_code() => (Conditioning::None, None),
-            KernelKnowledge::Search(bank) => {
+            KernelKnowledge::Search { bank, .. } => {
                 let (code, angle) = find_code(image, bank, seen, progress)?;
                 (Conditioning::Code(code), Some(angle))
             }
