@@ -11,7 +11,7 @@ use udc::core::error::{Error, Result};
 use udc::core::tone::ToneFlags;
 use udc::dataset::NoiseConfig;
 use udc::io::{AnyImage, DomainTag, PsfOptions};
-use udc::network::{Backend, GUIDED};
+use udc::network::Backend;
 use udc::restore::deconvolution::{Border, DeconvolutionConfig, Method};
 use udc::restore::{
     Angle, FoundAngle, Highlights, KernelFiles, MemoryBudget, MethodConfig, PoseSource, Precision,
@@ -73,7 +73,7 @@ impl RestoreSettings {
                 MethodConfig::Network { model: model.clone(), precision, tile: self.tile }
             }
             (None, model) => MethodConfig::Guided {
-                model: model.clone().unwrap_or_else(|| GUIDED.into()),
+                model: model.clone(),
                 refine: self.refine.unwrap_or(1.0),
                 true_highlights: self.true_highlights,
                 pose: self.pose(),

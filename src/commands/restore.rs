@@ -23,7 +23,8 @@ use udc::core::tone::ToneFlags;
 use udc::dataset::NoiseConfig;
 use udc::finish::Photograph;
 use udc::io::{DomainTag, WriteOptions, check_output_domain, what_is_lost, what_is_lost_of_mapping};
-use udc::network::{Backend, GUIDED};
+use udc::kernels::Isa;
+use udc::network::Backend;
 use udc::restore::{
     Capture, Highlights, MemoryBudget, MethodConfig, PoseSource, Precision, Restoration, RestorationConfig,
     Restored, is_guided,
@@ -239,7 +240,7 @@ impl RestoreArgs {
             (Some(config), _) => MethodConfig::Deconvolution(config.into()),
             (None, Some(model)) if !is_guided => network(model),
             (None, model) => MethodConfig::Guided {
-                model: model.clone().unwrap_or_else(|| GUIDED.into()),
+                model: model.clone(),
                 refine: self.refine.unwrap_or(1.0),
                 true_highlights: self.true_highlights,
                 pose: self.pose.clone().unwrap_or_default(),
@@ -352,8 +353,10 @@ impl<'a> Run<'a> {
     /// How a job's image was made, and where its files lay.
     fn provenance(&self, job: &Job) -> error::Result<Provenance> {
         let mut described = self.describe(job);
-        // It decides the tiles, which change nothing but roundings.
+        // What changes nothing but roundings: the tiles, and what computed.
         described["max-memory"] = json!(self.args.max_memory);
+        described["instruction-set"] = json!(Isa::current().name());
+        described["device"] = json!(self.restoration.backend().to_string());
         // Where files lay; what they are is told by their contents.
         let (key, path) = match &self.args.model {
             Some(model) if !self.args.is_guided() => (MODEL, Some(model.as_path())),

@@ -12,9 +12,11 @@ use udc::examples::{EXAMPLES_FILE, ExampleSet, ExamplesConfig, ExamplesFile};
 use udc::experiment::validation_measures;
 use udc::io;
 use udc::kernels::keep_freed_memory;
-use udc::network::{Backend, Backends, GUIDED, Precision};
+use udc::network::{Backend, Backends, Precision};
 use udc::synth::Existing;
-use udc::train::{self, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationScore, read_initial};
+use udc::train::{
+    self, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationScore, guided_initial, read_initial,
+};
 
 use super::choices::TRAINING_PRECISIONS;
 use super::device::DeviceArgs;
@@ -176,8 +178,10 @@ impl TrainArgs {
         if self.resume {
             return Ok(Start::Resume);
         }
-        let shipped = self.psf.is_some().then(|| Path::new(GUIDED));
-        let initial = self.init.as_deref().or(shipped).map(|path| read_initial(path, config)).transpose()?;
+        let initial = match &self.init {
+            Some(path) => Some(read_initial(path, config)?),
+            None => self.psf.as_ref().map(|_| guided_initial(config)).transpose()?,
+        };
         Ok(if session.overwrite { Start::Replace(initial) } else { Start::New(initial) })
     }
 }

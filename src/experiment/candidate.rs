@@ -1,7 +1,5 @@
 //! What an experiment compares: the degraded image itself, networks, deconvolutions.
 
-use std::path::Path;
-
 use super::ComparedMethod;
 use super::score::MacCounts;
 use crate::core::error::{Error, Result};
@@ -10,7 +8,7 @@ use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::tone::ToneCurve;
 use crate::dataset::Dataset;
-use crate::network::{Backend, GUIDED, Model};
+use crate::network::{Backend, GUIDED, Model, guided_model};
 use crate::restore::deconvolution::{self, DeconvolutionConfig};
 use crate::restore::{Capture, Highlights, KernelKnowledge, MemoryBudget, Restoration};
 
@@ -107,7 +105,7 @@ impl Candidate {
         let architecture = match self {
             Self::Network(_, model, _) => model.architecture(),
             Self::Guided(..) => {
-                guided = Model::load(Path::new(GUIDED)).ok()?;
+                guided = guided_model().ok()?;
                 guided.architecture()
             }
             Self::Nothing | Self::Deconvolution(..) | Self::Oracle => return None,

@@ -116,7 +116,7 @@ impl fmt::Display for Inspection {
 /// when it is damaged or of no known kind; [`Error::Config`](crate::core::error::Error::Config) for a mistake in a
 /// configuration.
 pub fn inspect(path: &Path, as_psf: Option<PsfOptions>) -> Result<Inspection> {
-    if shipped(path).is_some() {
+    if is_shipped(path) {
         return ModelDescription::read(path).map(Inspection::Model);
     }
     if run::is_checkpoint(path) {
@@ -171,11 +171,16 @@ fn inspect_npy(path: &Path) -> Result<Inspection> {
 pub fn subjects(input: &Path) -> Result<Vec<PathBuf>> {
     let is_folder =
         dataset::is_dataset(input) || run::is_run(input) || evaluation::results_of(input).is_some();
-    let is_one = shipped(input).is_some() || is_folder;
+    let is_one = is_shipped(input) || is_folder;
     if is_one || run::is_checkpoint(input) || ExamplesFolder::is_one(input) {
         return Ok(vec![input.to_owned()]);
     }
     expand_inputs(&[input.to_owned()])
+}
+
+/// Whether a name stands for a model that the program carries, and for nothing that is there.
+fn is_shipped(name: &Path) -> bool {
+    shipped(name).is_some() && !name.exists()
 }
 
 /// The folder of the dataset that a `dataset.toml` belongs to.

@@ -42,4 +42,4 @@ pub use networks::Network;
 pub(crate) use operations::{largest_of_all, sum_of_all};
 pub use parameters::{Initialisation, Parameter, Parameters, TensorValues};
 pub use precision::Precision;
-pub use shipped::{GUIDED, shipped};
+pub use shipped::{GUIDED, guided_model, guided_sha256, guided_weights, shipped};

@@ -1,6 +1,14 @@
 //! The models that the program carries.
 
 use std::path::Path;
+use std::sync::LazyLock;
+
+use sha2::{Digest, Sha256};
+
+use super::model::Model;
+use super::weights::{self, Weights};
+use crate::core::error::Result;
+use crate::core::psf::hex;
 
 /// The name of the network that restores captures of any panel.
 pub const GUIDED: &str = "guided";
@@ -8,9 +16,32 @@ pub const GUIDED: &str = "guided";
 /// Its weights; `assets/README.md` says what they were trained on.
 static GUIDED_FILE: &[u8] = include_bytes!("../../assets/guided.safetensors");
 
-/// The bytes of the model that a name stands for, unless a file of that name is there.
+static GUIDED_SHA256: LazyLock<String> = LazyLock::new(|| hex(&Sha256::digest(GUIDED_FILE)));
+
+/// The bytes of the model that a name stands for, unless a file of that name is there; a folder of that name is no model.
 pub fn shipped(name: &Path) -> Option<&'static [u8]> {
-    (name == Path::new(GUIDED) && !name.exists()).then_some(GUIDED_FILE)
+    (name == Path::new(GUIDED) && !name.is_file()).then_some(GUIDED_FILE)
+}
+
+/// The network that restores captures of any panel, whatever files there are.
+///
+/// # Errors
+/// Those of [`weights::parse`], if the program is damaged.
+pub fn guided_model() -> Result<Model> {
+    guided_weights().map(Model::new)
+}
+
+/// As [`guided_model`], its weights.
+///
+/// # Errors
+/// As [`guided_model`].
+pub fn guided_weights() -> Result<Weights> {
+    weights::parse(GUIDED_FILE, GUIDED)
+}
+
+/// SHA-256 of the file of [`guided_model`].
+pub fn guided_sha256() -> &'static str {
+    &GUIDED_SHA256
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use crate::core::error::Result;
 use crate::core::tone::ToneCurve;
 use crate::dataset::NoiseConfig;
 use crate::io::sha256_of_file;
-use crate::network::{Backend, Kind, Model, Precision, shipped, weights};
+use crate::network::{Backend, Kind, Model, Precision, guided_model, guided_sha256, shipped, weights};
 
 /// What restores.
 #[derive(Clone, Debug)]
@@ -30,8 +30,8 @@ pub enum MethodConfig {
     },
     /// A network that restores captures of any panel, given its PSF.
     Guided {
-        /// Its file, or the name of the one that the program carries.
-        model: PathBuf,
+        /// Its file, or the name of the one that the program carries, which it is without one.
+        model: Option<PathBuf>,
         /// The part of its corrections that is taken, from 0 to 1.
         refine: f32,
         /// Whether lamps get the light that their flare tells.
@@ -107,8 +107,12 @@ impl RestorationConfig {
             }
             MethodConfig::Guided { model, refine, true_highlights, pose, border, precision, tile } => {
                 let (kernel, mut notices) = self.kernel.read_any_psf()?;
-                let sha256 = shipped(model).is_none().then(|| sha256_of_file(model)).transpose()?;
-                let restoration = Restoration::by_guided_network(Model::load(model)?, kernel)?;
+                let (network, sha256) = match model.as_deref().filter(|path| shipped(path).is_none()) {
+                    Some(path) => (Model::load(path)?, sha256_of_file(path)?),
+                    None => (guided_model()?, guided_sha256().to_owned()),
+                };
+                let network = network.with_backend(self.backend);
+                let restoration = Restoration::by_guided_network(network, kernel)?;
                 let mut restoration = restoration.with_border(*border).with_tile(*tile);
                 notices.extend(restoration.set_precision(*precision));
                 restoration = restoration.with_refine(*refine)?;
@@ -133,7 +137,7 @@ impl RestorationConfig {
                 if *true_highlights {
                     restoration = restoration.with_true_highlights()?;
                 }
-                (restoration.with_files(sha256, self.kernel.bank_bytes()), notices)
+                (restoration.with_files(Some(sha256), self.kernel.bank_bytes()), notices)
             }
             MethodConfig::Deconvolution(config) => {
                 let (kernel, notices) = self.kernel.read_psf()?;

@@ -268,6 +268,14 @@ impl Restoration {
         Self { how, ..self }
     }
 
+    /// What computes.
+    pub fn backend(&self) -> Backend {
+        match &self.how {
+            How::Network(model) => model.backend(),
+            How::Deconvolution(_) => Backend::default(),
+        }
+    }
+
     /// Restores by a network in tiles of this side, instead of those that the memory allows.
     #[must_use]
     pub fn with_tile(self, tile: Option<usize>) -> Self {

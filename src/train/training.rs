@@ -8,7 +8,8 @@ use super::training_set::TrainingSet;
 use crate::core::error::{Error, Result};
 use crate::core::metrics::Measure;
 use crate::core::progress::Progress;
-use crate::network::{Architecture, Backends, Parameters, weights};
+use crate::network::weights::{self, Weights};
+use crate::network::{Architecture, Backends, GUIDED, Parameters, guided_weights};
 
 /// A training of data that were opened.
 pub struct Training<'a> {
@@ -63,11 +64,24 @@ impl Training<'_> {
 /// reading it.
 pub fn read_initial(path: &Path, config: &TrainConfig) -> Result<Parameters> {
     let initial = weights::read(path).map_err(|error| error.while_doing("reading the initial weights"))?;
+    parameters_for(config, path, initial)
+}
+
+/// The weights of the network for any panel, which the program carries, to begin a training with.
+///
+/// # Errors
+/// [`Error::Unsupported`] when the configuration is of another architecture.
+pub fn guided_initial(config: &TrainConfig) -> Result<Parameters> {
+    parameters_for(config, Path::new(GUIDED), guided_weights()?)
+}
+
+/// The parameters of weights of a name, if they are of the configuration's architecture.
+fn parameters_for(config: &TrainConfig, name: &Path, initial: Weights) -> Result<Parameters> {
     if initial.architecture != config.architecture {
         let json = |architecture: &Architecture| architecture.to_json().to_string();
         return Err(Error::Unsupported(format!(
             "{} is a network of another architecture than the configuration's; set [architecture] to its {}, found {}",
-            path.display(),
+            name.display(),
             json(&initial.architecture),
             json(&config.architecture)
         )));
