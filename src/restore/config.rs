@@ -92,7 +92,7 @@ impl RestorationConfig {
         let (restoration, notices) = match &self.method {
             MethodConfig::Network { model: path, precision, tile } => {
                 let (model, sha256) = rayon::join(|| Model::load(path), || sha256_of_file(path));
-                let (model, mut notices) = take(in_precision(model?, *precision));
+                let (model, mut notices) = take(in_precision(model?.with_backend(self.backend), *precision));
                 let trained = model.origin().tone_curve();
                 let curve = self.curve(trained)?;
                 if let Some(ToneCurve { alpha, x_max }) = trained.filter(|trained| *trained != curve) {
@@ -174,4 +174,47 @@ pub fn is_guided(model: &Path) -> bool {
 
 fn take((model, notice): (Model, Option<Notice>)) -> (Model, Vec<Notice>) {
     (model, notice.into_iter().collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::image::ToneMappedImage;
+    use crate::core::progress::Progress;
+    use crate::network::weights::Weights;
+    use crate::network::{Architecture, Condition, Initialisation, Inputs, Origin, Parameters};
+    use crate::restore::Capture;
+    use ndarray::Array3;
+
+    /// What a CPU rounds, whether or not it can, says nothing of it.
+    #[test]
+    fn the_precision_is_that_of_the_backend_that_is_asked_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("model.safetensors");
+        let architecture =
+            Architecture { features: 4, condition: Condition::Image, ..Architecture::default() };
+        let parameters = Parameters::random(&architecture, Initialisation::Released, 1);
+        let exact = Model::new(Weights { architecture, parameters, origin: Origin::default() });
+        exact.save(&file, false).unwrap();
+        let config = RestorationConfig {
+            method: MethodConfig::Network { model: file, precision: Precision::Bf16, tile: None },
+            kernel: KernelFiles::default(),
+            alpha: None,
+            x_max: None,
+            highlights: Highlights::default(),
+            noise: None,
+            memory: MemoryBudget::default(),
+            backend: Backend::AsDevice,
+        };
+        let planes = Array3::from_shape_fn((3, 24, 20), |(c, y, x)| (c + 2 * y + 3 * x) as f32 / 150.0);
+        let image = ToneMappedImage::from_planes(planes).unwrap();
+        let on_device = exact.with_backend(Backend::AsDevice);
+        let of = |model: &Model| model.restore(&Inputs::new(&image, None)).unwrap();
+        let rounded = of(&on_device.with_bf16_products().unwrap());
+        assert_ne!(rounded, of(&on_device));
+        let (restoration, notices) = config.open().unwrap();
+        let restored = restoration.restore(Capture::from(image.clone()), &Progress::default()).unwrap();
+        assert!(notices.is_empty());
+        assert_eq!(restored.into_tone_mapped(), rounded);
+    }
 }
