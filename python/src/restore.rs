@@ -111,7 +111,7 @@ impl RestoreSettings {
             ("pose", self.pose.is_some() || self.pose_of_psf, is_guided),
             ("noise", self.noise.is_some(), is_guided || of_method(&[Method::Joint])),
             ("tile", self.tile.is_some(), method.is_none()),
-            ("bank", self.bank.is_some(), method.is_none()),
+            ("bank", self.bank.is_some(), method.is_none() && !(is_guided && self.psf.is_some())),
             ("code", self.code.is_some(), method.is_none() && self.bank.is_none() && self.psf.is_none()),
             ("angle", self.angle.is_some() || self.search_angle, self.bank.is_some() && self.psf.is_none()),
             ("field", self.field.is_some(), self.bank.is_some() && self.psf.is_none()),
@@ -128,6 +128,10 @@ impl RestoreSettings {
         }
         if self.true_highlights && self.output_domain.as_deref() == Some(DomainTag::ToneMapped.name()) {
             let reason = "is light above what saturates, which a tone-mapped image does not hold: leave out output_domain";
+            return Err(Error::config("true_highlights", reason));
+        }
+        if self.true_highlights && self.highlights != "restored" {
+            let reason = "gives lamps the light that their flare tells, and highlights the capture's own: leave one of them out";
             return Err(Error::config("true_highlights", reason));
         }
         Ok(())

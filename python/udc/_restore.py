@@ -70,7 +70,7 @@ def restore(
     refine : float, optional
         How much of the guided network's corrections to take, from 0 (the deconvolution) to 1, which is the default.
     true_highlights : bool
-        Give lamps the light that their flare tells, far above what saturates (guided).
+        Give lamps the light that their flare tells, far above what saturates (guided, with highlights "restored").
     pose : path or "psf", optional
         Pose of the panel, a file of `udc pose`; "psf" takes the PSF as it is. By default what the flare tells (guided).
     noise : str, optional

@@ -202,9 +202,26 @@ impl RestoreArgs {
     fn check_guided(&self, is_guided: bool) -> Result<()> {
         if is_guided {
             let lost = self.true_highlights && self.output_domain == Some(DomainTag::ToneMapped);
-            let reason = "--true-highlights is light above what saturates, which a tone-mapped image does not hold: leave out \
-                          --output-domain";
-            return if lost { Err(misuse("restore", reason)) } else { Ok(()) };
+            let kept = self.true_highlights && self.highlights != Highlights::Restored;
+            let faults = [
+                (
+                    lost,
+                    "--true-highlights is light above what saturates, which a tone-mapped image does not hold: leave out \
+                     --output-domain",
+                ),
+                (
+                    kept,
+                    "--true-highlights gives lamps the light that their flare tells, and --highlights the capture's own: leave one \
+                     of them out",
+                ),
+                (
+                    self.kernel.has_bank_beside_psf(),
+                    "--bank belongs to models that read kernel codes, and the guided restoration would ignore it beside --psf: leave \
+                     one of them out",
+                ),
+            ];
+            let fault = faults.into_iter().find(|(is_one, _)| *is_one);
+            return fault.map_or(Ok(()), |(_, reason)| Err(misuse("restore", reason)));
         }
         if self.model.is_none() {
             return Ok(());

@@ -133,13 +133,16 @@ impl KernelFiles {
     pub fn read_for(&self, model: &Model) -> Result<(KernelKnowledge, Vec<Notice>)> {
         let reads_planes = !model.architecture().planes().is_empty();
         if !model.architecture().reads_code() {
-            if reads_planes && self.psf.is_some() {
-                return self.read_psf();
-            }
-            let is_told = self.bank.is_some() || self.code.is_some() || self.psf.is_some();
-            let ignored = "the model was trained without kernel codes; --bank, --angle, --code and --psf change nothing";
-            let notices = is_told.then(|| Notice::Warning(ignored.to_owned()));
-            return Ok((KernelKnowledge::Nothing, notices.into_iter().collect()));
+            let is_told = self.bank.is_some() || self.code.is_some() || self.psf.is_some() && !reads_planes;
+            let flags =
+                if reads_planes { "--bank, --angle and --code" } else { "--bank, --angle, --code and --psf" };
+            let ignored = format!("the model was trained without kernel codes; {flags} change nothing");
+            let ignored = is_told.then(|| Notice::Warning(ignored));
+            let (knowledge, of_psf) = match reads_planes && self.psf.is_some() {
+                true => self.read_psf()?,
+                false => (KernelKnowledge::Nothing, Vec::new()),
+            };
+            return Ok((knowledge, ignored.into_iter().chain(of_psf).collect()));
         }
         if let Some(code) = &self.code {
             return Ok((KernelKnowledge::Code(read_code(code)?), Vec::new()));
@@ -183,7 +186,7 @@ impl KernelFiles {
         Ok((KernelKnowledge::of_psf(reading.psf), notices))
     }
 
-    /// Reads the PSF, or takes that of a bank at the panel's angle, with what is to be told of the files.
+    /// Reads the PSF, or, where none is named, takes that of a bank at the panel's angle, with what is to be told of the files.
     ///
     /// # Errors
     /// [`Error::Unsupported`] when neither is named; those of [`read_psf`](Self::read_psf), [`read_bank`] and [`rotate`].

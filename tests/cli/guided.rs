@@ -218,6 +218,8 @@ fn what_the_guided_restoration_lacks_or_would_ignore_is_named() {
         (&["--bank", "bank.safetensors"], 1, "add --angle"),
         (&["--psf", "psf.exr", "--refine", "1.5"], 1, "between 0 and 1"),
         (&["--psf", "psf.exr", "--method", "wiener", "--refine", "0.5"], 2, "--refine"),
+        (&["--psf", "psf.exr", "--bank", "bank.safetensors"], 2, "ignore it beside --psf"),
+        (&["--psf", "psf.exr", "--true-highlights", "--highlights", "keep"], 2, "leave one of them out"),
         (&["--model", "other.safetensors", "--refine", "0.5"], 2, "belongs to the guided restoration"),
         (&["--model", "other.safetensors", "--border", "zero"], 2, "--border"),
     ] {

@@ -34,6 +34,11 @@ impl KernelArgs {
         self.psf.as_deref()
     }
 
+    /// Whether both a bank and a PSF are named.
+    pub(super) fn has_bank_beside_psf(&self) -> bool {
+        self.bank.is_some() && self.psf.is_some()
+    }
+
     /// All files that are named.
     pub(super) fn paths(&self) -> impl Iterator<Item = &PathBuf> {
         [&self.bank, &self.field, &self.code, &self.psf].into_iter().flatten()
