@@ -396,7 +396,7 @@ impl<'a> Run<'a> {
 
     fn write_light(&self, job: &Job, restored: Restored, domain: DomainTag) -> error::Result<()> {
         let mut provenance = self.provenance(job)?;
-        if let Some(found) = found::lasting(&restored, domain, self.restoration.curve()) {
+        if let Some(found) = found::lasting(&restored, self.restoration.curve()) {
             provenance = provenance.with_found(found);
         }
         let options = WriteOptions { provenance: Some(provenance), ..self.options() };

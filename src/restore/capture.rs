@@ -33,6 +33,8 @@ pub struct Restored {
     pub angle: Option<FoundAngle>,
     /// φ∘C, by which the image changes between the domains, and was mapped if it is tone-mapped.
     pub curve: ToneCurve,
+    /// The α that suits the units of the capture and was computed with, where it is another than the curve's.
+    pub alpha: Option<f32>,
     /// The lamps whose light was measured by their flare, brightest first.
     pub lamps: Vec<Lamp>,
     /// The lamps outside of the frame whose flare was taken away, the most visible first.
@@ -170,6 +172,7 @@ impl Restored {
             info,
             angle: None,
             curve,
+            alpha: None,
             lamps: Vec::new(),
             lamps_outside: Vec::new(),
             levels: None,
@@ -178,6 +181,12 @@ impl Restored {
             through_grey: false,
             smaller_windows: None,
         }
+    }
+
+    /// The same, computed with this α.
+    pub(super) fn with_alpha(self, alpha: f32) -> Self {
+        let is_other = alpha.total_cmp(&self.curve.alpha).is_ne();
+        Self { alpha: is_other.then_some(alpha), ..self }
     }
 
     /// What to tell where the capture's brightest pixels seem to be clipped and the method took them for light as it is.

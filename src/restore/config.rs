@@ -129,11 +129,9 @@ impl RestorationConfig {
                         usual.alpha
                     )));
                 }
-                restoration = if self.x_max.is_some() {
-                    restoration.with_curve(curve)
-                } else {
-                    restoration.with_alpha(curve.alpha)
-                };
+                if self.x_max.is_some() {
+                    restoration = restoration.with_curve(curve);
+                }
                 if *true_highlights {
                     restoration = restoration.with_true_highlights()?;
                 }
@@ -143,12 +141,14 @@ impl RestorationConfig {
                 let (kernel, notices) = self.kernel.read_psf()?;
                 let restoration = Restoration::by_deconvolution(**config, kernel)?;
                 let restoration = restoration.with_curve(self.curve(None)?);
-                let is_asked = self.x_max.is_none() && config.knows_saturated();
+                let is_asked = self.x_max.is_none();
                 (if is_asked { restoration.with_levels_of_captures() } else { restoration }, notices)
             }
         };
         let mut restoration = restoration.with_highlights(self.highlights).with_memory(self.memory);
-        restoration = restoration.with_backend(self.backend);
+        if let Some(alpha) = self.alpha {
+            restoration = restoration.with_alpha(alpha);
+        }
         if let Some(noise) = &self.noise {
             restoration = restoration.with_noise(noise.clone())?;
         }

@@ -4,7 +4,7 @@ use super::capture::{Capture, Restored};
 use super::deconvolution::{DeconvolutionConfig, Method, Relieved, invert, without_lamps_outside};
 use super::highlights::blend_highlights;
 use super::lamps::find_lamps;
-use super::levels::{doubted_levels, find_levels_below, suited_curve, with_levels};
+use super::levels::{doubted_levels, find_levels_below, info_of, is_surpassed};
 use super::restoration::Restoration;
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage};
@@ -26,24 +26,24 @@ impl Restoration {
         let most = image.curve().map(|own| own.x_max);
         let image: LinearImage = image.into_linear(curve);
         let is_joint = config.method == Method::Joint;
-        let (mut saturation, mut levels, mut doubted) = (told, None, None);
+        let (mut saturation, mut levels, mut is_doubtful) = (told, None, true);
         if self.asks_for_levels() && info.as_ref().is_none_or(|info| info.saturation.is_none()) {
             let (found, count) = find_levels_below(&image, curve, most);
             match count {
                 // Above all that there is.
                 0 => saturation = found,
                 _ if is_joint => (saturation, levels) = (found, Some(found)),
-                _ => doubted = doubted_levels(&image, saturation),
+                // Light above what is usual is no light that is unknown.
+                _ => saturation = std::array::from_fn(|channel| saturation[channel].max(found[channel])),
             }
-        } else if config.knows_saturated() {
-            doubted = doubted_levels(&image, saturation);
+            is_doubtful = count > 0 && levels.is_none();
         }
-        let alpha = if self.asks_for_levels() && is_joint {
-            let told = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..curve };
-            suited_curve(told, &image).alpha
-        } else {
-            config.alpha
+        let doubted = match is_doubtful && config.knows_saturated() {
+            true => doubted_levels(&image, saturation),
+            false => None,
         };
+        let known = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..curve };
+        let alpha = self.curve_of(known, &image).alpha;
         let config = DeconvolutionConfig { saturation, alpha, ..*config };
         let psf = self.kernel().needed_psf()?;
         let relieved = match is_joint {
@@ -57,8 +57,12 @@ impl Restoration {
         let restored = invert(seen, psf, &config, progress)?;
         let lamps = if is_joint { find_lamps(seen, &restored, saturation) } else { Vec::new() };
         let level = saturation.map(saturated_from);
-        let image = AnyImage::Linear(blend_highlights(restored, &image, level, self.highlights())?);
-        let restored = Restored::new(image, with_levels(info, levels), curve);
+        let restored = blend_highlights(restored, &image, level, self.highlights())?;
+        let shines_above = is_joint && is_surpassed(saturation, &restored);
+        let info = info_of(info, levels, shines_above);
+        // No light that the capture may hold is cut off.
+        let curve = ToneCurve { x_max: curve.x_max.max(known.x_max), ..curve };
+        let restored = Restored::new(AnyImage::Linear(restored), info, curve).with_alpha(alpha);
         Ok(Restored { lamps, lamps_outside, levels, doubted_levels: doubted, ..restored })
     }
 }

@@ -11,7 +11,7 @@ use super::deconvolution::{Border, LampOutside, Relieved, Solution, solve, witho
 use super::guard::{Guard, Left};
 use super::highlights::blend_highlights;
 use super::lamps::find_lamps;
-use super::levels::{corrected_levels, doubted_levels, find_levels_below, suited_curve, with_levels};
+use super::levels::{corrected_levels, doubted_levels, find_levels_below, info_of, is_surpassed};
 use super::memory::MemoryPlan;
 use super::network::NetworkOperator;
 use super::planes::{PlaneConfig, planes_of};
@@ -119,7 +119,7 @@ impl Restoration {
         let (image, Levels { saturation, found, doubted }) =
             self.light_and_levels(image, info.as_ref().and_then(|info| info.saturation));
         let told = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..self.curve() };
-        let curve = suited_curve(told, &image);
+        let curve = self.curve_of(told, &image);
         let planes = PlaneConfig { curve, border: self.border(), saturation, noise: self.noise_curve() };
         let (mut psf, mut pose) = self.posed_psf(&image, &planes, progress)?;
         let mut solved = Solved::of(&image, &psf, &planes, progress)?;
@@ -151,16 +151,18 @@ impl Restoration {
             };
         let level = saturation.map(|white| curve.compress(saturated_from(white)));
         let restored = blend_highlights(restored, &tone_mapped, level, self.highlights())?;
+        let mut shines_above = false;
         let image = match light {
             Some(light) => {
-                AnyImage::Linear(with_light(curve.inverse_tone_map(&restored), &image, &light, saturation)?)
+                let light = with_light(curve.inverse_tone_map(&restored), &image, &light, saturation)?;
+                shines_above = is_surpassed(saturation, &light);
+                AnyImage::Linear(light)
             }
             None if curve != told => AnyImage::Linear(curve.inverse_tone_map(&restored)),
             None => AnyImage::ToneMapped(restored, Some(told)),
         };
-        let clips = found.filter(|_| !options.is_some_and(|options| options.true_highlights));
-        let info = with_levels(info, clips);
-        let restored = Restored::new(image, info, told);
+        let info = info_of(info, found, shines_above);
+        let restored = Restored::new(image, info, told).with_alpha(curve.alpha);
         Ok(Restored {
             angle,
             lamps,

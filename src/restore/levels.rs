@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::plateau::{Plateau, Top};
-use crate::core::capture::CaptureInfo;
+use crate::core::capture::{CaptureInfo, is_level};
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
@@ -124,15 +124,29 @@ pub(super) fn doubted_levels(image: &LinearImage, told: [f32; CHANNELS]) -> Opti
     doubted.iter().any(Option::is_some).then_some(doubted)
 }
 
-/// What is known of a capture, and at which light it was found to saturate.
-pub(super) fn with_levels(info: Option<CaptureInfo>, levels: Option<[f32; CHANNELS]>) -> Option<CaptureInfo> {
+/// Whether a restored image holds light above what saturates its capture, by more than pixels of a plateau differ.
+pub(super) fn is_surpassed(saturation: [f32; CHANNELS], restored: &LinearImage) -> bool {
+    let brightest = |channel| restored.channel(channel).iter().copied().fold(0.0, f32::max);
+    (0..CHANNELS).any(|channel| saturated_from(brightest(channel)) > saturation[channel])
+}
+
+/// What is to be told of a restored image: what is known of its capture, and the levels that were found in it. One that `shines_above`
+/// them is clipped nowhere, and files hold no [other levels](is_level) than sensors have.
+pub(super) fn info_of(
+    info: Option<CaptureInfo>,
+    found: Option<[f32; CHANNELS]>,
+    shines_above: bool,
+) -> Option<CaptureInfo> {
+    if shines_above {
+        return info.map(|info| CaptureInfo { saturation: None, ..info });
+    }
     // A channel that does not saturate has a level far above; white balance is not by more than this.
     const MOST_APART: f32 = 10.0;
     let is_of_all = |levels: &[f32; CHANNELS]| {
         let [least, most] = [f32::min, f32::max].map(|of| levels.iter().copied().fold(levels[0], of));
         most <= MOST_APART * least
     };
-    match levels.filter(is_of_all) {
+    match found.filter(|levels| is_of_all(levels) && levels.iter().all(|level| is_level(*level))) {
         Some(levels) => Some(CaptureInfo { saturation: Some(levels), ..info.unwrap_or_default() }),
         None => info,
     }
@@ -270,5 +284,19 @@ mod tests {
         assert!((curve.alpha / (ALPHA_OVER_MEDIAN * median) - 1.0).abs() < 0.1, "{curve:?}");
         let exposed = image.map_values(|value| (6.0 * value).min(1.0));
         assert_eq!(suited_curve(USUAL, &exposed), USUAL);
+    }
+
+    #[test]
+    fn levels_are_told_of_no_image_that_shines_above_them_and_as_far_as_files_hold_them() {
+        let told = |found, shines_above| {
+            let info = CaptureInfo { saturation: Some([4.0; 3]), ..CaptureInfo::default() };
+            info_of(Some(info), found, shines_above).unwrap().saturation
+        };
+        assert_eq!(told(None, false), Some([4.0; 3]));
+        assert_eq!(told(Some([3.0; 3]), false), Some([3.0; 3]));
+        assert_eq!((told(None, true), told(Some([3.0; 3]), true)), (None, None));
+        assert_eq!(info_of(None, Some([2e-8; 3]), false), None, "nobody reads such a level");
+        assert!(is_surpassed([500.0, 80.0, 500.0], &scene(1e3)) && !is_surpassed([100.0; 3], &scene(1e3)));
+        assert!(!is_surpassed([16.0; 3], &scene(16.0)));
     }
 }

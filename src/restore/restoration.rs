@@ -1,34 +1,34 @@
 //! Restores captures by a network or by a deconvolution, with what is known of their kernel.
 
-use std::path::Path;
+mod describe;
+mod plan;
+
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 
-use serde_json::{Value, json};
-
 use super::angle::{FoundAngle, find_code};
 use super::capture::{Capture, Restored};
-use super::deconvolution::{Border, DeconvolutionConfig, Method, NoiseCurve, deconvolution_bytes};
+use super::deconvolution::{Border, DeconvolutionConfig, Method, NoiseCurve};
 use super::field::code_map;
 use super::grey::{grey_kernel, is_grey, made_grey};
 use super::guided::GuidedOptions;
 use super::highlights::{Highlights, blend_highlights};
 use super::kernel::KernelKnowledge;
-use super::memory::{MemoryBudget, MemoryPlan, floats_of_pixel, with_threads};
+use super::levels::suited_curve;
+use super::memory::{MemoryBudget, MemoryPlan, with_threads};
 use super::network::{Conditioning, NetworkOperator};
 use super::notice::Notice;
 use super::pose::Pose;
-use super::precision::{in_precision, precision_of};
+use super::precision::in_precision;
 use super::tiles::restore_halving;
 use crate::core::error::{Error, Result};
-use crate::core::image::{CHANNELS, ToneMappedImage};
+use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
-use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
 use crate::dataset::NoiseConfig;
 use crate::io::AnyImage;
-use crate::network::{Backend, GUIDED, Kind, Model, Precision};
+use crate::network::{Backend, Kind, Model, Precision, guided_model, guided_sha256};
 
 /// How captures are restored.
 #[derive(Clone, Debug)]
@@ -52,6 +52,8 @@ pub struct Restoration {
     noise: Option<NoiseConfig>,
     /// Whether a deconvolution looks for what saturates a capture that does not say it.
     asks_for_levels: bool,
+    /// Whether α is told, so that it stays whatever the units of a capture are.
+    tells_alpha: bool,
     /// How often windows were halved for a device that had no memory for them.
     halvings: Arc<AtomicUsize>,
 }
@@ -91,7 +93,8 @@ impl Restoration {
     /// # Errors
     /// [`Error::Config`] when the PSF is not known.
     pub fn guided(kernel: KernelKnowledge) -> Result<Self> {
-        Self::by_guided_network(Model::load(Path::new(GUIDED))?, kernel)
+        let model_sha256 = Some(guided_sha256().to_owned());
+        Ok(Self { model_sha256, ..Self::by_guided_network(guided_model()?, kernel)? })
     }
 
     /// Restores captures of any panel by a network of the kind [`Kind::Guided`].
@@ -175,6 +178,7 @@ impl Restoration {
             guided: None,
             noise: None,
             asks_for_levels: false,
+            tells_alpha: false,
             halvings: Arc::default(),
         }
     }
@@ -192,17 +196,18 @@ impl Restoration {
         self
     }
 
-    /// Looks for what saturates captures that do not say it: [`Method::Joint`] takes it, of the other deconvolutions it is told.
+    /// Looks for what saturates captures that do not say it: [`Method::Joint`] takes it, the other deconvolutions where it is above
+    /// x_max, and below it is told of.
     #[must_use]
     pub fn with_levels_of_captures(mut self) -> Self {
         self.asks_for_levels = true;
         self
     }
 
-    /// Takes another α for the mapping of images; what saturates captures stays.
+    /// Takes this α for the mapping of images, in whatever units captures are; what saturates them stays.
     #[must_use]
     pub fn with_alpha(mut self, alpha: f32) -> Self {
-        self.curve.alpha = alpha;
+        (self.curve.alpha, self.tells_alpha) = (alpha, true);
         if let How::Deconvolution(config) = &mut self.how {
             config.alpha = alpha;
         }
@@ -307,6 +312,17 @@ impl Restoration {
         self.asks_for_levels
     }
 
+    /// The curve that captures are restored in where this is known of them: its α is told, or suits their units.
+    pub(super) fn curve_of(&self, known: ToneCurve, image: &LinearImage) -> ToneCurve {
+        if self.suits_alpha() { suited_curve(known, image) } else { known }
+    }
+
+    /// Whether α follows the units of a capture.
+    fn suits_alpha(&self) -> bool {
+        let is_joint = matches!(&self.how, How::Deconvolution(config) if config.method == Method::Joint);
+        !self.tells_alpha && (self.reads_planes() || is_joint && self.asks_for_levels)
+    }
+
     /// What is done where captures are saturated.
     pub(super) fn highlights(&self) -> Highlights {
         self.highlights
@@ -329,44 +345,6 @@ impl Restoration {
         }
     }
 
-    /// Plans the memory for a capture of `[height, width]`.
-    ///
-    /// # Errors
-    /// [`Error::Config`] or [`Error::Unsupported`] when it takes more than there is, naming what would do, or the side of the
-    /// tiles does not suit the network.
-    pub fn plan(&self, size: [usize; 2]) -> Result<MemoryPlan> {
-        match &self.how {
-            How::Network(model) => {
-                let pixel = floats_of_pixel(&self.kernel, model) * size_of::<f32>();
-                let beside =
-                    (pixel * size[0] * size[1]) as u64 + self.memory.others(size, self.kernel_bytes, 1);
-                let operator = NetworkOperator::new(model);
-                let windows = |memory: &MemoryBudget| memory.plan_windows(size, self.tile, beside, &operator);
-                if model.architecture().planes().is_empty() {
-                    return windows(&self.memory);
-                }
-                let config = DeconvolutionConfig {
-                    border: self.border,
-                    ..DeconvolutionConfig::of_method(Method::Joint)
-                };
-                // Beside what a restoration takes, its solution tells the errors: two planes of each colour.
-                let told = 2 * CHANNELS * size_of::<f32>() * size[0] * size[1];
-                let deconvolution = self.deconvolution_bytes(size, &config)? + told as u64;
-                if self.memory.limit_bytes < deconvolution {
-                    // What is named must do for both.
-                    windows(&MemoryBudget { limit_bytes: deconvolution, ..self.memory })?;
-                    self.memory.plan_whole(size, deconvolution)?;
-                }
-                let mut plan = windows(&self.memory)?;
-                plan.bytes = plan.bytes.max(deconvolution);
-                Ok(plan)
-            }
-            How::Deconvolution(config) => {
-                self.memory.plan_whole(size, self.deconvolution_bytes(size, config)?)
-            }
-        }
-    }
-
     /// Restores a capture, as [`plan`](Self::plan) says. One whose colours are equal everywhere is restored with the PSF of grey
     /// light, and stays grey.
     ///
@@ -374,7 +352,8 @@ impl Restoration {
     /// Those of [`plan`](Self::plan) and of the method; [`Error::Unsupported`] when an angle cannot be found;
     /// [`Error::Interrupted`].
     pub fn restore(&self, capture: Capture, progress: &Progress) -> Result<Restored> {
-        if self.kernel.psf().is_none() || self.is_told_by_code() || !is_grey(&capture.image) {
+        let is_told_by_code = self.is_network() && !self.reads_planes();
+        if self.kernel.psf().is_none() || is_told_by_code || !is_grey(&capture.image) {
             return self.restore_colors(capture, progress);
         }
         // Of one colour, and its PSF tells of three: it is seen through all of them at once.
@@ -387,9 +366,13 @@ impl Restoration {
         Ok(Restored { image: made_grey(restored.image)?, through_grey, ..restored })
     }
 
-    /// Whether it is a network that reads a code, and no PSF.
-    fn is_told_by_code(&self) -> bool {
-        matches!(&self.how, How::Network(model) if model.architecture().planes().is_empty())
+    fn is_network(&self) -> bool {
+        matches!(self.how, How::Network(_))
+    }
+
+    /// Whether it is a network that reads planes, which are made of the PSF.
+    fn reads_planes(&self) -> bool {
+        matches!(&self.how, How::Network(model) if !model.architecture().planes().is_empty())
     }
 
     fn restore_colors(&self, capture: Capture, progress: &Progress) -> Result<Restored> {
@@ -419,36 +402,6 @@ impl Restoration {
                 self.restore_by_deconvolution(config, capture, (curve, saturation), progress)
             }
         }
-    }
-
-    /// The method with every setting resolved, for provenance; its files are told by their contents.
-    pub fn describe(&self) -> Value {
-        let mut description = match &self.how {
-            How::Network(model) => json!({
-                "model-sha256": self.model_sha256, "code": self.kernel.describe(), "tile": self.tile,
-                "precision": precision_of(model).name(), "highlights": self.highlights,
-                "guided": self.guided, "border": self.guided.map(|_| self.border),
-                "psf-sha256": self.guided.and(self.kernel.psf()).map(Psf::sha256),
-            }),
-            How::Deconvolution(config) => json!({
-                "psf-sha256": self.kernel.psf().map(Psf::sha256), "deconvolution": config,
-                "highlights": self.highlights,
-            }),
-        };
-        if let Some(noise) = &self.noise {
-            description["noise"] = json!(noise);
-        }
-        description
-    }
-
-    /// Bytes that a deconvolution takes, and all else that is held meanwhile.
-    fn deconvolution_bytes(&self, size: [usize; 2], config: &DeconvolutionConfig) -> Result<u64> {
-        let psf = self.kernel.needed_psf()?;
-        let of_psf = [psf.height(), psf.width()];
-        // As the file, as the PSF, and as what it is prepared to.
-        let kernel_bytes = 5 * (CHANNELS * size_of::<f32>() * of_psf[0] * of_psf[1]) as u64;
-        let others = self.memory.others(size, kernel_bytes, rayon::current_num_threads());
-        Ok(deconvolution_bytes(size, of_psf, config) + others)
     }
 
     /// What a network is told of the kernel, and the angle where it is searched in the image.

@@ -82,7 +82,12 @@ fn the_psf_alone_restores_a_capture_and_finds_its_lamp_and_its_level() {
     assert!(after < 0.5 * before, "{after} of {before}");
     assert!(succeed(scratch.path(), &["info", "restored.exr"]).contains("clips at  4.0"));
     let provenance = io::read_provenance(&scratch.path().join("restored.exr")).unwrap().unwrap();
-    let lamp = &provenance.found.unwrap()["lamps"][0];
+    assert_eq!(provenance.config["how"]["model-sha256"], udc::network::guided_sha256());
+    assert_eq!(provenance.config["device"], "the CPU");
+    assert_eq!(provenance.config["instruction-set"], udc::kernels::Isa::current().name());
+    let found = provenance.found.unwrap();
+    assert_eq!(found["saturation"], serde_json::json!([4.0, 4.0, 4.0]));
+    let lamp = &found["lamps"][0];
     // 25 pixels of 100 times saturation.
     let light = lamp["light"][1].as_f64().unwrap() / f64::from(SATURATION);
     assert!((2000.0..3125.0).contains(&light), "as much as {light} saturated pixels");
@@ -175,6 +180,18 @@ fn true_highlights_are_far_above_saturation_and_others_are_not() {
     };
     assert!(brightest(&[], "restored.exr") <= SATURATION * 1.001);
     assert!(brightest(&["--true-highlights"], "true.exr") > 20.0 * SATURATION);
+    // No capture of such light clips at 4, whoever says it of this one.
+    let folder = scratch.path();
+    let capture = io::read_image::<Linear>(&folder.join("capture.exr")).unwrap();
+    let info = CaptureInfo { saturation: Some([SATURATION; 3]), ..CaptureInfo::default() };
+    let told = WriteOptions { capture: Some(info), ..WriteOptions::default() };
+    io::write_image(&folder.join("told.exr"), &capture, &told).unwrap();
+    for (flags, clips) in [(&[][..], true), (&["--true-highlights"], false), (&["--method", "joint"], false)]
+    {
+        let call = ["restore", "told.exr", "--psf", "psf.exr", "-o", "of-told.exr", "--overwrite"];
+        succeed(folder, &[&call[..], flags].concat());
+        assert_eq!(succeed(folder, &["info", "of-told.exr"]).contains("clips at"), clips, "{flags:?}");
+    }
     let call = ["restore", "capture.exr", "--psf", "psf.exr", "--true-highlights", "-o", "t.exr"];
     let message = fail(scratch.path(), &[&call[..], &["--output-domain", "tone-mapped"]].concat(), 2);
     assert!(message.contains("--true-highlights"), "{message}");
@@ -286,5 +303,54 @@ fn light_above_the_usual_level_is_kept() {
             let restored = io::read_image::<Linear>(&folder.join("restored.npy")).unwrap();
             assert!(restored.max() > 0.9 * brightest, "{name} {method:?}: {} of {brightest}", restored.max());
         }
+    }
+}
+
+/// As `-o guided/` and results of that name leave it.
+#[test]
+fn what_is_named_as_the_network_does_not_stand_in_for_it() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    let restore = |flags: &[&'static str]| {
+        [&["restore", "scene.exr", "--psf", "psf.exr", "--overwrite", "-o"][..], flags].concat()
+    };
+    succeed(folder, &restore(&["guided/"]));
+    succeed(folder, &restore(&["guided/"]));
+    succeed(folder, &restore(&["a.exr", "--model", "guided"]));
+    let said = succeed(folder, &["info", "guided"]);
+    assert!(said.contains("scene.exr") && !said.contains("deconvolved"), "the folder is looked at: {said}");
+    let synth = ["synth", "scene.exr", "--psf", "psf.exr", "--split", "test", "-o", "dataset"];
+    succeed(folder, &synth);
+    succeed(
+        folder,
+        &["eval", "dataset", "--method", "guided", "-o", "guided", "--metrics", "psnr", "--overwrite"],
+    );
+    std::fs::remove_dir_all(folder.join("guided")).unwrap();
+    std::fs::write(folder.join("guided"), "no network").unwrap();
+    succeed(folder, &restore(&["a.exr"]));
+    assert!(fail(folder, &restore(&["a.exr", "--model", "guided"]), 1).contains("guided"));
+}
+
+/// Its light is a thousandth of what networks know, for which an α is chosen unless it is told.
+#[test]
+fn an_alpha_that_is_told_is_used() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    write_capture(folder);
+    let image = io::read_image::<Linear>(&folder.join("capture.exr")).unwrap();
+    let dim = image.map_values::<Linear>(|light| 1e-3 * light);
+    io::write_image(&folder.join("dim.exr"), &dim, &WriteOptions::default()).unwrap();
+    for method in [&[][..], &["--method", "joint"]] {
+        let restore = |output: &str, alpha: &[&str]| {
+            let call = ["restore", "dim.exr", "--psf", "psf.exr", "-o", output, "--overwrite"];
+            succeed(folder, &[&call[..], method, alpha].concat());
+            let found = io::read_provenance(&folder.join(output)).unwrap().unwrap().found;
+            found.and_then(|found| found.get("alpha")?.as_f64())
+        };
+        let suited = restore("suited.exr", &[]).expect("another than 0.25");
+        assert!(suited < 0.01, "{method:?}: {suited}");
+        assert_eq!(restore("told.exr", &["--alpha", "0.25"]), None, "{method:?}");
+        let read = |name: &str| io::read_image::<Linear>(&folder.join(name)).unwrap();
+        assert_ne!(read("suited.exr"), read("told.exr"), "{method:?}");
     }
 }

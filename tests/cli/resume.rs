@@ -253,3 +253,27 @@ fn a_dark_frame_that_was_replaced_is_not_taken_for_the_same() {
     let said = fail(folder, &resume[..resume.len() - 2], 1);
     assert!(said.contains("was made with other settings"), "without dark frames it is another image: {said}");
 }
+
+/// Light of which nothing says where it clips: by joint that is looked for, unless it is told.
+#[test]
+fn an_image_whose_levels_were_looked_for_is_not_taken_for_one_whose_levels_are_told() {
+    let scratch = scratch(1, 32);
+    let folder = scratch.path();
+    let joint = |more: &[&'static str]| {
+        [&["restore", "images", "--method", "joint", "--psf", "psf.exr", "-o", "out/"], more].concat()
+    };
+    succeed(folder, &joint(&[]));
+    assert!(succeed(folder, &joint(&["--resume"])).contains("1 of 1 images are there"));
+    assert!(fail(folder, &joint(&["--resume", "--x-max", "500"]), 1).contains("other settings"));
+    assert!(fail(folder, &joint(&["--resume", "--alpha", "0.25"]), 1).contains("other settings"));
+}
+
+#[test]
+fn a_picture_with_a_colour_matrix_is_not_taken_for_one_without() {
+    let scratch = scratch(1, 32);
+    let finish =
+        |more: &[&'static str]| [&["finish", "images", "--format", "exr", "-o", "out/"], more].concat();
+    succeed(scratch.path(), &finish(&[]));
+    assert!(fail(scratch.path(), &finish(&["--resume", "--no-ccm"]), 1).contains("other settings"));
+    assert!(succeed(scratch.path(), &finish(&["--resume"])).contains("1 of 1 images are there"));
+}

@@ -119,6 +119,35 @@ fn light_above_the_usual_x_max_returns_from_its_tone_mapping() {
     assert_eq!(tone_of(&folder.join("back.exr"))[1], 8e3);
 }
 
+/// Counts of a sensor that say nothing of where they clip: φ(500) would be most of the image, and white of its picture.
+#[test]
+fn counts_that_say_no_level_are_neither_cut_nor_shown_white() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    let counts = io::read_image::<Linear>(&folder.join("scene.exr")).unwrap().map_values(|light| 1e3 * light);
+    io::write_image::<Linear>(&folder.join("counts.npy"), &counts, &WriteOptions::default()).unwrap();
+    for method in [&[][..], &["--method", "joint"], &["--method", "constrained"], &["--method", "wiener"]] {
+        let restore = |more: &[&str]| {
+            let call = ["restore", "counts.npy", "--psf", "psf.exr", "--overwrite", "-o"];
+            succeed(folder, &[&call[..], more, method].concat());
+        };
+        restore(&["linear.exr"]);
+        restore(&["mapped.exr", "--output-domain", "tone-mapped"]);
+        restore(&["photo.jpg"]);
+        succeed(folder, &["tonemap", "--inverse", "mapped.exr", "-o", "back.exr", "--overwrite"]);
+        let brightest = |name: &str| io::read_image::<Linear>(&folder.join(name)).unwrap().max();
+        let [_, x_max] = tone_of(&folder.join("mapped.exr"));
+        let (linear, back) = (brightest("linear.exr").min(x_max), brightest("back.exr"));
+        assert!(linear > 4e3 && (back / linear - 1.0).abs() < 0.02, "{method:?}: {back} of {linear}");
+        succeed(folder, &["finish", "linear.exr", "-o", "finished.png", "--overwrite"]);
+        for picture in ["photo.jpg", "finished.png"] {
+            let planes = io::read_pixels(&folder.join(picture)).unwrap().planes;
+            let mean = planes.mean().unwrap();
+            assert!(mean < 0.8, "{method:?}: {picture} has a mean of {mean}");
+        }
+    }
+}
+
 #[test]
 fn a_tone_mapped_image_is_finished_and_shown_as_its_light() {
     let scratch = scratch();

@@ -3,8 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use udc::core::tone::ToneCurve;
-use udc::io::DomainTag;
-use udc::restore::{Lamp, Restored};
+use udc::restore::{Lamp, PoseEstimate, Restored};
 
 use super::Session;
 
@@ -14,7 +13,7 @@ const TOLD_LAMPS: usize = 16;
 /// Tells it of the capture of this name.
 pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     let Restored { lamps, lamps_outside, .. } = restored;
-    let pose = restored.pose.as_ref().map(|pose| json!({ "turn-deg": pose.turn_deg, "scale": pose.scale }));
+    let pose = restored.pose.as_ref().map(of_pose);
     let angle = restored.angle.as_ref();
     let angle = angle.map(|angle| json!({ "angle-deg": angle.angle_deg, "lead-nats": angle.lead }));
     let found = json!({
@@ -55,13 +54,21 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     }
 }
 
-/// What stays with the image, in its provenance, if anything does; it is written in `domain`, and `curve` is what is said of its
-/// tone mapping beforehand.
-pub(super) fn lasting(restored: &Restored, domain: DomainTag, curve: ToneCurve) -> Option<Value> {
+/// What stays with the image, in its provenance, if anything does; `curve` is what is said of its tone mapping beforehand.
+pub(super) fn lasting(restored: &Restored, curve: ToneCurve) -> Option<Value> {
     let mut found = Map::new();
-    // Of a capture with brighter light, which the curve that was said would cut.
-    if domain == DomainTag::ToneMapped && restored.curve.x_max > curve.x_max {
+    // Of a capture with brighter light, which the curve that was said would cut where the image is mapped or shown.
+    if restored.curve.x_max > curve.x_max {
         found.insert("tone".to_owned(), json!(restored.curve));
+    }
+    if let Some(alpha) = restored.alpha {
+        found.insert("alpha".to_owned(), json!(alpha));
+    }
+    if let Some(levels) = restored.levels {
+        found.insert("saturation".to_owned(), json!(levels));
+    }
+    if let Some(pose) = &restored.pose {
+        found.insert("pose".to_owned(), of_pose(pose));
     }
     if !restored.lamps.is_empty() {
         found.insert("lamps".to_owned(), json!(brightest(&restored.lamps)));
@@ -70,6 +77,12 @@ pub(super) fn lasting(restored: &Restored, domain: DomainTag, curve: ToneCurve) 
         found.insert("lamps-outside".to_owned(), json!(restored.lamps_outside));
     }
     (!found.is_empty()).then(|| found.into())
+}
+
+fn of_pose(pose: &PoseEstimate) -> Value {
+    json!({
+        "turn-deg": pose.turn_deg, "scale": pose.scale, "turn-sigma-deg": pose.turn_sigma_deg, "scale-sigma": pose.scale_sigma,
+    })
 }
 
 fn brightest(lamps: &[Lamp]) -> &[Lamp] {

@@ -1,0 +1,58 @@
+//! Plans the memory of a restoration.
+
+use super::super::deconvolution::{DeconvolutionConfig, Method, deconvolution_bytes};
+use super::super::memory::{MemoryBudget, MemoryPlan, floats_of_pixel};
+use super::super::network::NetworkOperator;
+use super::{How, Restoration};
+use crate::core::error::Result;
+use crate::core::image::CHANNELS;
+
+impl Restoration {
+    /// Plans the memory for a capture of `[height, width]`.
+    ///
+    /// # Errors
+    /// [`Error::Config`] or [`Error::Unsupported`] when it takes more than there is, naming what would do, or the side of the
+    /// tiles does not suit the network.
+    pub fn plan(&self, size: [usize; 2]) -> Result<MemoryPlan> {
+        match &self.how {
+            How::Network(model) => {
+                let pixel = floats_of_pixel(&self.kernel, model) * size_of::<f32>();
+                let beside =
+                    (pixel * size[0] * size[1]) as u64 + self.memory.others(size, self.kernel_bytes, 1);
+                let operator = NetworkOperator::new(model);
+                let windows = |memory: &MemoryBudget| memory.plan_windows(size, self.tile, beside, &operator);
+                if model.architecture().planes().is_empty() {
+                    return windows(&self.memory);
+                }
+                let config = DeconvolutionConfig {
+                    border: self.border,
+                    ..DeconvolutionConfig::of_method(Method::Joint)
+                };
+                // Beside what a restoration takes, its solution tells the errors: two planes of each colour.
+                let told = 2 * CHANNELS * size_of::<f32>() * size[0] * size[1];
+                let deconvolution = self.deconvolution_bytes(size, &config)? + told as u64;
+                if self.memory.limit_bytes < deconvolution {
+                    // What is named must do for both.
+                    windows(&MemoryBudget { limit_bytes: deconvolution, ..self.memory })?;
+                    self.memory.plan_whole(size, deconvolution)?;
+                }
+                let mut plan = windows(&self.memory)?;
+                plan.bytes = plan.bytes.max(deconvolution);
+                Ok(plan)
+            }
+            How::Deconvolution(config) => {
+                self.memory.plan_whole(size, self.deconvolution_bytes(size, config)?)
+            }
+        }
+    }
+
+    /// Bytes that a deconvolution takes, and all else that is held meanwhile.
+    fn deconvolution_bytes(&self, size: [usize; 2], config: &DeconvolutionConfig) -> Result<u64> {
+        let psf = self.kernel.needed_psf()?;
+        let of_psf = [psf.height(), psf.width()];
+        // As the file, as the PSF, and as what it is prepared to.
+        let kernel_bytes = 5 * (CHANNELS * size_of::<f32>() * of_psf[0] * of_psf[1]) as u64;
+        let others = self.memory.others(size, kernel_bytes, rayon::current_num_threads());
+        Ok(deconvolution_bytes(size, of_psf, config) + others)
+    }
+}
