@@ -61,6 +61,17 @@ pub enum PoseSource {
     File(PathBuf),
 }
 
+impl PoseSource {
+    /// The same restoration with this pose.
+    fn take_for(&self, restoration: Restoration) -> Result<Restoration> {
+        match self {
+            Self::Capture => Ok(restoration),
+            Self::Psf => restoration.with_pose(None),
+            Self::File(path) => restoration.with_pose(Some(&read_pose(path)?)),
+        }
+    }
+}
+
 /// A restoration before its files are read.
 #[derive(Clone, Debug)]
 pub struct RestorationConfig {
@@ -107,20 +118,11 @@ impl RestorationConfig {
             }
             MethodConfig::Guided { model, refine, true_highlights, pose, border, precision, tile } => {
                 let (kernel, mut notices) = self.kernel.read_any_psf()?;
-                let (network, sha256) = match model.as_deref().filter(|path| shipped(path).is_none()) {
-                    Some(path) => (Model::load(path)?, sha256_of_file(path)?),
-                    None => (guided_model()?, guided_sha256().to_owned()),
-                };
-                let network = network.with_backend(self.backend);
-                let restoration = Restoration::by_guided_network(network, kernel)?;
+                let (network, sha256) = read_guided(model.as_deref())?;
+                let restoration = Restoration::by_guided_network(network.with_backend(self.backend), kernel)?;
                 let mut restoration = restoration.with_border(*border).with_tile(*tile);
                 notices.extend(restoration.set_precision(*precision));
-                restoration = restoration.with_refine(*refine)?;
-                restoration = match pose {
-                    PoseSource::Capture => restoration,
-                    PoseSource::Psf => restoration.with_pose(None)?,
-                    PoseSource::File(path) => restoration.with_pose(Some(&read_pose(path)?))?,
-                };
+                restoration = pose.take_for(restoration.with_refine(*refine)?)?;
                 let usual = restoration.curve();
                 let curve = self.curve(Some(usual))?;
                 if curve.alpha.total_cmp(&usual.alpha).is_ne() {
@@ -141,8 +143,10 @@ impl RestorationConfig {
                 let (kernel, notices) = self.kernel.read_psf()?;
                 let restoration = Restoration::by_deconvolution(**config, kernel)?;
                 let restoration = restoration.with_curve(self.curve(None)?);
-                let is_asked = self.x_max.is_none();
-                (if is_asked { restoration.with_levels_of_captures() } else { restoration }, notices)
+                (
+                    if self.x_max.is_none() { restoration.with_levels_of_captures() } else { restoration },
+                    notices,
+                )
             }
         };
         let mut restoration = restoration.with_highlights(self.highlights).with_memory(self.memory);
@@ -170,6 +174,14 @@ pub fn is_guided(model: &Path) -> bool {
     let is_file_of_one = || weights::read(model).is_ok_and(|read| read.architecture.kind == Kind::Guided);
     let may_be = model.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("safetensors"));
     shipped(model).is_some() || (may_be && is_file_of_one())
+}
+
+/// The network for any panel of a file, or the one that the program carries, and the SHA-256 of its file.
+fn read_guided(model: Option<&Path>) -> Result<(Model, String)> {
+    Ok(match model.filter(|path| shipped(path).is_none()) {
+        Some(path) => (Model::load(path)?, sha256_of_file(path)?),
+        None => (guided_model()?, guided_sha256().to_owned()),
+    })
 }
 
 fn take((model, notice): (Model, Option<Notice>)) -> (Model, Vec<Notice>) {

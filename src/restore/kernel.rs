@@ -137,7 +137,7 @@ impl KernelFiles {
             let flags =
                 if reads_planes { "--bank, --angle and --code" } else { "--bank, --angle, --code and --psf" };
             let ignored = format!("the model was trained without kernel codes; {flags} change nothing");
-            let ignored = is_told.then(|| Notice::Warning(ignored));
+            let ignored = is_told.then_some(Notice::Warning(ignored));
             let (knowledge, of_psf) = match reads_planes && self.psf.is_some() {
                 true => self.read_psf()?,
                 false => (KernelKnowledge::Nothing, Vec::new()),
