@@ -68,7 +68,7 @@ impl Given {
     ) -> Result<(AnyImage, Option<CaptureInfo>)> {
         let (path, pixels) = self.pixels()?;
         let darkness = pixels.describe_darkness(&path);
-        let ImageReading { image, info, contradictions } = any_image_of(&path, pixels, told, tone)?;
+        let ImageReading { image, info, contradictions, .. } = any_image_of(&path, pixels, told, tone)?;
         notices.extend(darkness.into_iter().chain(contradictions).map(warning));
         Ok((image, info))
     }
