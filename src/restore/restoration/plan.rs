@@ -11,8 +11,8 @@ impl Restoration {
     /// Plans the memory for a capture of `[height, width]`.
     ///
     /// # Errors
-    /// [`Error::Config`] or [`Error::Unsupported`] when it takes more than there is, naming what would do, or the side of the
-    /// tiles does not suit the network.
+    /// [`Error::Config`](crate::core::error::Error::Config) or [`Error::Unsupported`](crate::core::error::Error::Unsupported) when it
+    /// takes more than there is, naming what would do, or the side of the tiles does not suit the network.
     pub fn plan(&self, size: [usize; 2]) -> Result<MemoryPlan> {
         match &self.how {
             How::Network(model) => {
