@@ -38,6 +38,9 @@ pub(super) fn look_alone(path: &Path, image: &ImageDescription, findings: &mut F
     if image.channels.iter().all(|channel| channel.max <= 0.0) {
         findings.warn(&about, "dark", "it is black", "see whether its exposure or its black level is right");
     }
+    for doubt in &image.doubts {
+        findings.warn(&about, "image-doubt", doubt.clone(), "mend the file, if what is not heeded matters");
+    }
     let is_integer = image.sample_type.starts_with('u');
     if is_integer && image.domain.is_none() && image.raw.is_none() {
         let what = "it holds integers, and does not say whether they are linear, tone-mapped or of sRGB";
