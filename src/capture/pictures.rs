@@ -192,6 +192,14 @@ impl Reader<'_> {
             Some(pattern) => inspect_mosaic(file, pattern)?,
             None => inspect_image(file)?,
         };
+        if self.told.demosaic_linear && pixels.without_data > 0 {
+            // Darkness there would pass for the background of the source.
+            return Err(Error::format(
+                file,
+                "has pixels without data, for its data window does not cover its display window: the background of a point \
+                 source would be measured there; crop the file to its data window",
+            ));
+        }
         let samples = Samples::of(&pixels, &encoding);
         self.settle_domain(file, &mut pixels, Kind::of(samples, &self.told.levels, self.told.is_raw()))?;
         if self.first.is_none() {

@@ -55,7 +55,7 @@ pub struct Told {
     pub dark_exposures: Option<Vec<f64>>,
     /// Good pixels; the others are filled from their neighbours.
     pub mask: Option<Array2<bool>>,
-    /// Whether a mosaic is that of a PSF, whose energy must be kept.
+    /// Whether the pictures are of a point source: the energy of a mosaic must be kept, and the background be true.
     pub demosaic_linear: bool,
 }
 

@@ -50,8 +50,10 @@ pub(super) fn decode(path: &Path, bytes: &[u8], packed: Option<BayerPattern>) ->
     let (meta, header_end) = read_meta(bytes).map_err(damaged)?;
     limits::check(path, &meta, bytes.len())?;
     let layer = layers::choose_layer(&meta, packed, locate(path).1).map_err(damaged)?;
-    let planes = blocks::decode_layer(bytes, header_end, &meta, &layer).map_err(damaged)?;
+    let blocks::Decoded { planes, transparent } =
+        blocks::decode_layer(bytes, header_end, &meta, &layer).map_err(damaged)?;
     let header = &meta.headers[layer.header];
+    let doubts = doubts_of(header).into_iter().chain(doubt_of_alpha(transparent, header)).collect();
     let sample_type = match header.channels.list[layer.channels[0]].sample_type {
         SampleType::F16 => "half",
         SampleType::F32 => "float",
@@ -66,7 +68,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], packed: Option<BayerPattern>) ->
             .and_then(|json| serde_json::from_str(&json).ok()),
         capture: capture_of(header).map_err(damaged)?,
         without_data: window::pixels_without_data(header),
-        doubts: doubts_of(header),
+        doubts,
         ..Pixels::of_planes(planes)
     };
     Ok((pixels, Encoding { format: Format::Exr, sample_type: sample_type.to_owned() }))
@@ -76,6 +78,17 @@ pub(super) fn decode(path: &Path, bytes: &[u8], packed: Option<BayerPattern>) ->
 fn doubts_of(header: &Header) -> Vec<String> {
     let aspect = f64::from(header.shared_attributes.pixel_aspect);
     chromaticities::doubt(header).into_iter().chain(doubt_of_shape(aspect, "pixelAspectRatio")).collect()
+}
+
+/// What to tell of an alpha that does not call so many pixels opaque: light that is premultiplied by it, as OpenEXR has it.
+fn doubt_of_alpha(transparent: usize, header: &Header) -> Option<String> {
+    let pixels = header.layer_size.area();
+    (transparent > 0).then(|| {
+        format!(
+            "its alpha is not 1 at {transparent} of {pixels} pixels and is not read: their light is taken as it is, as if it stood \
+             before darkness; put the image over what is behind it, or remove the channel A"
+        )
+    })
 }
 
 /// The provenance that the header at the start of `bytes` carries, if they are the start of an EXR file.

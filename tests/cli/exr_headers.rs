@@ -8,7 +8,7 @@ use exr::prelude::{
 };
 use udc::io::read_pixels;
 
-use super::common::{succeed, udc};
+use super::common::{fail, succeed, udc};
 
 const SIDE: usize = 64;
 
@@ -69,7 +69,36 @@ fn pixels_without_data_are_warned_of_wherever_light_is_read() {
     image.layer_data.attributes.layer_position = Vec2(8, 8);
     image.attributes.display_window = IntegerBounds::from_dimensions((SIDE, SIDE));
     image.write().to_file(path).unwrap();
-    assert_doubted(scratch.path(), "1792 of 4096 pixels hold no data");
+    let what = "1792 of 4096 pixels hold no data";
+    let fuse: &[&str] = &["fuse", "a.exr", "--exposures", "1", "-o", "fused.exr"];
+    for args in [&[fuse], &READERS[1..]].concat() {
+        let said = warnings(scratch.path(), args);
+        assert_eq!(said.matches(what).count(), 1, "udc {args:?} said: {said}");
+    }
+    assert!(succeed(scratch.path(), &["info", "a.exr"]).contains(what));
+    let said = fail(scratch.path(), &[READERS[0], &["--overwrite"]].concat(), 1);
+    assert!(said.contains("a.exr") && said.contains("crop the file to its data window"), "{said}");
+}
+
+#[test]
+fn an_alpha_that_is_not_opaque_is_warned_of() {
+    let scratch = tempfile::tempdir().unwrap();
+    let write = |alpha: &dyn Fn(usize) -> f32| {
+        let light: Vec<f32> =
+            (0..SIDE * SIDE).map(|i| if i == SIDE * SIDE / 2 + 32 { 0.8 } else { 0.01 }).collect();
+        let alpha = (0..SIDE * SIDE).map(alpha).collect();
+        let channels = [("R", light.clone()), ("G", light.clone()), ("B", light), ("A", alpha)];
+        of_channels(SIDE, &channels).write().to_file(scratch.path().join("a.exr")).unwrap();
+    };
+    write(&|i| if i % SIDE < 10 { 0.5 } else { 1.0 });
+    let what = "its alpha is not 1 at 640 of 4096 pixels";
+    assert_doubted(scratch.path(), what);
+    let found = String::from_utf8(udc(scratch.path(), &["doctor", "a.exr"]).stdout).unwrap();
+    assert!(found.contains(what), "{found}");
+    write(&|_| 1.0);
+    assert!(
+        !warnings(scratch.path(), &["tonemap", "a.exr", "-o", "mapped.exr", "--overwrite"]).contains("alpha")
+    );
 }
 
 #[test]

@@ -27,6 +27,17 @@ use crate::io::guard::guarded;
 /// coded, raw, coefficients, means.
 const UNCOMPRESSED_COUNTERS: [usize; 5] = [1, 6, 7, 8, 9];
 
+/// What the blocks of a layer hold.
+pub(super) struct Decoded {
+    /// Its planes over the data window.
+    pub(super) planes: Array3<f32>,
+    /// How many pixels its alpha does not call opaque.
+    pub(super) transparent: usize,
+}
+
+/// An alpha that differs from 1 by no more is opaque: half floats round.
+const OPAQUE: f32 = 1e-3;
+
 /// Decodes the full-resolution blocks of a layer to planes of its data window.
 ///
 /// `tables_start` is where the header ends and the tables of block positions start.
@@ -35,13 +46,13 @@ pub(super) fn decode_layer(
     tables_start: usize,
     meta: &MetaData,
     layer: &Layer,
-) -> Result<Array3<f32>, String> {
+) -> Result<Decoded, String> {
     let header = &meta.headers[layer.header];
     let Vec2(width, height) = header.layer_size;
     let offsets = block_offsets(bytes, tables_start, meta, layer.header)?;
     let mut planes = Array3::zeros((layer.channels.len(), height, width));
     let mut seen = HashSet::new();
-    let mut covered = 0;
+    let (mut covered, mut transparent) = (0, 0);
     for wave in offsets.chunks(WAVE) {
         let blocks = wave
             .par_iter()
@@ -54,6 +65,10 @@ pub(super) fn decode_layer(
                 covered += block.index.pixel_size.area();
             }
         }
+        if let Some(alpha) = layer.alpha {
+            transparent +=
+                blocks.par_iter().map(|block| transparent_pixels(block, header, alpha)).sum::<usize>();
+        }
         planes.axis_iter_mut(Axis(0)).into_par_iter().zip(&layer.channels).for_each(
             |(mut plane, channel)| {
                 blocks.iter().for_each(|block| copy_channel(block, header, *channel, &mut plane));
@@ -61,7 +76,7 @@ pub(super) fn decode_layer(
         );
     }
     if covered == width * height {
-        Ok(planes)
+        Ok(Decoded { planes, transparent })
     } else {
         Err("is damaged: some of its blocks are missing".into())
     }
@@ -191,16 +206,38 @@ fn copy_channel(
     plane: &mut ArrayViewMut2<'_, f32>,
 ) {
     let (Vec2(left, top), Vec2(width, height)) = (block.index.pixel_position, block.index.pixel_size);
+    for row in 0..height {
+        let mut target = plane.slice_mut(s![top + row, left..left + width]);
+        let target = target.as_slice_mut().expect("rows of planes are contiguous");
+        convert_line((block, header), channel, row, target);
+    }
+}
+
+/// How many pixels of a block the channel `alpha` does not call opaque.
+fn transparent_pixels(block: &UncompressedBlock, header: &Header, alpha: usize) -> usize {
+    let Vec2(width, height) = block.index.pixel_size;
+    let mut line = vec![0.0; width];
+    let of_row = |row: usize| {
+        convert_line((block, header), alpha, row, &mut line);
+        line.iter().filter(|&&alpha| (alpha - 1.0).abs() > OPAQUE || alpha.is_nan()).count()
+    };
+    (0..height).map(of_row).sum()
+}
+
+/// Converts a row of one channel of a block.
+fn convert_line(
+    (block, header): (&UncompressedBlock, &Header),
+    channel: usize,
+    row: usize,
+    target: &mut [f32],
+) {
+    let width = block.index.pixel_size.width();
     let list = &header.channels.list;
     let before: usize = list[..channel].iter().map(|other| other.sample_type.bytes_per_sample()).sum();
     let sample_type = list[channel].sample_type;
-    let line_bytes = header.channels.bytes_per_pixel * width;
-    for row in 0..height {
-        let start = row * line_bytes + before * width;
-        let line = &block.data[start..start + width * sample_type.bytes_per_sample()];
-        let mut target = plane.slice_mut(s![top + row, left..left + width]);
-        convert(line, sample_type, target.as_slice_mut().expect("rows of planes are contiguous"));
-    }
+    let start = (row * header.channels.bytes_per_pixel + before) * width;
+    let line = &block.data[start..start + width * sample_type.bytes_per_sample()];
+    convert(line, sample_type, target);
 }
 
 /// Converts one line of native-endian samples.

@@ -10,6 +10,9 @@ use serde::Serialize;
 
 use super::layers::{Layer, all_names, choose_layer};
 
+/// The channel that says how much of each pixel its light covers.
+const ALPHA: &str = "A";
+
 /// Something in an OpenEXR file that can be read as an image.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ImageLayer {
@@ -48,13 +51,15 @@ impl Group {
             return None;
         }
         let channels = wanted.iter().map(|name| self.channels.get(*name).copied()).collect::<Option<_>>()?;
-        Some(Layer { header: self.header, channels })
+        // Among the photosites of a mosaic, an A is one of them.
+        let alpha = self.channels.get(ALPHA).filter(|_| !wanted.contains(&ALPHA)).copied();
+        Some(Layer { header: self.header, channels, alpha })
     }
 
     /// The layer of the one channel, where there is one.
     pub(super) fn only_channel(&self) -> Option<Layer> {
         let [index] = self.channels.values().copied().collect::<Vec<_>>()[..] else { return None };
-        Some(Layer { header: self.header, channels: vec![index] })
+        Some(Layer::of_channels(self.header, vec![index]))
     }
 
     /// All ways to name channels of the group.

@@ -13,6 +13,15 @@ pub(super) struct Layer {
     pub(super) header: usize,
     /// Indices of the channels in the part's list.
     pub(super) channels: Vec<usize>,
+    /// That of the alpha which stands beside colours or luminance.
+    pub(super) alpha: Option<usize>,
+}
+
+impl Layer {
+    /// The layer of channels that have no alpha.
+    pub(super) fn of_channels(header: usize, channels: Vec<usize>) -> Self {
+        Self { header, channels, alpha: None }
+    }
 }
 
 /// What is read of a group of channels, the first that is there; four photosites come before these.
@@ -61,7 +70,7 @@ fn usual(groups: &[Group], pictures: &[&[&str]]) -> Result<Layer, String> {
         .flat_map(|group| group.channels.iter().map(move |(name, index)| (group, name, *index)))
         .collect();
     if let [(group, _, index)] = channels[..] {
-        return Ok(Layer { header: group.header, channels: vec![index] });
+        return Ok(Layer::of_channels(group.header, vec![index]));
     }
     let names: Vec<String> = channels.iter().map(|(group, name, _)| group.name_of(name)).collect();
     let Some(first) = names.first() else { return Err("has no channel".to_owned()) };
@@ -125,7 +134,7 @@ fn matches<'a>(
                 continue;
             }
             if group.spells(channel).any(|name| is_meant(&name)) {
-                found.push(Ok(Layer { header: group.header, channels: vec![*index] }));
+                found.push(Ok(Layer::of_channels(group.header, vec![*index])));
             }
         }
     }
