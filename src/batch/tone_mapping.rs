@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::{Destination, Selection, Stages, Watcher, run};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::Result;
-use crate::core::image::Linear;
+use crate::core::image::{Linear, LinearImage};
 use crate::core::provenance::Provenance;
 use crate::core::tone::{ToneCurve, ToneFlags};
 use crate::io::{
@@ -103,8 +103,13 @@ impl Stages for Mapping<'_> {
             pixels.tell(path, told)?.iter().for_each(|contradiction| self.watcher.warn(contradiction));
             pixels.check_told_light(path)?;
             let info = pixels.capture.take();
-            let image = AnyImage::Linear(image_of::<Linear>(path, pixels)?);
-            return Ok(Mapped { image, info, curve: self.how.tone.over(usual)? });
+            let (image, curve) = (image_of::<Linear>(path, pixels)?, self.how.tone.over(usual)?);
+            if self.how.tone.x_max.is_none()
+                && let Some(cut) = told_cut(&image, curve)
+            {
+                self.watcher.warn(&format_args!("{}: {cut}", path.display()));
+            }
+            return Ok(Mapped { image: AnyImage::Linear(image), info, curve });
         }
         let ImageReading { image, info, contradictions, .. } =
             any_image_of(path, pixels, told, self.how.tone)?;
@@ -140,11 +145,24 @@ impl Stages for Mapping<'_> {
     }
 }
 
+/// What to tell of light above an x_max that nobody told.
+fn told_cut(image: &LinearImage, curve: ToneCurve) -> Option<String> {
+    let cut = image.as_slice().iter().filter(|&&value| value > curve.x_max).count();
+    (cut > 0).then(|| {
+        format!(
+            "{:.2} % of its values lie above the usual x-max of {} and are cut to it, the brightest from {}: give --x-max the light \
+             at which it saturates",
+            100.0 * cut as f64 / image.as_slice().len() as f64,
+            curve.x_max,
+            image.max()
+        )
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::batch::testing::Notes;
-    use crate::core::image::LinearImage;
     use crate::core::shard::Shard;
     use crate::io::{read_image, write_image};
     use ndarray::Array3;
@@ -183,5 +201,14 @@ mod tests {
         }
         assert_eq!(notes.take().len(), 4, "each file is told of");
         assert!(how.run(&[light], &to(&mapped), &notes).is_err(), "nothing is replaced");
+    }
+
+    #[test]
+    fn light_above_an_x_max_that_nobody_told_is_told_of() {
+        let image = |value: f32| LinearImage::from_planes(Array3::from_elem((3, 2, 3), value)).unwrap();
+        let usual = ToneCurve::default();
+        assert_eq!(told_cut(&image(500.0), usual), None);
+        let said = told_cut(&image(16383.0), usual).unwrap();
+        assert!(said.starts_with("100.00 % of its values lie above") && said.contains("16383"), "{said}");
     }
 }
