@@ -4,7 +4,6 @@
 mod destination;
 mod estimate;
 mod others;
-mod output_folder;
 mod queue;
 mod resume;
 mod tone_mapping;

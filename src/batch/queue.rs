@@ -6,10 +6,10 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use serde_json::{Map, Value};
 
 use super::Watcher;
-use super::output_folder::OutputFolder;
 use super::resume::{is_done, remaining};
 use crate::core::error::{Error, Result};
 use crate::core::shard::Shard;
+use crate::io::MadeFolder;
 
 /// What is done to each job.
 ///
@@ -93,9 +93,10 @@ pub fn run<S: Stages>(
     if resume {
         jobs = remaining(stages, jobs, watcher)?;
     }
-    let folder = OutputFolder::of(&mut jobs.iter().map(|job| stages.output(job)))?;
+    let folder = jobs.first().and_then(|job| stages.output(job).parent());
+    let made = folder.map_or(Ok(MadeFolder::default()), MadeFolder::create)?;
     if shard.is_part() {
-        folder.keep();
+        made.keep();
     }
     run_all(stages, &jobs, resume, watcher)
 }

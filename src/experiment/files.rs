@@ -8,7 +8,7 @@ use super::pictures::{self, PictureName};
 use super::results::Results;
 use crate::core::error::Result;
 use crate::core::metrics::Metric;
-use crate::io;
+use crate::io::{self, MadeFolder};
 
 /// The files that every evaluation writes.
 pub const RESULTS: [&str; 3] = ["metrics.json", "metrics.csv", "table.md"];
@@ -46,11 +46,12 @@ fn is_matrix(file: &str) -> Option<()> {
     number.parse::<usize>().ok().map(|_| ())
 }
 
-/// A folder whose files may be written.
-#[derive(Clone, Copy, Debug)]
+/// A folder whose files may be written; one that was made for results and gets none goes again.
+#[derive(Debug)]
 pub struct ResultsFolder<'a> {
     folder: &'a Path,
     overwrite: bool,
+    _made: MadeFolder,
 }
 
 impl<'a> ResultsFolder<'a> {
@@ -61,15 +62,13 @@ impl<'a> ResultsFolder<'a> {
     /// Those of [`io::check_output`] for the first that may not; [`Error::Io`](crate::core::error::Error::Io) when the
     /// folder cannot be made.
     pub fn prepare(folder: &'a Path, names: &[String], overwrite: bool) -> Result<Self> {
-        let prepared = Self { folder, overwrite };
-        let earlier = prepared.earlier_results()?.into_iter().chain(prepared.earlier_pictures()?);
+        let earlier = earlier_results(folder)?.into_iter().chain(earlier_pictures(folder)?);
         for path in names.iter().cloned().chain(earlier).map(|name| folder.join(name)) {
             if path.symlink_metadata().is_ok() {
                 io::check_output(&path, overwrite)?;
             }
         }
-        io::create_folder(folder)?;
-        Ok(prepared)
+        Ok(Self { folder, overwrite, _made: MadeFolder::create(folder)? })
     }
 
     /// Writes a file.
@@ -118,7 +117,7 @@ impl<'a> ResultsFolder<'a> {
     /// # Errors
     /// Those of [`io::remove`].
     pub fn remove_earlier_pictures(&self) -> Result<()> {
-        self.remove(&self.earlier_pictures()?)
+        self.remove(&earlier_pictures(self.folder)?)
     }
 
     /// Removes the results of an earlier evaluation, which may have had more of them.
@@ -126,26 +125,26 @@ impl<'a> ResultsFolder<'a> {
     /// # Errors
     /// Those of [`io::remove`].
     pub fn remove_earlier_results(&self) -> Result<()> {
-        self.remove(&self.earlier_results()?)
+        self.remove(&earlier_results(self.folder)?)
     }
 
     fn remove(&self, names: &[String]) -> Result<()> {
         names.iter().try_for_each(|name| io::remove(&self.folder.join(name)))
     }
+}
 
-    fn earlier_results(&self) -> Result<Vec<String>> {
-        let is_own = |name: &String| {
-            let own = RESULTS.iter().chain(&MISMATCH).chain(&LDR).chain([&REGIONS]);
-            own.into_iter().any(|own| own == name) || is_plot(name)
-        };
-        Ok(list(self.folder)?.into_iter().filter(is_own).collect())
-    }
+fn earlier_results(folder: &Path) -> Result<Vec<String>> {
+    let is_own = |name: &String| {
+        let own = RESULTS.iter().chain(&MISMATCH).chain(&LDR).chain([&REGIONS]);
+        own.into_iter().any(|own| own == name) || is_plot(name)
+    };
+    Ok(list(folder)?.into_iter().filter(is_own).collect())
+}
 
-    fn earlier_pictures(&self) -> Result<Vec<String>> {
-        let mut names = list(&self.folder.join(pictures::FOLDER))?;
-        names.retain(|name| PictureName::of_file(name).is_some());
-        Ok(names.into_iter().map(|name| format!("{}/{name}", pictures::FOLDER)).collect())
-    }
+fn earlier_pictures(folder: &Path) -> Result<Vec<String>> {
+    let mut names = list(&folder.join(pictures::FOLDER))?;
+    names.retain(|name| PictureName::of_file(name).is_some());
+    Ok(names.into_iter().map(|name| format!("{}/{name}", pictures::FOLDER)).collect())
 }
 
 /// The names in a folder; none where there is none.
@@ -175,6 +174,17 @@ mod tests {
         let mut left = others.to_vec();
         left.sort();
         assert_eq!(names(), left);
+    }
+
+    #[test]
+    fn a_folder_that_gets_no_results_goes_again() {
+        let scratch = tempfile::tempdir().unwrap();
+        let folder = scratch.path().join("new/results");
+        let results = ResultsFolder::prepare(&folder, &[], false).unwrap();
+        let failed: Result<()> = results.with_new_pictures(|_| Err(Error::Unsupported("damaged".to_owned())));
+        assert!(failed.is_err() && folder.is_dir());
+        drop(results);
+        assert!(io::list_folder(scratch.path()).unwrap().is_empty());
     }
 
     #[test]
