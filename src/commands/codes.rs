@@ -7,6 +7,7 @@ use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use serde_json::json;
 
+use udc::batch::check_kept;
 use udc::codes::{self, CODE_DIM, PUBLISHED_ANGLES_DEG};
 use udc::core::kernel_code::KernelBank;
 use udc::core::psf::Psf;
@@ -121,6 +122,7 @@ impl CodesArgs {
                 paths.len()
             );
         }
+        io::check_distinct("psfs", paths)?;
         let psfs: Vec<Psf> =
             paths.iter().map(|path| self.psf_file.read(path, session)).collect::<Result<_>>()?;
         match &psfs[..] {
@@ -134,6 +136,7 @@ impl CodesArgs {
         if let Some(output) = &self.output {
             io::check_extension(output, "npy")?;
             io::check_output(output, session.overwrite)?;
+            check_kept(std::slice::from_ref(output), paths)?;
             if paths.len() > 1 {
                 bail!(
                     "-o holds the code of one PSF, and {} were given; project them one by one",

@@ -17,7 +17,7 @@ use udc::experiment::{
     Listener, MISMATCH, REGIONS, RESULTS, RestorationMethod, Results, ResultsFolder, files_of_evaluation,
     name_among,
 };
-use udc::io::DomainTag;
+use udc::io::{DomainTag, check_distinct};
 use udc::network::{Backend, Model};
 use udc::report::{self, picture};
 use udc::restore::{Highlights, Precision, in_precision};
@@ -200,6 +200,8 @@ impl EvalArgs {
         session: &Session,
     ) -> Result<()> {
         let roots = if self.dataset.is_empty() { &self.data } else { &self.dataset };
+        check_distinct("dataset", roots)?;
+        check_distinct("model", &self.model)?;
         let open = |root: &PathBuf| {
             let open = if self.allow_missing { Dataset::open_incomplete } else { Dataset::open };
             Ok((name_among(roots, root), open(root)?))

@@ -14,9 +14,12 @@ use super::bracket::BracketArgs;
 use super::choices::Choices;
 use super::domain::SceneDomainArgs;
 use super::psf::check_float_output;
+use udc::batch::check_kept;
 use udc::capture::{Developed, PSF_BRACKET, SCENE_BRACKET, Told, names_of, read_mask, uncorrected};
 use udc::core::provenance::Provenance;
-use udc::io::{WriteOptions, check_output, expand_inputs, what_is_lost, write_image, write_psf};
+use udc::io::{
+    WriteOptions, check_distinct, check_output, expand_inputs, what_is_lost, write_image, write_psf,
+};
 use udc::psf::{MeasureConfig, Normalization, measure_psf};
 
 use positions::Light;
@@ -78,9 +81,14 @@ impl FuseArgs {
 
         let told = self.told()?;
         let light = match self.positions {
-            false => Light::of_bracket(expand_inputs(&self.inputs)?, &told, session)?,
+            false => {
+                let inputs = expand_inputs(&self.inputs)?;
+                check_distinct("pictures", &inputs)?;
+                Light::of_bracket(inputs, &told, session)?
+            }
             true => Light::of_positions(&self.inputs, &told, session)?,
         };
+        self.check_output_is_not_read(&light.inputs)?;
         let Light { inputs, developed: Developed { fused, info, raw, config, exposures, .. }, positions } =
             light;
         let doing = || format!("fusing bracket {}", names_of(&inputs));
@@ -121,6 +129,14 @@ impl FuseArgs {
         summary.warnings().into_iter().for_each(|warning| session.warn(warning));
         session.results_of(summary.json());
         session.say(summary.text())
+    }
+
+    /// Refuses to write over a picture, a dark frame or the mask.
+    fn check_output_is_not_read(&self, pictures: &[PathBuf]) -> Result<()> {
+        let darks = self.bracket.dark_frames();
+        let darks = if darks.is_empty() { Vec::new() } else { expand_inputs(darks)? };
+        let read: Vec<&PathBuf> = pictures.iter().chain(&darks).chain(&self.mask).collect();
+        Ok(check_kept(std::slice::from_ref(&self.output), &read)?)
     }
 
     /// What the flags say of the pictures.

@@ -9,6 +9,7 @@ use serde_json::json;
 
 use super::psf_file::PsfFileArgs;
 use super::{Session, misuse, text_of};
+use udc::batch::check_kept;
 use udc::codes::MeasurementErrors;
 use udc::core::error::Error;
 use udc::core::provenance::Provenance;
@@ -114,6 +115,7 @@ impl PsfArgs {
         }
         check_float_output(&self.output)?;
         check_output(&self.output, session.overwrite)?;
+        check_kept(std::slice::from_ref(&self.output), self.source.from.as_slice())?;
         let display = self.display()?;
         if let (Some(file), Some(display)) = (&self.display_out, &display) {
             check_extension(file, "toml")?;

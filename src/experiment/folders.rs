@@ -29,8 +29,8 @@ impl Folders {
     /// is said of the tone curve.
     ///
     /// # Errors
-    /// Those of [`pair_folders`] and [`ToneSource::of_pairs`]; [`Error::Unsupported`] when an image has no partner, unless
-    /// such images may be missing.
+    /// Those of [`pair_folders`] and [`ToneSource::of_pairs`]; [`Error::Config`] for one folder twice; [`Error::Unsupported`] when
+    /// an image has no partner, unless such images may be missing.
     pub fn open(
         restored: &Path,
         ground_truth: &Path,
@@ -38,6 +38,10 @@ impl Folders {
         allow_missing: bool,
     ) -> Result<Self> {
         let found = pair_folders(restored, ground_truth)?;
+        if restored.canonicalize().is_ok_and(|place| ground_truth.canonicalize().ok() == Some(place)) {
+            let reason = format!("{} is the folder of the restored images itself", ground_truth.display());
+            return Err(Error::config("gt", reason));
+        }
         if let (Some((id, fault)), false) = (found.unmatched.first(), allow_missing) {
             let count = found.unmatched.len();
             return Err(Error::Unsupported(format!(

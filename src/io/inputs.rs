@@ -1,6 +1,6 @@
 //! Expands what a user names — files, folders, patterns — to a list of image files.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;
 use std::path::{Component, Path, PathBuf};
 
@@ -171,6 +171,24 @@ pub fn without_repeats(mut files: Vec<PathBuf>) -> Vec<PathBuf> {
     files
 }
 
+/// Refuses files or folders of which two are the same, whatever paths lead to them: what is made of all would count it twice.
+///
+/// # Errors
+/// [`Error::Config`] under `key`, naming both.
+pub fn check_distinct(key: &str, all: &[PathBuf]) -> Result<()> {
+    let mut seen: BTreeMap<PathBuf, &PathBuf> = BTreeMap::new();
+    for path in all {
+        // What comes with the program is no file, and known by its name.
+        let place = path.canonicalize().unwrap_or_else(|_| path.clone());
+        if let Some(other) = seen.insert(place, path) {
+            let (other, path) = (other.display().to_string(), path.display().to_string());
+            let as_other = if other == path { String::new() } else { format!(", as {other} too") };
+            return Err(Error::config(key, format!("names {path} twice{as_other}; name it once")));
+        }
+    }
+    Ok(())
+}
+
 /// One path for all ways to name a file; a link is a file of its own.
 pub fn identity(file: &Path) -> PathBuf {
     let folder = match file.parent() {
@@ -232,5 +250,20 @@ mod tests {
         let [a, b] = ["a.exr", "b.exr"].map(|name| scratch.path().join(name));
         let files = vec![a.clone(), b.clone(), a.clone(), inner.join("../a.exr")];
         assert_eq!(without_repeats(files), [a, b]);
+    }
+
+    #[test]
+    fn what_is_named_by_two_paths_is_one() {
+        let scratch = tempfile::tempdir().unwrap();
+        let at = |name: &str| scratch.path().join(name);
+        ["a", "b"].iter().for_each(|name| std::fs::create_dir(at(name)).unwrap());
+        let check =
+            |names: &[&str]| check_distinct("data", &names.iter().map(|name| at(name)).collect::<Vec<_>>());
+        check(&["a", "b", "guided"]).unwrap();
+        let said = check(&["a", "b", "b/../a"]).unwrap_err().to_string();
+        assert!(said.contains("b/../a twice, as ") && said.starts_with("data: "), "{said}");
+        assert!(
+            check(&["guided", "guided"]).unwrap_err().to_string().ends_with("guided twice; name it once")
+        );
     }
 }

@@ -62,7 +62,7 @@ pub use field::{inspect_psf_field, read_field, read_psf_field, write_psf_field};
 pub use folder::{AppendFile, LineLog, create_folder, lock_folder, publish, remove, try_lock_folder};
 pub use format::{Encoding, Format, check_extension};
 pub use half_tensors::{HalfTensor, HalfTensors, read_half_tensors};
-pub use inputs::{expand_inputs, identity, is_hidden, without_repeats};
+pub use inputs::{check_distinct, expand_inputs, identity, is_hidden, without_repeats};
 pub use layer::{file_of_input, names_folder, sha256_of_input, stem_of_input, with_layer};
 pub use lost::{what_is_lost, what_is_lost_of_mapping};
 pub use machine::{available_memory_bytes, check_writable, free_disk_bytes};

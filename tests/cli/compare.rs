@@ -76,8 +76,10 @@ fn what_is_named_twice_is_refused() {
     let wiener = ["--method", "wiener", "-o", "results"];
     for twice in [
         &[&["eval", "dataset", "dataset"], &wiener[..]].concat()[..],
+        &[&["eval", "dataset", "./dataset/../dataset"], &wiener[..]].concat(),
         &[&["eval", "dataset", "--method", "wiener"], &wiener[..]].concat(),
         &[&["eval", "dataset", "--model", "net.safetensors", "net.safetensors"], &wiener[..]].concat(),
+        &[&["eval", "dataset", "--model", "net.safetensors", "./net.safetensors"], &wiener[..]].concat(),
     ] {
         let said = fail(folder, twice, 1);
         assert!(said.contains("twice"), "{twice:?}: {said}");

@@ -67,7 +67,7 @@ const READERS: [(&[&str], &str); 14] = [
     (&["finish", "IN", "-o", "out.exr"], "--domain"),
     (&["convert", "IN", "out.exr"], "--domain"),
     (&["convert", "IN", "out.npy"], "--domain"),
-    (&["fuse", "IN", "IN", "IN", "--exposures", "1,1/4,1/16", "-o", "out.exr"], "--domain"),
+    (&["fuse", "IN", "--exposures", "1", "-o", "out.exr"], "--domain"),
     (&["codes", "IN", "--angles=-3,0,3", "--dim", "1", "-o", "out.safetensors"], "--domain"),
     (&["report", "IN", "-o", "out.html"], "--domain"),
     (&["info", "--psf", "IN"], "--domain"),

@@ -63,6 +63,9 @@ fn measures_two_folders_as_the_published_evaluation_does() {
     assert!(fail(scratch.path(), &arguments, 1).contains("--overwrite"));
     let said = fail(scratch.path(), &["eval", "--restored", "restored", "--gt", "gt", "-o", "undeclared"], 1);
     assert!(said.contains("--domain"), "{said}");
+    assert!(!scratch.path().join("undeclared").exists(), "it would hold nothing");
+    let itself = fail(scratch.path(), &["eval", "--restored", "gt", "--gt", "./gt", "-o", "itself"], 1);
+    assert!(itself.contains("./gt is the folder of the restored images itself"), "{itself}");
 }
 
 #[test]

@@ -229,3 +229,24 @@ fn a_scene_that_is_a_link_to_nothing_is_not_left_out() {
     }
     assert!(!scratch.path().join("dataset").exists());
 }
+
+#[test]
+fn what_two_paths_name_counts_once_and_is_not_written_over() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    for twice in [
+        &["codes", "psf.npy", "views/../psf.npy", "--dim", "1", "-o", "twice.safetensors"][..],
+        &["fuse", "psf.npy", "views/../psf.npy", "--exposures", "1,1/4", "-o", "twice.exr"],
+    ] {
+        let said = fail(folder, twice, 1);
+        assert!(said.contains("names views/../psf.npy twice, as psf.npy too"), "{twice:?}: {said}");
+    }
+    for over in [
+        &["fuse", "psf.npy", "--exposures", "1", "-o", "./psf.npy", "--overwrite"][..],
+        &["psf", "--from", "psf.npy", "--turn", "1", "-o", "./psf.npy", "--overwrite"],
+        &["codes", "--project", "bank.safetensors", "psf.npy", "-o", "./psf.npy", "--overwrite"],
+    ] {
+        let said = fail(folder, over, 1);
+        assert!(said.contains("psf.npy would be read and written over"), "{over:?}: {said}");
+    }
+}
