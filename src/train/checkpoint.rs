@@ -8,16 +8,24 @@ use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use sha2::{Digest as _, Sha256};
+
 use super::instruction_sets::InstructionSets;
 use super::optimizer::Moments;
 use super::trainer::State;
 use crate::core::error::{Error, Result};
+use crate::core::psf::hex;
 use crate::io::{self, FloatWidth, TensorData};
 use crate::network::weights::{self, Weights, tensors};
 use crate::network::{Architecture, Parameters, TensorValues};
 
 const FORMAT: &str = "udc-training-state";
-const VERSION: &str = "2";
+const VERSION: &str = "3";
+/// The version whose states had no [`CHECKSUM`].
+const WITHOUT_CHECKSUM: &str = "2";
+
+/// The name of the SHA-256 of all else that a state holds.
+const CHECKSUM: &str = "contents-sha256";
 
 const STATE_FILE: &str = "state.safetensors";
 const MODEL_FILE: &str = "model.safetensors";
@@ -181,15 +189,30 @@ impl Checkpoint {
             metadata.insert(INSTRUCTION_SETS.to_owned(), sets.to_string());
         }
         metadata.extend(self.data.iter().map(|(name, part)| (format!("{DATA}{name}"), part.clone())));
+        let contents = tensors.iter().map(|(name, (shape, values))| (name, &shape[..], &values[..]));
+        let checksum = contents_sha256(contents, &metadata);
+        metadata.insert(CHECKSUM.to_owned(), checksum);
         io::write_safetensors(path, &tensors, &metadata, FloatWidth::Single, false)
     }
 
     fn read(path: &Path, architecture: &Architecture) -> Result<Self> {
-        let tensors::TensorFile { mut tensors, metadata } = tensors::read(path)?;
+        let tensors::TensorFile { mut tensors, mut metadata } = tensors::read(path)?;
+        let checksum = metadata.remove(CHECKSUM);
         let damaged = || Error::format(path, "is no training state of this version of udc; start a new run");
         let entry = |key: &str| metadata.get(key).map(String::as_str);
-        if (entry("format"), entry("version")) != (Some(FORMAT), Some(VERSION)) {
+        if entry("format") != Some(FORMAT) {
             return Err(damaged());
+        }
+        match (entry("version"), checksum) {
+            (Some(WITHOUT_CHECKSUM), None) => {}
+            (Some(VERSION), Some(checksum)) => {
+                let contents =
+                    tensors.iter().map(|(name, tensor)| (name, &tensor.shape[..], &tensor.values[..]));
+                if contents_sha256(contents, &metadata) != checksum {
+                    return Err(Error::format(path, "is damaged: it does not hold what its checksum is of"));
+                }
+            }
+            _ => return Err(damaged()),
         }
         let iteration = entry("iteration").and_then(|text| text.parse().ok()).ok_or_else(damaged)?;
         let mut take = |prefix: &str| {
@@ -218,6 +241,27 @@ impl Checkpoint {
         Ok(Self { state: State { iteration, parameters, moments, average }, best, data, instruction_sets })
     }
 }
+
+/// SHA-256 of tensors, sorted by name, and of metadata, in hexadecimal.
+fn contents_sha256<'a>(
+    tensors: impl Iterator<Item = (&'a String, &'a [usize], &'a [f32])>,
+    metadata: &BTreeMap<String, String>,
+) -> String {
+    let mut hash = Sha256::new();
+    // With quotes around texts, and the number of values before them: nothing can pass for something else.
+    hash.update(format!("{metadata:?}"));
+    for (name, shape, values) in tensors {
+        hash.update(format!("{name:?} {shape:?}"));
+        for chunk in values.chunks(HASHED_AT_ONCE) {
+            let bytes: Vec<u8> = chunk.iter().flat_map(|value| value.to_le_bytes()).collect();
+            hash.update(bytes);
+        }
+    }
+    hex(&hash.finalize())
+}
+
+/// Values whose bytes the first-level cache holds.
+const HASHED_AT_ONCE: usize = 1 << 12;
 
 /// Tensors shaped and named like the weights, each name with a prefix.
 fn named<'a>(
@@ -311,6 +355,30 @@ mod tests {
         ["1", "2"].iter().for_each(|iteration| std::fs::write(state(iteration), "damaged").unwrap());
         assert!(checkpoints.latest(&model.architecture, &no_warning).is_err());
         assert_eq!(io::list_folder(folder.path()).unwrap(), ["1", "2"], "nothing is removed for nothing");
+    }
+
+    /// Wherever a byte is another, or the file ends.
+    #[test]
+    fn a_state_that_is_not_what_was_written_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(STATE_FILE);
+        let (saved, model) = checkpoint(7, true);
+        saved.write(&path).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let read = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            Checkpoint::read(&path, &model.architecture)
+        };
+        for at in (0..bytes.len()).step_by(997) {
+            let mut other = bytes.clone();
+            other[at] ^= 1;
+            assert!(read(&other).is_err(), "byte {at} of {}", bytes.len());
+            assert!(read(&bytes[..at]).is_err(), "{at} bytes of {}", bytes.len());
+        }
+        let mut other = bytes.clone();
+        *other.last_mut().unwrap() ^= 1;
+        assert!(read(&other).unwrap_err().to_string().contains("is damaged: it does not hold"));
+        assert_eq!(read(&bytes).unwrap(), saved);
     }
 
     fn no_warning(text: &str) {
