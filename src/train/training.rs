@@ -31,8 +31,8 @@ impl Training<'_> {
     /// Trains in a folder until the configured number of iterations, or until the user asks to stop.
     ///
     /// # Errors
-    /// [`Error::Config`] when the network needs codes of another length than the kernels have, or for chosen kernels
-    /// that there are not; those of [`Job::run`] and of reading the data.
+    /// [`Error::Config`] when the network needs codes of another length than the kernels have, for chosen kernels
+    /// that there are not, and for images that are smaller than the crop; those of [`Job::run`] and of reading the data.
     pub fn run(&self, folder: &Path, start: Start) -> Result<Outcome> {
         let (config, set) = (self.config, self.set);
         set.warnings(config).iter().for_each(|warning| (self.warn)(warning));
@@ -42,9 +42,11 @@ impl Training<'_> {
             (self.warn)("there is no val or test split; the training is not validated");
         }
         let identity = set.identity()?;
+        let samples = set.samples(config, self.warn)?;
+        samples.check_size(config.data.crop)?;
         let job = Job {
             config,
-            data: &*set.samples(config, self.warn)?,
+            data: &*samples,
             validation: validation.as_deref(),
             measures: self.measures,
             data_say_formation: set.says_formation(),

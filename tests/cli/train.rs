@@ -524,6 +524,20 @@ fn images_of_a_triplet_must_be_of_one_size() {
 }
 
 #[test]
+fn an_image_that_is_smaller_than_the_crop_is_named_before_the_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    let options = io::WriteOptions { overwrite: true, ..Default::default() };
+    let clean = LinearImage::from_planes(Array3::ones((3, 15, 30))).unwrap();
+    io::write_image(&folder.join("dataset/gt/scene2.npy"), &clean, &options).unwrap();
+    let said = fail(folder, &["train", "config.toml", "--data", "dataset", "-o", "run"], 1);
+    assert!(said.contains("checking dataset/gt/scene2.npy"), "{said}");
+    assert!(said.contains("16 pixels do not fit an image of 15 × 30"), "{said}");
+    assert!(!folder.join("run").exists());
+}
+
+#[test]
 fn only_an_absent_split_turns_validation_off() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();

@@ -87,6 +87,11 @@ impl TrainingData for ExampleData<'_> {
         })
     }
 
+    fn check_size(&self, side: usize) -> Result<()> {
+        let doing = |error: Error| error.while_doing(format!("checking {}", self.folder.root.display()));
+        Window::check_fits(side, [self.folder.file.examples.side_px; 2]).map_err(doing)
+    }
+
     fn tags(&self, item: usize) -> &[String] {
         &self.items[item].tags
     }
@@ -183,6 +188,8 @@ mod tests {
         assert!(patch.planes.get(Plane::Noise).is_some() && patch.planes.get(Plane::Deconvolved).is_none());
         assert_eq!(data.tags(2), record.tags);
         assert!(data.patch(2, 41, &mut rng::stream(1, "")).unwrap_err().to_string().contains("40 × 40"));
+        data.check_size(40).unwrap();
+        assert!(data.check_size(41).unwrap_err().in_full().contains("40 × 40"));
         let none = ExampleData::new(&folder, Split::Test, &[], 0).unwrap_err().to_string();
         assert!(none.contains("no example of the test split"), "{none}");
     }

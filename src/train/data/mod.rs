@@ -5,10 +5,15 @@ mod examples;
 mod on_the_fly;
 mod stored;
 
+use std::path::PathBuf;
+
+use rayon::prelude::*;
+
 use crate::core::error::{Error, Result};
-use crate::core::image::{Domain, Image, ToneMappedImage};
+use crate::core::image::{Domain, Image, Linear, ToneMappedImage};
 use crate::core::kernel_code::KernelCode;
 use crate::core::rng::Rng;
+use crate::io;
 use crate::network::Planes;
 
 pub use examples::ExampleData;
@@ -47,6 +52,12 @@ pub trait TrainingData: Sync {
     /// When the item cannot be read, or is smaller than the square.
     fn patch(&self, item: usize, side: usize, rng: &mut Rng) -> Result<Patch>;
 
+    /// Refuses, before the work, items that are smaller than squares of `side` pixels, as far as files say it at their beginning.
+    ///
+    /// # Errors
+    /// As [`patch`](Self::patch), naming the first such item.
+    fn check_size(&self, side: usize) -> Result<()>;
+
     /// What a validation scores item `item` by, beside all items together.
     fn tags(&self, _item: usize) -> &[String] {
         &[]
@@ -72,13 +83,19 @@ impl Window {
     /// [`Error::Config`] when the image is smaller than the square.
     pub fn draw(side: usize, height: usize, width: usize, rng: &mut Rng) -> Result<Self> {
         use rand::RngExt as _;
-        if side > height.min(width) {
-            let reason = format!("{side} pixels do not fit an image of {height} × {width}; make it smaller");
-            return Err(Error::config("data.crop or validation.crop", reason));
-        }
+        Self::check_fits(side, [height, width])?;
         let top = rng.random_range(0..=height - side);
         let left = rng.random_range(0..=width - side);
         Ok(Self { top, left, side })
+    }
+
+    /// Refuses an image of `[height, width]` that is smaller than squares of `side` pixels.
+    fn check_fits(side: usize, [height, width]: [usize; 2]) -> Result<()> {
+        if side <= height.min(width) {
+            return Ok(());
+        }
+        let reason = format!("{side} pixels do not fit an image of {height} × {width}; make it smaller");
+        Err(Error::config("data.crop or validation.crop", reason))
     }
 
     /// Cuts the square out of an image.
@@ -109,4 +126,19 @@ impl TrainingData for InMemory {
             planes: whole.planes.crop(window.top, window.left, side, side),
         })
     }
+
+    fn check_size(&self, side: usize) -> Result<()> {
+        let size = |patch: &Patch| [patch.degraded.height(), patch.degraded.width()];
+        self.0.iter().try_for_each(|patch| Window::check_fits(side, size(patch)))
+    }
+}
+
+/// Refuses files whose images, without a margin on each side, are smaller than squares of `side` pixels.
+fn check_files(files: &[PathBuf], margin: usize, side: usize) -> Result<()> {
+    let check = |path: &PathBuf| {
+        let frame = io::read_image_size::<Linear>(path, None)?.map(|side| side.saturating_sub(2 * margin));
+        Window::check_fits(side, frame)
+            .map_err(|error| error.while_doing(format!("checking {}", path.display())))
+    };
+    files.par_iter().find_map_first(|path| check(path).err()).map_or(Ok(()), Err)
 }

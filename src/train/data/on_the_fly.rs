@@ -6,7 +6,7 @@ use rand::RngExt as _;
 
 use super::super::config::KERNELS_KEY;
 use super::cache::Cache;
-use super::{Patch, TrainingData, Window};
+use super::{Patch, TrainingData, Window, check_files};
 use crate::core::error::Result;
 use crate::core::image::LinearImage;
 use crate::core::kernel_code::KernelBank;
@@ -107,6 +107,10 @@ impl TrainingData for OnTheFlyData<'_> {
             planes,
         })
     }
+
+    fn check_size(&self, side: usize) -> Result<()> {
+        check_files(&self.scenes, self.margin, side)
+    }
 }
 
 #[cfg(test)]
@@ -149,6 +153,9 @@ mod tests {
         }
         let said = data.patch(0, 5, &mut rng::stream(1, "large")).unwrap_err().in_full();
         assert!(said.contains("5 × 4"), "{said}");
+        data.check_size(4).unwrap();
+        let said = data.check_size(5).unwrap_err().in_full();
+        assert!(said.contains("scene.npy") && said.contains("5 × 4"), "{said}");
     }
 
     /// "Degrading" adds the kernel's index.

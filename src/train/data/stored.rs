@@ -1,8 +1,11 @@
 //! Samples from a dataset's files: clean and degraded image of a triplet, cut at one place.
 
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
 use super::super::config::KERNELS_KEY;
 use super::cache::Cache;
-use super::{Patch, TrainingData, Window};
+use super::{Patch, TrainingData, Window, check_files};
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
@@ -122,5 +125,12 @@ impl TrainingData for StoredData<'_> {
                 .map(|&plane| self.cut_plane(plane, triplet, window))
                 .collect::<Result<_>>()?,
         })
+    }
+
+    /// Of the clean images alone: those that are degraded have the same sizes.
+    fn check_size(&self, side: usize) -> Result<()> {
+        let clean: BTreeSet<&String> = self.items.iter().map(|(triplet, _)| &triplet.gt).collect();
+        let files: Vec<PathBuf> = clean.into_iter().map(|gt| self.dataset.root.join(gt)).collect();
+        check_files(&files, 0, side)
     }
 }

@@ -53,6 +53,10 @@ impl TrainingData for Counted {
         }
         self.data.patch(item, side, rng)
     }
+
+    fn check_size(&self, side: usize) -> Result<()> {
+        self.data.check_size(side)
+    }
 }
 
 fn counted(broken: usize) -> Counted {
