@@ -14,9 +14,7 @@ use udc::io;
 use udc::kernels::keep_freed_memory;
 use udc::network::{Backend, Backends, Precision};
 use udc::synth::Existing;
-use udc::train::{
-    self, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationScore, guided_initial, read_initial,
-};
+use udc::train::{self, Initial, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationScore};
 
 use super::choices::TRAINING_PRECISIONS;
 use super::device::DeviceArgs;
@@ -97,12 +95,14 @@ impl TrainArgs {
     pub(super) fn train(&self, session: &Session) -> Result<Outcome> {
         let config = self.read_config()?;
         session.configured(&config);
-        let start = self.start(&config, session)?;
+        let initial = self.initial(&config)?;
         let made = self.psf.as_deref().map(|psf| self.make_examples(psf, session)).transpose()?;
         let data = made.as_deref().or(self.data.as_deref()).expect("one of --data and --psf is required");
         let set = TrainingSet::open(data, self.bank.as_deref(), &config)?;
         set.dataset().map_or(Ok(()), |dataset| session.warn_of_unfinished(dataset))?;
         session.detail(format!("{} parameters", config.architecture.parameters()));
+        initial.as_ref().and_then(|initial| initial.doubt(&set)).iter().for_each(|doubt| session.warn(doubt));
+        let start = self.start(initial, session);
         let backends = self.backends(session)?;
         let training = Training {
             config: &config,
@@ -174,15 +174,24 @@ impl TrainArgs {
         Ok(folder)
     }
 
-    fn start(&self, config: &TrainConfig, session: &Session) -> Result<Start> {
+    /// The weights that the training begins with, where they are a model's.
+    fn initial(&self, config: &TrainConfig) -> Result<Option<Initial>> {
         if self.resume {
-            return Ok(Start::Resume);
+            return Ok(None);
         }
-        let initial = match &self.init {
-            Some(path) => Some(read_initial(path, config)?),
-            None => self.psf.as_ref().map(|_| guided_initial(config)).transpose()?,
-        };
-        Ok(if session.overwrite { Start::Replace(initial) } else { Start::New(initial) })
+        Ok(match &self.init {
+            Some(path) => Some(Initial::read(path, config)?),
+            None => self.psf.as_ref().map(|_| Initial::guided(config)).transpose()?,
+        })
+    }
+
+    fn start(&self, initial: Option<Initial>, session: &Session) -> Start {
+        let initial = initial.map(Initial::into_parameters);
+        match (self.resume, session.overwrite) {
+            (true, _) => Start::Resume,
+            (false, true) => Start::Replace(initial),
+            (false, false) => Start::New(initial),
+        }
     }
 }
 

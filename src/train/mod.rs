@@ -43,6 +43,6 @@ pub use run::{Job, Outcome, Start, read_config};
 pub use sampler::Sampler;
 pub use schedule::learning_rate;
 pub use trainer::{Step, Trainer};
-pub use training::{Training, guided_initial, read_initial};
+pub use training::{Initial, Training};
 pub use training_set::TrainingSet;
 pub use validation::{Validation, ValidationScore};

@@ -171,18 +171,27 @@ impl TrainingSet {
     ///
     /// # Errors
     /// [`Error::Io`] when a clean image cannot be read; [`Error::Config`] for a tone curve that is none.
+    /// SHA-256 of the kernel bank behind the codes, where there is one.
+    pub(super) fn bank_sha256(&self) -> Option<&str> {
+        match self {
+            Self::Stored(dataset) => dataset.bank_sha256(),
+            Self::OnTheFly(clean, _) => Some(&clean.bank_sha256),
+            Self::Examples(_) => None,
+        }
+    }
+
     pub fn identity(&self) -> Result<DataIdentity> {
         Ok(match self {
             Self::Stored(dataset) => DataIdentity {
                 images_sha256: Some(dataset.triplets_sha256()),
-                kernel_bank_sha256: dataset.bank_sha256().map(str::to_owned),
+                kernel_bank_sha256: self.bank_sha256().map(str::to_owned),
                 codes_sha256: dataset.config.is_none().then(|| dataset.codes_sha256()),
                 scenes_sha256: None,
                 tone_curve: dataset.formation.curve()?,
             },
             Self::OnTheFly(clean, dataset) => DataIdentity {
                 images_sha256: dataset.as_ref().map(Dataset::triplets_sha256),
-                kernel_bank_sha256: Some(clean.bank_sha256.clone()),
+                kernel_bank_sha256: self.bank_sha256().map(str::to_owned),
                 codes_sha256: None,
                 scenes_sha256: Some(contents_sha256(&clean.scenes)?),
                 tone_curve: clean.curve,
