@@ -116,6 +116,7 @@ impl Place {
         }
         self.outdated = self.outdated_lists(&synthesis.scenes, names, is_same);
         self.check_nothing_is_lost(found.as_ref(), config)?;
+        self.warnings.extend(self.left_behind(synthesis)?);
         let staying: Vec<String> =
             names.iter().filter(|name| !self.outdated.contains(name)).cloned().collect();
         self.check_others(&synthesis.scenes, &staying)
@@ -160,6 +161,28 @@ impl Place {
             "would lose {lost}, which this run does not make again, for {why}; name another folder, use the same flags, or \
              remove this folder first"
         ))
+    }
+
+    /// Tells of images that only void lists name and that this run does not make, in words for a warning. They may be scenes of
+    /// somebody's, and stay.
+    fn left_behind(&self, synthesis: &Synthesis) -> Result<Option<String>> {
+        let mut left: BTreeSet<String> = BTreeSet::new();
+        for name in &self.outdated {
+            let triplets = listed(&self.root.join(name))?;
+            left.extend(triplets.into_iter().flat_map(|triplet| [triplet.gt, triplet.degraded]));
+        }
+        for path in synthesis.image_files() {
+            left.remove(&path);
+        }
+        left.retain(|path| self.root.join(path).is_file());
+        Ok(left.first().map(|first| {
+            format!(
+                "{} keeps {} images that its list named until now and that this run does not make, first {first}: remove them, \
+                 unless something else needs them",
+                self.root.display(),
+                left.len()
+            )
+        }))
     }
 
     fn refuse<T>(&self, reason: &str) -> Result<T> {

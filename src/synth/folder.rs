@@ -17,7 +17,7 @@ use crate::io::{self, LineLog, WriteOptions};
 use super::archives::{Archives, archives_of, member_of};
 use super::existing::{Existing, Place};
 use super::kept::check_scenes;
-use super::list::{finished_triplets, to_line};
+use super::list::{file_of, finished_triplets, to_line};
 use super::scenes::Scene;
 use super::synthesis::Synthesis;
 
@@ -131,8 +131,7 @@ impl DatasetFolder {
     pub(super) fn path_of(&self, id: &str, kernel: Option<&str>, extension: &str) -> String {
         match (&self.archives, kernel) {
             (Some(_), kernel) => member_of(id, &format!("{}.{extension}", kernel.unwrap_or("gt"))),
-            (None, Some(kernel)) => format!("degraded/{kernel}/{id}.{extension}"),
-            (None, None) => format!("gt/{id}.{extension}"),
+            (None, kernel) => file_of(id, kernel, extension),
         }
     }
 

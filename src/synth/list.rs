@@ -10,6 +10,14 @@ use crate::core::image::Linear;
 use crate::dataset::Triplet;
 use crate::io;
 
+/// The file of a scene's ground truth, or of its image through a kernel, in a dataset's folder.
+pub(super) fn file_of(id: &str, kernel: Option<&str>, extension: &str) -> String {
+    match kernel {
+        Some(kernel) => format!("degraded/{kernel}/{id}.{extension}"),
+        None => format!("gt/{id}.{extension}"),
+    }
+}
+
 /// The line of a triplet.
 pub(super) fn to_line(triplet: &Triplet) -> String {
     serde_json::to_string(triplet).expect("triplets are plain data")

@@ -18,6 +18,7 @@ use super::Formation;
 use super::degradations::{BankFile, Degradations};
 use super::existing::Existing;
 use super::kernels::{KernelSet, MemoryNeeds};
+use super::list::file_of;
 use super::scenes::{Division, Scene, common_margin, list_scenes};
 use super::sources::check_sources;
 
@@ -173,6 +174,18 @@ impl Synthesis {
             threads: rayon::current_num_threads(),
             measured: format!("{} images", sampler.steps()),
         })
+    }
+
+    /// The files of all images of this run, relative to its folder; none where archives keep them.
+    pub(super) fn image_files(&self) -> impl Iterator<Item = String> + '_ {
+        let DatasetConfig { image_format, archive_bytes, .. } = &self.config;
+        let names = (0..self.bank.len()).map(|index| Some(self.bank.kernel_name(index)));
+        let kernels: Vec<Option<String>> = names.chain([None]).collect();
+        let files = move |scene: &Scene| {
+            let file = |kernel: &Option<String>| file_of(&scene.id, kernel.as_deref(), image_format);
+            kernels.iter().map(file).collect::<Vec<_>>()
+        };
+        self.scenes.iter().filter(|_| archive_bytes.is_none()).flat_map(files)
     }
 
     /// Plans the work on scenes of one size.

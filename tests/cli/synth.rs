@@ -87,6 +87,21 @@ fn writes_a_dataset_that_opens_and_keeps_panoramas_together() {
 }
 
 #[test]
+fn images_that_a_new_beginning_leaves_behind_are_told_of() {
+    let folder = scratch();
+    synth(folder.path(), "dataset", &[]);
+    fs::remove_file(folder.path().join("views/hall_02.npy")).unwrap();
+    let again = ["synth", "views", "--bank", "bank.safetensors", "-o", "dataset", "--overwrite"];
+    let told =
+        |more: &[&str]| String::from_utf8(udc(folder.path(), &[&again[..], more].concat()).stderr).unwrap();
+    let said = told(&[]);
+    assert!(said.contains("keeps 4 images that its list named") && said.contains("/hall_02.exr"), "{said}");
+    assert!(!told(&[]).contains("keeps"), "no list names them any more");
+    assert!(folder.path().join("dataset/gt/hall_02.exr").is_file());
+    assert!(told(&["--tar", "1MB"]).contains("keeps 16 images"));
+}
+
+#[test]
 fn one_and_two_threads_write_the_same_bytes() {
     let folder = scratch();
     let flags = ["--noise", "sensor", "--border", "reflect", "--seed", "7"];
