@@ -56,6 +56,7 @@ pub(crate) struct ExamplesArgs {
 
 impl ExamplesArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        session.check_resume(self.resume || self.take_over)?;
         let set = ExampleSet { config: self.read_config()?, shard: self.shard };
         session.configured(&set.config);
         let existing = match (session.overwrite, self.resume, self.take_over) {

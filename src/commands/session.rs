@@ -5,7 +5,7 @@ use std::io::Write as _;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
@@ -59,6 +59,14 @@ impl Session {
             results: Mutex::default(),
             unheard: OnceLock::new(),
         }
+    }
+
+    /// Refuses to keep what is there and to replace it.
+    pub(crate) fn check_resume(&self, resume: bool) -> Result<()> {
+        if resume && self.overwrite {
+            bail!("--resume keeps what --overwrite replaces; pass one of them");
+        }
+        Ok(())
     }
 
     /// What came out; an error where stdout took no more of what was told.

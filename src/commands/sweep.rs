@@ -72,9 +72,9 @@ pub(crate) struct SweepArgs {
 
 impl SweepArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        session.check_resume(self.resume)?;
         let earlier = match (self.resume, session.overwrite) {
-            (true, true) => bail!("--resume keeps what --overwrite replaces; pass one of them"),
-            (true, false) => EarlierRows::Resume,
+            (true, _) => EarlierRows::Resume,
             (false, true) => EarlierRows::Replace,
             (false, false) => EarlierRows::Refuse,
         };

@@ -97,6 +97,7 @@ const SAMPLED_SCENES: usize = 32;
 
 impl SynthArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        session.check_resume(self.resume || self.take_over)?;
         let synthesis = self.plan(session)?;
         if self.dry_run.dry_run {
             return self.estimate(&synthesis, session);

@@ -93,6 +93,7 @@ impl TrainArgs {
 
     /// Trains as far as the configuration, or the user, wants.
     pub(super) fn train(&self, session: &Session) -> Result<Outcome> {
+        session.check_resume(self.resume)?;
         let config = self.read_config()?;
         session.configured(&config);
         let initial = self.initial(&config)?;
@@ -100,9 +101,9 @@ impl TrainArgs {
         let data = made.as_deref().or(self.data.as_deref()).expect("one of --data and --psf is required");
         let set = TrainingSet::open(data, self.bank.as_deref(), &config)?;
         set.dataset().map_or(Ok(()), |dataset| session.warn_of_unfinished(dataset))?;
-        session.detail(format!("{} parameters", config.architecture.parameters()));
         initial.as_ref().and_then(|initial| initial.doubt(&set)).iter().for_each(|doubt| session.warn(doubt));
         let start = self.start(initial, session);
+        session.detail(format!("{} parameters", config.architecture.parameters()));
         let backends = self.backends(session)?;
         let training = Training {
             config: &config,

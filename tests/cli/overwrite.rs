@@ -250,3 +250,20 @@ fn what_two_paths_name_counts_once_and_is_not_written_over() {
         assert!(said.contains("psf.npy would be read and written over"), "{over:?}: {said}");
     }
 }
+
+#[test]
+fn nothing_is_both_kept_and_made_anew() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    synth(folder, "dataset", &[]);
+    let before = fs::read(folder.join("dataset/triplets.jsonl")).unwrap();
+    for command in [
+        &["synth", "views", "--bank", "bank.safetensors", "-o", "dataset"][..],
+        &["scenes", "--count", "1", "--size", "16", "-o", "scenes"],
+        &["crop", "panoramas", "-o", "views"],
+    ] {
+        let said = fail(folder, &[command, &["--resume", "--overwrite"]].concat(), 1);
+        assert!(said.contains("--resume keeps what --overwrite replaces; pass one of them"), "{said}");
+    }
+    assert_eq!(fs::read(folder.join("dataset/triplets.jsonl")).unwrap(), before);
+}
