@@ -15,6 +15,7 @@ pub use estimate::{
 };
 pub use others::tell_of_others;
 pub use queue::{Selection, Stages, run};
+pub use resume::is_made;
 pub use tone_mapping::ToneMapping;
 #[cfg(test)]
 pub(crate) use watcher::testing;

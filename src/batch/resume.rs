@@ -1,9 +1,12 @@
 //! Finds out which outputs are there already, and that they were made in the same way of the same files.
 
+use std::path::Path;
+
 use serde_json::Value;
 
 use super::{Stages, Watcher};
 use crate::core::error::{Error, Result};
+use crate::core::provenance::Provenance;
 use crate::io::read_provenance;
 
 /// The jobs whose outputs are not there yet; tells how many are.
@@ -32,31 +35,65 @@ pub(super) fn remaining<S: Stages>(
 /// When it carries a provenance that says it was made otherwise.
 pub(super) fn is_done<S: Stages>(stages: &S, job: &S::Job) -> Result<bool> {
     let output = stages.output(job);
-    if !output.exists() {
-        return Ok(false);
-    }
-    let made = read_provenance(output)?.map(|provenance| provenance.config);
-    let carries_provenance =
-        output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
-    if made.is_none() && carries_provenance {
-        return Err(Error::Unsupported(format!(
-            "{} is not of this program, which tells in each EXR how it was made; name another folder, or pass \
-             --overwrite instead of --resume",
-            output.display()
-        )));
-    }
-    // A format that cannot say how it was made is taken for done.
-    let Some(mut made) = made else { return Ok(true) };
+    let mut made = match find(output)? {
+        Found::Nothing => return Ok(false),
+        Found::Silent => return Ok(true),
+        Found::Made(made) => made.config,
+    };
     stages.forget_places(&mut made);
     let agrees = |said: &Value| {
         said.as_object().is_some_and(|keys| keys.iter().all(|(key, value)| made.get(key) == Some(value)))
     };
-    if !agrees(&stages.describe(job)) || !agrees(&stages.identify(job)?) {
-        return Err(Error::Unsupported(format!(
-            "{} was made with other settings or of other files; use the same flags, or pass --overwrite instead of \
-             --resume",
-            output.display()
-        )));
+    if agrees(&stages.describe(job)) && agrees(&stages.identify(job)?) {
+        Ok(true)
+    } else {
+        Err(otherwise(output))
     }
-    Ok(true)
+}
+
+/// Whether an image is there that was made as `wanted` says.
+///
+/// # Errors
+/// [`Error::Unsupported`] for one that says that it was made otherwise; those of reading it.
+pub fn is_made(output: &Path, wanted: &Provenance) -> Result<bool> {
+    let made = match find(output)? {
+        Found::Nothing => return Ok(false),
+        Found::Silent => return Ok(true),
+        Found::Made(made) => made,
+    };
+    let is_same = made.command == wanted.command && made.config == wanted.config;
+    if is_same { Ok(true) } else { Err(otherwise(output)) }
+}
+
+/// What is there of an output.
+enum Found {
+    Nothing,
+    /// A file that cannot say how it was made, which is taken for done.
+    Silent,
+    Made(Provenance),
+}
+
+fn find(output: &Path) -> Result<Found> {
+    if !output.exists() {
+        return Ok(Found::Nothing);
+    }
+    let carries_provenance =
+        output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
+    match read_provenance(output)? {
+        Some(made) => Ok(Found::Made(made)),
+        None if carries_provenance => Err(Error::Unsupported(format!(
+            "{} is not of this program, which tells in each EXR how it was made; name another folder, or pass \
+             --overwrite instead of --resume",
+            output.display()
+        ))),
+        None => Ok(Found::Silent),
+    }
+}
+
+fn otherwise(output: &Path) -> Error {
+    Error::Unsupported(format!(
+        "{} was made with other settings or of other files; use the same flags, or pass --overwrite instead of \
+         --resume",
+        output.display()
+    ))
 }

@@ -62,12 +62,16 @@ pub(crate) struct CropArgs {
     /// Cut only the I-th of N parts; all parts may be cut at the same time, into one folder
     #[arg(long, value_name = "I/N", default_value = "1/1")]
     shard: Shard,
+    /// Keep views that are there, and cut the others; .npy does not say what it was cut out of, and is kept
+    #[arg(long)]
+    resume: bool,
     #[command(flatten)]
     dry_run: DryRunArgs,
 }
 
 impl CropArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        session.check_resume(self.resume)?;
         let cut = Cut {
             views: self.list_views(),
             margin: self.margin,
@@ -75,6 +79,7 @@ impl CropArgs {
             image_format: self.format,
             half: self.half,
             overwrite: session.overwrite,
+            resume: self.resume,
             shard: self.shard,
         };
         cut.check()?;
@@ -89,7 +94,7 @@ impl CropArgs {
             let estimate = cut.estimate(panoramas, &self.output, PATIENCE)?;
             return self.dry_run.tell("crop", &estimate, session);
         }
-        let CutCount { panoramas, views } =
+        let CutCount { panoramas, views, kept } =
             cut.run(panoramas, &self.output, &session.progress, |report| match report {
                 CutReport::Others(others) => session.warn(others),
                 CutReport::Read { panorama, contradiction, time } => {
@@ -100,14 +105,16 @@ impl CropArgs {
                     session.detail(format_args!("{panorama} view {view}: rendered in {time:.2?}"));
                 }
             })?;
-        session
-            .results_of(json!({ "output": text_of(&self.output), "panoramas": panoramas, "views": views }));
+        session.results_of(
+            json!({ "output": text_of(&self.output), "panoramas": panoramas, "views": views, "kept": kept }),
+        );
         let margin = match self.margin {
             0 => String::new(),
             margin => format!(" and a margin of {margin} on each side"),
         };
+        let kept = if kept == 0 { String::new() } else { format!(", {kept} of them were there") };
         session.say(format_args!(
-            "{}: {views} views of {panoramas} panoramas, {} × {} pixels{margin}",
+            "{}: {views} views of {panoramas} panoramas, {} × {} pixels{margin}{kept}",
             self.output.display(),
             self.size,
             self.size

@@ -54,6 +54,9 @@ pub(crate) struct ScenesArgs {
     /// Paint only the I-th of N parts; all parts may be painted at the same time
     #[arg(long, value_name = "I/N", default_value = "1/1")]
     shard: Shard,
+    /// Keep scenes that are there, and paint the others; .npy does not say how it was painted, and is kept
+    #[arg(long)]
+    resume: bool,
 }
 
 /// Height and width in pixels.
@@ -74,6 +77,7 @@ impl FromStr for Size {
 
 impl ScenesArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
+        session.check_resume(self.resume)?;
         let set = SceneSet {
             seed: self.seed,
             kinds: self.kinds,
@@ -83,6 +87,7 @@ impl ScenesArgs {
             image_format: self.format,
             half: self.half,
             overwrite: session.overwrite,
+            resume: self.resume,
         };
         set.check()?;
         if self.margin > 0 && self.format == "npy" {
@@ -95,14 +100,15 @@ impl ScenesArgs {
         if session.overwrite && !self.shard.is_part() {
             set.tell_of_others(&self.output)?.iter().for_each(|others| session.warn(others));
         }
-        set.run(&self.output, &session.progress)?;
+        let kept = set.run(&self.output, &session.progress)?;
         let ([height, width], count) = (set.size, set.numbers.len());
-        session.results_of(json!({ "output": text_of(&self.output), "scenes": count }));
+        session.results_of(json!({ "output": text_of(&self.output), "scenes": count, "kept": kept }));
         let margin = match self.margin {
             0 => String::new(),
             margin => format!(" and a margin of {margin} on each side"),
         };
-        session
-            .say(format_args!("{}: {count} scenes, {height} × {width} pixels{margin}", self.output.display()))
+        let kept = if kept == 0 { String::new() } else { format!(", {kept} of them were there") };
+        let folder = self.output.display();
+        session.say(format_args!("{folder}: {count} scenes, {height} × {width} pixels{margin}{kept}"))
     }
 }

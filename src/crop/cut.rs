@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use super::{Panorama, View, crop_with_margin};
-use crate::batch::tell_of_others;
+use crate::batch::{is_made, tell_of_others};
 use crate::core::error::{Error, Result};
 use crate::core::image::Linear;
 use crate::core::progress::Progress;
@@ -31,6 +31,8 @@ pub struct Cut {
     pub half: bool,
     /// Whether files that are there may be replaced.
     pub overwrite: bool,
+    /// Whether views that are there are kept.
+    pub resume: bool,
     /// Whose views are cut: a block of all, so that few panoramas are read by several runs.
     pub shard: Shard,
 }
@@ -65,8 +67,10 @@ pub enum CutReport<'a> {
 pub struct CutCount {
     /// Panoramas that were read.
     pub panoramas: usize,
-    /// Views that were cut out of them.
+    /// Views that were cut out of them, or are kept.
     pub views: usize,
+    /// Those that were there.
+    pub kept: usize,
 }
 
 /// The views that one run cuts out of a panorama.
@@ -77,14 +81,29 @@ pub(super) struct PanoramaViews {
     pub(super) views: Range<usize>,
 }
 
+/// Views that have yet to be cut out of a panorama.
+struct Todo {
+    panorama: PanoramaViews,
+    /// Of its file.
+    sha256: String,
+    /// Indices, from 0.
+    views: Vec<usize>,
+}
+
 /// What a view's provenance says.
 #[derive(Serialize)]
 struct Origin<'a> {
     panorama: &'a str,
+    panorama_sha256: &'a str,
+    /// What the user said that the panorama's file holds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    domain: Option<&'static str>,
     #[serde(flatten)]
     view: View,
     /// The key by which `udc synth` finds it.
     margin: usize,
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    half: bool,
 }
 
 impl Cut {
@@ -102,13 +121,6 @@ impl Cut {
     ) -> Result<CutCount> {
         self.check()?;
         let work = self.share(name_by_stem(panoramas)?)?;
-        if folder.exists() {
-            for PanoramaViews { stem, views, .. } in &work {
-                views.clone().try_for_each(|view| {
-                    io::check_output(&self.path(folder, stem, view + 1), self.overwrite)
-                })?;
-            }
-        }
         // Shards share a folder.
         if self.overwrite && !self.shard.is_part() {
             let made = work.iter().flat_map(|PanoramaViews { stem, views, .. }| {
@@ -116,31 +128,61 @@ impl Cut {
             });
             tell_of_others(folder, made)?.into_iter().for_each(|others| on_report(CutReport::Others(others)));
         }
-        let count =
-            CutCount { panoramas: work.len(), views: work.iter().map(|panorama| panorama.views.len()).sum() };
-        let bar = progress.bar(count.views as u64, "views");
-        for PanoramaViews { stem, path, views } in &work {
+        let (panoramas, views) = (work.len(), work.iter().map(|panorama| panorama.views.len()).sum());
+        let todo =
+            work.into_iter().map(|panorama| self.todo(folder, panorama)).collect::<Result<Vec<_>>>()?;
+        let kept = views - todo.iter().map(|todo| todo.views.len()).sum::<usize>();
+        let bar = progress.bar(views as u64, "views");
+        bar.start_at(kept as u64);
+        for Todo { panorama: PanoramaViews { stem, path, .. }, sha256, views } in &todo {
+            if views.is_empty() {
+                continue;
+            }
             let started = Instant::now();
             let (panorama, contradiction) = self
                 .read(path)
                 .map_err(|error| error.while_doing(format!("reading the panorama {}", path.display())))?;
             on_report(CutReport::Read { panorama: stem, contradiction, time: started.elapsed() });
             io::create_folder(folder)?;
-            for (i, view) in views.clone().map(|i| (i, &self.views[i])) {
+            for &index in views {
                 progress.check()?;
                 let started = Instant::now();
-                let image = crop_with_margin(&panorama, view, self.margin);
-                on_report(CutReport::Rendered { panorama: stem, view: i + 1, time: started.elapsed() });
-                let origin = Origin { panorama: stem, view: *view, margin: self.margin };
-                let provenance = Some(Provenance::new("crop", &origin));
+                let image = crop_with_margin(&panorama, &self.views[index], self.margin);
+                on_report(CutReport::Rendered { panorama: stem, view: index + 1, time: started.elapsed() });
+                let provenance = Some(self.provenance((stem, sha256), index));
                 let (half, overwrite) = (self.half, self.overwrite);
                 let options = WriteOptions { half, overwrite, provenance, ..WriteOptions::default() };
-                io::write_image(&self.path(folder, stem, i + 1), &image, &options)?;
+                io::write_image(&self.path(folder, stem, index + 1), &image, &options)?;
                 bar.inc(1);
             }
         }
         bar.finish_and_clear();
-        Ok(count)
+        Ok(CutCount { panoramas, views, kept })
+    }
+
+    /// The views of a panorama that are not there, or may be replaced.
+    fn todo(&self, folder: &Path, panorama: PanoramaViews) -> Result<Todo> {
+        // Before the pixels, so that they are not older than it.
+        let sha256 = io::sha256_of_file(&panorama.path)?;
+        let mut views = Vec::new();
+        for index in panorama.views.clone() {
+            let path = self.path(folder, &panorama.stem, index + 1);
+            if self.resume && is_made(&path, &self.provenance((&panorama.stem, &sha256), index))? {
+                continue;
+            }
+            if folder.exists() {
+                io::check_output(&path, self.overwrite)?;
+            }
+            views.push(index);
+        }
+        Ok(Todo { panorama, sha256, views })
+    }
+
+    /// How the view of an index is made of a panorama of a name and a SHA-256.
+    fn provenance(&self, (panorama, panorama_sha256): (&str, &str), index: usize) -> Provenance {
+        let (domain, view) = (self.told.map(DomainTag::name), self.views[index]);
+        let (margin, half) = (self.margin, self.half);
+        Provenance::new("crop", &Origin { panorama, panorama_sha256, domain, view, margin, half })
     }
 
     /// The panoramas of the shard, with its views of each.
@@ -210,8 +252,16 @@ mod tests {
         let view = |yaw_deg| View { yaw_deg, pitch_deg: 0.0, fov_deg: 60.0, size: 16 };
         let views = vec![view(0.0), view(90.0)];
         let shard = Shard::WHOLE;
-        let cut =
-            Cut { views, margin: 1, told: None, image_format: "exr", half: false, overwrite: false, shard };
+        let cut = Cut {
+            views,
+            margin: 1,
+            told: None,
+            image_format: "exr",
+            half: false,
+            overwrite: false,
+            resume: false,
+            shard,
+        };
         let run = |paths: &[&PathBuf], on_report: &mut dyn FnMut(CutReport<'_>)| {
             let paths = paths.iter().map(|&path| path.clone()).collect();
             cut.run(paths, &root.path().join("views"), &Progress::default(), on_report)
@@ -225,7 +275,7 @@ mod tests {
                 CutReport::Rendered { panorama, view, .. } => format!("{panorama} {view}"),
             });
         });
-        assert_eq!(count.unwrap(), CutCount { panoramas: 2, views: 4 });
+        assert_eq!(count.unwrap(), CutCount { panoramas: 2, views: 4, kept: 0 });
         assert_eq!(reports, ["beach", "beach 1", "beach 2", "street", "street 1", "street 2"]);
         let path = root.path().join("views/street_02.exr");
         assert_eq!(io::read_image::<Linear>(&path).unwrap().height(), 18);
@@ -234,5 +284,17 @@ mod tests {
         assert!(again.contains("street_01.exr"), "{again}");
         let twice = run(&[&street, &other], &mut |_| {}).unwrap_err().to_string();
         assert!(twice.contains("would write the same views"), "{twice}");
+
+        std::fs::remove_file(&path).unwrap();
+        let resume = Cut { resume: true, ..cut };
+        let folder = root.path().join("views");
+        let again = |cut: &Cut| cut.run(vec![street.clone()], &folder, &Progress::default(), |_| {});
+        assert_eq!(again(&resume).unwrap(), CutCount { panoramas: 1, views: 2, kept: 1 });
+        assert!(path.is_file());
+        std::fs::rename(&other, &street).unwrap();
+        let other = LinearImage::from_planes(Array3::from_elem((3, 8, 16), 0.25)).unwrap();
+        io::write_image(&street, &other, &WriteOptions { overwrite: true, ..Default::default() }).unwrap();
+        let said = again(&resume).unwrap_err().to_string();
+        assert!(said.contains("street_01.exr was made with other settings or of other files"), "{said}");
     }
 }

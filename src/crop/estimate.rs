@@ -37,7 +37,7 @@ impl Cut {
         let sample_bytes = CHANNELS as u64 * if self.half { 2 } else { 4 };
         let sampler = Sampler::new(patience);
         let scratch = io::scratch_folder(folder)?;
-        let sample = Self { shard: Shard::WHOLE, ..self.clone() };
+        let sample = Self { shard: Shard::WHOLE, resume: false, ..self.clone() };
         let first: Vec<PathBuf> = work.first().map(|panorama| panorama.path.clone()).into_iter().collect();
         let sampled = sample.run(first, scratch.path(), &sampler.progress(), |_| {});
         sampled.map(|_| ()).or_else(|error| if error.is_interrupt() { Ok(()) } else { Err(error) })?;

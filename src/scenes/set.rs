@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::natural::{NaturalKind, paint_natural};
-use crate::batch::tell_of_others;
+use crate::batch::{is_made, tell_of_others};
 use crate::core::error::{Error, Result};
 use crate::core::image::LinearImage;
 use crate::core::progress::Progress;
@@ -38,6 +38,8 @@ pub struct SceneSet {
     pub half: bool,
     /// Whether files that are there may be replaced.
     pub overwrite: bool,
+    /// Whether scenes that are there are kept.
+    pub resume: bool,
 }
 
 /// What a scene's provenance says.
@@ -52,6 +54,8 @@ struct Origin {
     size: [usize; 2],
     /// The key by which `udc synth` finds it.
     margin: usize,
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    half: bool,
 }
 
 /// The seed of a scene of the endless sequence that belongs to a seed, for [`paint_natural`].
@@ -62,26 +66,37 @@ pub fn scene_seed(seed: u64, number: usize) -> u64 {
 }
 
 impl SceneSet {
-    /// Paints all scenes into `folder`, several at a time, as `<kind>-s<seed>-<number>.<format>`.
+    /// Paints all scenes into `folder`, several at a time, as `<kind>-s<seed>-<number>.<format>`. Returns how many were there and
+    /// are kept.
     ///
     /// # Errors
-    /// Those of [`check`](Self::check); [`Error::Interrupted`] after an interrupt; [`Error::Io`] when a file exists or
-    /// cannot be written.
-    pub fn run(&self, folder: &Path, progress: &Progress) -> Result<()> {
+    /// Those of [`check`](Self::check) and [`is_made`]; [`Error::Interrupted`] after an interrupt; [`Error::Io`] when a file exists
+    /// or cannot be written.
+    pub fn run(&self, folder: &Path, progress: &Progress) -> Result<usize> {
         self.check()?;
-        if folder.exists() {
-            self.numbers.iter().try_for_each(|n| io::check_output(&self.path(folder, *n), self.overwrite))?;
+        let mut todo = Vec::new();
+        for &number in &self.numbers {
+            let path = self.path(folder, number);
+            if self.resume && is_made(&path, &self.provenance(number))? {
+                continue;
+            }
+            if folder.exists() {
+                io::check_output(&path, self.overwrite)?;
+            }
+            todo.push(number);
         }
         io::create_folder(folder)?;
+        let kept = self.numbers.len() - todo.len();
         let bar = progress.bar(self.numbers.len() as u64, "scenes");
-        self.numbers.par_iter().try_for_each(|&number| {
+        bar.start_at(kept as u64);
+        todo.par_iter().try_for_each(|&number| {
             progress.check()?;
             self.write(folder, number)?;
             bar.inc(1);
             Ok(())
         })?;
         bar.finish_and_clear();
-        Ok(())
+        Ok(kept)
     }
 
     /// Tells of images in `folder` that are none of these scenes, in words for a warning; none where there are none.
@@ -114,15 +129,19 @@ impl SceneSet {
     }
 
     fn write(&self, folder: &Path, number: usize) -> Result<()> {
-        let scene_seed = scene_seed(self.seed, number);
-        let kind = self.kind(number);
-        let image = paint_natural(kind, scene_seed, self.size.map(|side| side + 2 * self.margin))?.image;
-        let (seed, size, margin) = (self.seed, self.size, self.margin);
-        let origin = Origin { kind: kind.name(), seed, number, scene_seed, size, margin };
-        let provenance = Some(Provenance::new("scenes", &origin));
+        let size = self.size.map(|side| side + 2 * self.margin);
+        let image = paint_natural(self.kind(number), scene_seed(self.seed, number), size)?.image;
+        let provenance = Some(self.provenance(number));
         let (half, overwrite) = (self.half, self.overwrite);
         let options = WriteOptions { half, overwrite, provenance, ..WriteOptions::default() };
         io::write_image(&self.path(folder, number), &self.fit(image), &options)
+    }
+
+    /// How a scene is made.
+    fn provenance(&self, number: usize) -> Provenance {
+        let &Self { seed, size, margin, half, .. } = self;
+        let (kind, scene_seed) = (self.kind(number).name(), scene_seed(seed, number));
+        Provenance::new("scenes", &Origin { kind, seed, number, scene_seed, size, margin, half })
     }
 
     /// What a scene shows.
@@ -161,6 +180,7 @@ mod tests {
             image_format: "exr",
             half,
             overwrite: false,
+            resume: false,
         }
     }
 
@@ -179,6 +199,21 @@ mod tests {
         let again = set(2..5, false).run(&one, &Progress::default()).unwrap_err().to_string();
         assert!(again.contains("s5-00002.exr"), "{again}");
         assert_eq!(std::fs::read_dir(&one).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn scenes_that_are_there_are_kept_if_they_are_those() {
+        let root = tempfile::tempdir().unwrap();
+        let run = |numbers, size| {
+            let set = SceneSet { resume: true, size, ..set(numbers, false) };
+            set.run(root.path(), &Progress::default())
+        };
+        assert_eq!(run(0..2, [24, 32]).unwrap(), 0);
+        let first = set(0..1, false).path(root.path(), 0);
+        let before = std::fs::metadata(&first).unwrap().modified().unwrap();
+        assert_eq!(run(0..3, [24, 32]).unwrap(), 2);
+        assert_eq!(std::fs::metadata(&first).unwrap().modified().unwrap(), before);
+        assert!(run(0..3, [24, 33]).unwrap_err().to_string().contains("made with other settings"));
     }
 
     #[test]
