@@ -171,6 +171,18 @@ impl ExamplesFolder {
         Ok(Self { root: root.to_owned(), file, records: records.into_values().collect() })
     }
 
+    /// How many of the examples that are to be made are there, where some are missing, in words for a warning.
+    pub fn unfinished(&self) -> Option<String> {
+        let (made, wanted) = (self.records.len(), self.file.examples.count);
+        (made < wanted).then(|| {
+            format!(
+                "{} of {wanted} examples are in {}: finish them with the flags of their `udc examples` and --resume",
+                made,
+                self.root.display()
+            )
+        })
+    }
+
     /// Reads an example: tone-mapped images `[3, height, width]` by name.
     ///
     /// # Errors

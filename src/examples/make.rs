@@ -102,9 +102,7 @@ impl ExampleSet {
         let path = root.join(&list);
         self.check_place(root, &list, existing)?;
         if existing == Existing::Overwrite {
-            lists(root)?.iter().try_for_each(|list| io::remove(&root.join(list)))?;
-            io::remove(&root.join(PANELS))?;
-            io::remove(&root.join(EXAMPLES_FILE))?;
+            self.begin_anew(root, file)?;
         }
         describe(root, file)?;
         // Let go again where the list is written anew; nobody else comes here meanwhile.
@@ -122,6 +120,26 @@ impl ExampleSet {
             finished.extend(listed(root, &list)?.into_iter().map(|record| record.id));
         }
         Ok((log, finished))
+    }
+
+    /// Removes what this run makes anew: all that is there, but for what other shards make of the same.
+    fn begin_anew(&self, root: &Path, file: &ExamplesFile) -> Result<()> {
+        let is_same = ExamplesFile::read(root).is_ok_and(|found| found.first_difference(file).is_none());
+        let is_beside = |list: &String| {
+            let is_other =
+                |index: usize| index != self.shard.index && *list == list_name(index, self.shard.count);
+            is_same && (0..self.shard.count).any(is_other)
+        };
+        let lists = lists(root)?;
+        let (beside, outdated): (Vec<_>, Vec<_>) = lists.iter().partition(|list| is_beside(list));
+        // One that a run is writing is not to be taken away from it.
+        outdated.iter().try_for_each(|list| LineLog::open(&root.join(list))?.try_lock())?;
+        outdated.iter().try_for_each(|list| io::remove(&root.join(list)))?;
+        if !beside.is_empty() {
+            return file.write(root);
+        }
+        io::remove(&root.join(PANELS))?;
+        io::remove(&root.join(EXAMPLES_FILE))
     }
 
     /// Simulates the panels that examples are seen through, one after the other: each takes all threads. Shards that run

@@ -98,6 +98,30 @@ fn more_examples_may_be_asked_for_and_others_not() {
     assert!(message.contains("something else than examples"), "{message}");
 }
 
+#[test]
+fn a_shard_that_begins_anew_leaves_what_others_make_of_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().join("examples");
+    let mut config = ExamplesConfig { count: 4, ..config(Vec::new()) };
+    ["1/2", "2/2", "1/2"].iter().for_each(|shard| {
+        make_shard(&root, &config, shard, Existing::Overwrite).unwrap();
+    });
+    let found = ExamplesFolder::open(&root).unwrap();
+    assert_eq!((found.records.len(), found.unfinished()), (4, None));
+    let held = LineLog::open(&root.join(list_name(1, 2))).unwrap();
+    held.try_lock().unwrap();
+    config.seed += 1;
+    let said = make_shard(&root, &config, "1/2", Existing::Overwrite).unwrap_err().to_string();
+    assert!(said.contains("examples-02-of-02.jsonl") && said.contains("another process"), "{said}");
+    drop(held);
+    make_shard(&root, &config, "1/2", Existing::Overwrite).unwrap();
+    let found = ExamplesFolder::open(&root).unwrap();
+    assert!(
+        found.unfinished().unwrap().starts_with("2 of 4 examples are in"),
+        "the others are of another seed"
+    );
+}
+
 /// Examples of one panel are seen through its PSF alone, for whatever they are, and those of another are others.
 #[test]
 fn a_panel_that_is_given_is_the_only_one() {
