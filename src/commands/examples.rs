@@ -11,7 +11,7 @@ use udc::examples::{ExampleSet, ExamplesConfig, MadeExamples};
 use udc::io;
 use udc::synth::Existing;
 
-use super::{Session, text_of};
+use super::{Session, psf_file, text_of};
 
 /// Make examples that a network learns to restore captures of any panel from
 ///
@@ -59,6 +59,7 @@ impl ExamplesArgs {
         session.check_resume(self.resume || self.take_over)?;
         let set = ExampleSet { config: self.read_config()?, shard: self.shard };
         session.configured(&set.config);
+        set.config.panels.psf.as_deref().map_or(Ok(()), |psf| psf_file::look(psf, session))?;
         let existing = match (session.overwrite, self.resume, self.take_over) {
             (true, ..) => Existing::Overwrite,
             (false, _, true) => Existing::TakeOver,

@@ -75,6 +75,11 @@ impl PsfAmongImagesArgs {
     }
 }
 
+/// Warns of what is wrong with a PSF that is read by a stage, without a flag of its own.
+pub(super) fn look(path: &Path, session: &Session) -> Result<()> {
+    read(path, PsfOptions::default(), session).map(|_| ())
+}
+
 fn read(path: &Path, options: PsfOptions, session: &Session) -> Result<Psf> {
     let reading = inspect_psf(path, options)?;
     tell(&reading, session);

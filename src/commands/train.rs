@@ -20,7 +20,7 @@ use super::choices::TRAINING_PRECISIONS;
 use super::device::DeviceArgs;
 use super::dry_run::{DryRunArgs, PATIENCE};
 use super::events::Stopped;
-use super::{Session, text_of};
+use super::{Session, psf_file, text_of};
 
 /// Train a restoration network
 ///
@@ -162,6 +162,7 @@ impl TrainArgs {
             }
             None => ExamplesConfig::from_toml(ADAPTATION)?,
         };
+        psf_file::look(psf, session)?;
         config.panels.psf = Some(psf.to_owned());
         if !self.scenes.is_empty() {
             config.scenes.panoramas = io::expand_inputs(&self.scenes)?;

@@ -110,7 +110,11 @@ impl TrainingSet {
             ),
             _ => None,
         };
-        formation.scale_warning(x_max).into_iter().chain(lost_margin).collect()
+        let unfinished = match self {
+            Self::Examples(folder) => folder.unfinished(),
+            Self::Stored(_) | Self::OnTheFly(..) => None,
+        };
+        formation.scale_warning(x_max).into_iter().chain(lost_margin).chain(unfinished).collect()
     }
 
     /// The dataset, unless a folder of clean images was named.
@@ -167,10 +171,6 @@ impl TrainingSet {
         split.map(data).transpose()
     }
 
-    /// What tells the data from others.
-    ///
-    /// # Errors
-    /// [`Error::Io`] when a clean image cannot be read; [`Error::Config`] for a tone curve that is none.
     /// SHA-256 of the kernel bank behind the codes, where there is one.
     pub(super) fn bank_sha256(&self) -> Option<&str> {
         match self {
@@ -180,6 +180,10 @@ impl TrainingSet {
         }
     }
 
+    /// What tells the data from others.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when a clean image cannot be read; [`Error::Config`] for a tone curve that is none.
     pub fn identity(&self) -> Result<DataIdentity> {
         Ok(match self {
             Self::Stored(dataset) => DataIdentity {
