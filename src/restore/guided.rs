@@ -7,10 +7,12 @@ use serde::Serialize;
 
 use super::angle::FoundAngle;
 use super::capture::{Capture, Restored};
-use super::deconvolution::{Border, LampOutside, Relieved, Solution, solve, without_lamps_outside};
+use super::deconvolution::{
+    Border, CaptureNoise, LampOutside, Relieved, Solution, solve, solve_window, without_lamps_outside,
+};
 use super::guard::{Guard, Left};
 use super::highlights::blend_highlights;
-use super::lamps::find_lamps;
+use super::lamps::{Lamp, find_lamps};
 use super::levels::{corrected_levels, doubted_levels, find_levels_below, info_of, is_surpassed};
 use super::memory::MemoryPlan;
 use super::network::NetworkOperator;
@@ -55,7 +57,7 @@ impl Default for GuidedOptions {
 }
 
 /// What a deconvolution makes of a capture with a PSF.
-struct Solved {
+pub(super) struct Solved {
     /// The capture without the flare of lamps outside of it, if there are any.
     relieved: Option<LinearImage>,
     lamps_outside: Vec<LampOutside>,
@@ -63,15 +65,30 @@ struct Solved {
 }
 
 impl Solved {
-    fn of(image: &LinearImage, psf: &Psf, planes: &PlaneConfig, progress: &Progress) -> Result<Self> {
+    /// Of a capture, or of a window of one, whose noise is then that of all of it.
+    pub(super) fn of(
+        (image, psf): (&LinearImage, &Psf),
+        planes: &PlaneConfig,
+        noise: Option<&CaptureNoise>,
+        progress: &Progress,
+    ) -> Result<Self> {
         let config = planes.deconvolution();
         let relieved = without_lamps_outside(image, psf, &config, &progress.without_bars())?;
         let (relieved, lamps_outside) = match relieved {
             Some(Relieved { image, lamps }) => (Some(image), lamps),
             None => (None, Vec::new()),
         };
-        let solution = solve(relieved.as_ref().unwrap_or(image), psf, &config, progress)?;
+        let image = relieved.as_ref().unwrap_or(image);
+        let solution = match noise {
+            Some(noise) => solve_window((image, psf), &config, noise, progress)?,
+            None => solve(image, psf, &config, progress)?,
+        };
         Ok(Self { relieved, lamps_outside, solution })
+    }
+
+    /// The scene.
+    pub(super) fn scene(&self) -> &LinearImage {
+        &self.solution.scene
     }
 
     /// The sum of squares of what the scene leaves of the capture.
@@ -106,6 +123,33 @@ struct Corrected {
     smaller_windows: Option<[usize; 2]>,
 }
 
+/// A PSF as the panel stands in a capture, and its pose where the capture tells another than that of the PSF.
+pub(super) struct Posed<'a> {
+    pub(super) psf: Cow<'a, Psf>,
+    pub(super) pose: Option<PoseEstimate>,
+}
+
+/// What holds of all of a capture.
+pub(super) struct Whole<'a> {
+    pub(super) model: &'a Model,
+    pub(super) planes: PlaneConfig,
+    /// φ∘C of the result.
+    pub(super) told: ToneCurve,
+    /// Where it is restored in parts: its noise, and whether it has lamps.
+    pub(super) parted: Option<(CaptureNoise, bool)>,
+}
+
+/// What a capture, or a part of it, was restored to.
+pub(super) struct Part {
+    pub(super) image: AnyImage,
+    /// Whether light above what saturates is in it.
+    pub(super) shines_above: bool,
+    pub(super) lamps: Vec<Lamp>,
+    pub(super) lamps_outside: Vec<LampOutside>,
+    pub(super) angle: Option<FoundAngle>,
+    pub(super) smaller_windows: Option<[usize; 2]>,
+}
+
 impl Restoration {
     /// Restores a capture by a network that reads planes, which are made of its PSF.
     pub(super) fn restore_by_planes(
@@ -121,32 +165,78 @@ impl Restoration {
         let told = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..self.curve() };
         let curve = self.curve_of(told, &image);
         let planes = PlaneConfig { curve, border: self.border(), saturation, noise: self.noise_curve() };
-        let (mut psf, mut pose) = self.posed_psf(&image, &planes, progress)?;
-        let mut solved = Solved::of(&image, &psf, &planes, progress)?;
-        if pose.is_some() && solved.solution.is_clean() {
+        let mut posed = self.posed_psf(&image, &planes, progress)?;
+        let whole = Whole { model, planes, told, parted: None };
+        let part = match &plan.parts {
+            Some(parts) => self.restore_in_parts((whole, parts), &image, &mut posed, progress)?,
+            None => {
+                let solved = self.solved(&image, &mut posed, &whole, progress)?;
+                self.restore_part((&whole, plan), (image, &posed.psf), solved, progress)?
+            }
+        };
+        let Part { image, shines_above, lamps, lamps_outside, angle, smaller_windows } = part;
+        let info = info_of(info, found, shines_above);
+        let restored = Restored::new(image, info, told).with_alpha(curve.alpha);
+        Ok(Restored {
+            angle,
+            lamps,
+            lamps_outside,
+            levels: found,
+            doubted_levels: doubted,
+            pose: posed.pose,
+            smaller_windows,
+            ..restored
+        })
+    }
+
+    /// Solves for the scene of a capture, or of a part of one, by the PSF as it is posed there, unless what is left of a capture without
+    /// noise tells that it was right before.
+    pub(super) fn solved<'s>(
+        &'s self,
+        image: &LinearImage,
+        posed: &mut Posed<'s>,
+        Whole { planes, parted, .. }: &Whole<'_>,
+        progress: &Progress,
+    ) -> Result<Solved> {
+        let noise = parted.as_ref().map(|(noise, _)| noise);
+        let solved = Solved::of((image, &posed.psf), planes, noise, progress)?;
+        if posed.pose.is_some() && solved.solution.is_clean() {
             // Where no noise hides it, what is left of the capture says which of the two is right.
             let own = self.kernel().needed_psf()?;
-            let unmoved = Solved::of(&image, own, &planes, progress)?;
+            let unmoved = Solved::of((image, own), planes, noise, progress)?;
             if unmoved.left() < solved.left() {
-                (psf, pose, solved) = (Cow::Borrowed(own), None, unmoved);
+                *posed = Posed { psf: Cow::Borrowed(own), pose: None };
+                return Ok(unmoved);
             }
         }
-        let psf = &*psf;
+        Ok(solved)
+    }
+
+    /// Restores a capture, or a part of one, of which the scene has been solved for.
+    pub(super) fn restore_part(
+        &self,
+        (whole, plan): (&Whole<'_>, &MemoryPlan),
+        (image, psf): (LinearImage, &Psf),
+        solved: Solved,
+        progress: &Progress,
+    ) -> Result<Part> {
+        let Whole { model, planes, told, parted } = whole;
+        let PlaneConfig { curve, saturation, .. } = *planes;
         let Solved { relieved, lamps_outside, solution } = solved;
         let image = relieved.unwrap_or(image);
         let lamps = find_lamps(&image, &solution.scene, saturation);
         let options = self.guided_options();
         let light = options.filter(|options| options.true_highlights).map(|_| solution.scene.clone());
         let tone_mapped = curve.tone_map(&image);
-        let has_lamps = !(lamps.is_empty() && lamps_outside.is_empty());
+        let are_elsewhere = parted.as_ref().is_some_and(|(_, has_lamps)| *has_lamps);
+        let has_lamps = are_elsewhere || !(lamps.is_empty() && lamps_outside.is_empty());
         let is_told = !has_lamps && self.border() != Border::Smooth;
         let (restored, Corrected { angle, smaller_windows }) =
             if is_told && solution.is_clean() && options.is_some() {
                 // Nothing hides the scene: what is told to 70 dB would lose up to 4 by a correction.
                 (curve.tone_map_in_place(solution.scene), Corrected::default())
             } else {
-                let given =
-                    Given { image: &image, tone_mapped: &tone_mapped, psf, planes: &planes, has_lamps };
+                let given = Given { image: &image, tone_mapped: &tone_mapped, psf, planes, has_lamps };
                 self.correct((model, plan), given, solution, progress)?
             };
         let level = saturation.map(|white| curve.compress(saturated_from(white)));
@@ -158,21 +248,10 @@ impl Restoration {
                 shines_above = is_surpassed(saturation, &light);
                 AnyImage::Linear(light)
             }
-            None if curve != told => AnyImage::Linear(curve.inverse_tone_map(&restored)),
-            None => AnyImage::ToneMapped(restored, Some(told)),
+            None if curve != *told => AnyImage::Linear(curve.inverse_tone_map(&restored)),
+            None => AnyImage::ToneMapped(restored, Some(*told)),
         };
-        let info = info_of(info, found, shines_above);
-        let restored = Restored::new(image, info, told).with_alpha(curve.alpha);
-        Ok(Restored {
-            angle,
-            lamps,
-            lamps_outside,
-            levels: found,
-            doubted_levels: doubted,
-            pose,
-            smaller_windows,
-            ..restored
-        })
+        Ok(Part { image, shines_above, lamps, lamps_outside, angle, smaller_windows })
     }
 
     /// What a network makes of a capture whose scene has been solved for, as far as the capture allows.
@@ -207,16 +286,12 @@ impl Restoration {
         Ok((restored, Corrected { angle, smaller_windows }))
     }
 
-    /// The PSF as the panel stands in a capture, and its pose where the capture tells another than that of the PSF.
-    fn posed_psf(
-        &self,
-        image: &LinearImage,
-        planes: &PlaneConfig,
-        progress: &Progress,
-    ) -> Result<(Cow<'_, Psf>, Option<PoseEstimate>)> {
+    /// The PSF as the panel stands in a capture.
+    fn posed_psf(&self, image: &LinearImage, planes: &PlaneConfig, progress: &Progress) -> Result<Posed<'_>> {
         let psf = self.kernel().needed_psf()?;
+        let own = Posed { psf: Cow::Borrowed(psf), pose: None };
         if !self.guided_options().is_some_and(|options| options.finds_pose) {
-            return Ok((Cow::Borrowed(psf), None));
+            return Ok(own);
         }
         let config =
             PoseConfig { alpha: planes.curve.alpha, saturation: planes.saturation, least_move: LEAST_MOVE };
@@ -224,9 +299,9 @@ impl Restoration {
         Ok(match found {
             Some(estimate) => {
                 let pose = Pose::of_estimates(psf, &[estimate]).expect("one estimate makes a pose");
-                (Cow::Owned(pose.apply(psf)?), Some(estimate))
+                Posed { psf: Cow::Owned(pose.apply(psf)?), pose: Some(estimate) }
             }
-            None => (Cow::Borrowed(psf), None),
+            None => own,
         })
     }
 
@@ -316,7 +391,7 @@ mod tests {
         let curve = ToneCurve::default();
         let planes =
             PlaneConfig { curve, border: Border::Zero, saturation: [curve.x_max; CHANNELS], noise: None };
-        let solved = |psf: &Psf| Solved::of(&image, psf, &planes, &Progress::default()).unwrap();
+        let solved = |psf: &Psf| Solved::of((&image, psf), &planes, None, &Progress::default()).unwrap();
         let (right, wrong) = (solved(&psf), solved(&moved));
         assert!(right.solution.is_clean());
         assert!(right.left() < wrong.left(), "{} {}", right.left(), wrong.left());

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::kernel::KernelKnowledge;
-use super::tiles::{Tiling, WindowOperator};
+use super::tiles::{FRAMES_IN_MEMORY, Tiling, WindowCost};
 use crate::core::bytes::format_bytes;
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
@@ -42,8 +42,10 @@ pub struct MemoryPlan {
     pub size: [usize; 2],
     /// Bytes that its restoration takes at most.
     pub bytes: u64,
-    /// The windows that it is restored in, one after another; none where it is restored as a whole.
+    /// The windows that a network restores it in, one after another; none where there is none, and where each of its parts has its own.
     pub tiling: Option<Tiling>,
+    /// The overlapping parts that it is deconvolved in, where there is no memory for the whole.
+    pub parts: Option<Tiling>,
     /// Threads that restore it.
     pub threads: usize,
     /// Bytes that the threads may take beyond the least.
@@ -52,10 +54,9 @@ pub struct MemoryPlan {
 
 impl MemoryBudget {
     /// Bytes that are taken beside the work by so many threads, if all images are of this size; `kernel_bytes` by kernels.
-    pub(super) fn others(&self, [height, width]: [usize; 2], kernel_bytes: u64, threads: usize) -> u64 {
-        let frame = (CHANNELS * size_of::<f32>() * height * width) as u64;
+    pub(super) fn others(&self, size: [usize; 2], kernel_bytes: u64, threads: usize) -> u64 {
         let own = PROGRAM_BYTES + kernel_bytes + threads as u64 * THREAD_BYTES;
-        self.queued_frames * frame + if self.counts_process { own } else { 0 }
+        self.queued_bytes(size) + if self.counts_process { own } else { 0 }
     }
 
     /// Plans the windows of an image, `beside` which so many bytes are taken, in tiles of a given side or as they fit.
@@ -66,7 +67,7 @@ impl MemoryBudget {
         size: [usize; 2],
         tile: Option<usize>,
         beside: u64,
-        operator: &dyn WindowOperator,
+        operator: &dyn WindowCost,
     ) -> Result<MemoryPlan> {
         let tiling = match tile {
             None => Tiling::within(size, self.limit_bytes, beside, operator)?,
@@ -88,13 +89,35 @@ impl MemoryBudget {
         let (height, width) = tiling.window();
         let more = operator.window_bytes(height, width, room) - operator.window_bytes(height, width, 0);
         let bytes = least + thread_bytes + more;
-        Ok(MemoryPlan { size, bytes, tiling: Some(tiling), threads: 1 + more_threads, room })
+        Ok(MemoryPlan { size, bytes, tiling: Some(tiling), parts: None, threads: 1 + more_threads, room })
     }
 
     /// Plans the restoration of an image as a whole by all threads, which takes so many bytes.
     pub(super) fn plan_whole(&self, size: [usize; 2], bytes: u64) -> Result<MemoryPlan> {
         self.require(bytes, size)?;
-        Ok(MemoryPlan { size, bytes, tiling: None, threads: rayon::current_num_threads(), room: 0 })
+        let threads = rayon::current_num_threads();
+        Ok(MemoryPlan { size, bytes, tiling: None, parts: None, threads, room: 0 })
+    }
+
+    /// Plans the restoration of an image in parts, each by all threads; `part` tells what one takes, the process included.
+    pub(super) fn plan_parts(&self, size: [usize; 2], part: &dyn WindowCost) -> Result<MemoryPlan> {
+        let queued = self.queued_bytes(size);
+        let parts = Tiling::within(size, self.limit_bytes, queued, part)?;
+        let bytes = parts.bytes(part) + queued;
+        let threads = rayon::current_num_threads();
+        Ok(MemoryPlan { size, bytes, tiling: None, parts: Some(parts), threads, room: 0 })
+    }
+
+    /// The memory that is left for one part of an image.
+    pub(super) fn of_part(&self, size: [usize; 2]) -> Self {
+        let around = self.queued_bytes(size) + FRAMES_IN_MEMORY * frame_bytes(size);
+        let limit_bytes = self.limit_bytes.saturating_sub(around);
+        Self { limit_bytes, queued_frames: 0, ..*self }
+    }
+
+    /// Bytes of the frames that the caller holds, if they are of this size.
+    fn queued_bytes(&self, size: [usize; 2]) -> u64 {
+        self.queued_frames * frame_bytes(size)
     }
 
     fn require(&self, bytes: u64, [height, width]: [usize; 2]) -> Result<()> {
@@ -114,13 +137,18 @@ impl fmt::Display for MemoryPlan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [height, width] = self.size;
         write!(f, "{height} × {width}: ")?;
-        if let Some(tiling) = &self.tiling {
+        if let Some(tiling) = self.parts.as_ref().or(self.tiling.as_ref()) {
             let windows = if tiling.len() == 1 { "window" } else { "windows" };
             let (height, width) = tiling.window();
             write!(f, "{} {windows} of up to {height} × {width}, ", tiling.len())?;
         }
         write!(f, "memory up to {}", format_bytes(self.bytes))
     }
+}
+
+/// Bytes of an RGB frame of 32-bit floats.
+fn frame_bytes([height, width]: [usize; 2]) -> u64 {
+    (CHANNELS * size_of::<f32>() * height * width) as u64
 }
 
 /// Runs work on so many threads, where there are more.

@@ -18,6 +18,7 @@ mod memory;
 mod network;
 mod notice;
 mod outside;
+mod parts;
 mod planes;
 mod plateau;
 mod pose;

@@ -2,7 +2,7 @@
 
 use ndarray::{Array3, s};
 
-use super::tiles::{ALIGNMENT, WindowOperator};
+use super::tiles::{ALIGNMENT, WindowCost, WindowOperator};
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, ToneMappedImage};
 use crate::core::kernel_code::KernelCode;
@@ -70,7 +70,7 @@ impl<'a> NetworkOperator<'a> {
     }
 }
 
-impl WindowOperator for NetworkOperator<'_> {
+impl WindowCost for NetworkOperator<'_> {
     fn halo(&self) -> usize {
         self.model.halo().next_multiple_of(self.alignment())
     }
@@ -86,7 +86,9 @@ impl WindowOperator for NetworkOperator<'_> {
     fn copied_floats(&self) -> usize {
         CHANNELS * self.model.architecture().planes().len()
     }
+}
 
+impl WindowOperator for NetworkOperator<'_> {
     fn apply(
         &self,
         image: &ToneMappedImage,

@@ -302,6 +302,11 @@ impl Restoration {
         self.border
     }
 
+    /// The memory that there is.
+    pub(super) fn memory(&self) -> MemoryBudget {
+        self.memory
+    }
+
     /// The noise of captures, where it is told.
     pub(super) fn noise_curve(&self) -> Option<NoiseCurve> {
         self.noise.as_ref().map(NoiseCurve::of)

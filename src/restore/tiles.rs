@@ -17,10 +17,10 @@ pub(super) const ALIGNMENT: usize = 4;
 const SHORTEST_TILE: usize = 64;
 
 /// RGB frames of 32-bit floats that exist at once around a restoration: the capture, the result and the bytes of a file.
-const FRAMES_IN_MEMORY: u64 = 3;
+pub(super) const FRAMES_IN_MEMORY: u64 = 3;
 
-/// A restoration of one window of an image on its own, which looks no further than a halo around what it restores.
-pub(super) trait WindowOperator {
+/// What the restoration of one window of an image on its own takes.
+pub(super) trait WindowCost {
     /// Pixels around a tile that its restoration may depend on, a multiple of the alignment.
     fn halo(&self) -> usize;
 
@@ -35,7 +35,10 @@ pub(super) trait WindowOperator {
     fn copied_floats(&self) -> usize {
         0
     }
+}
 
+/// A restoration of one window of an image on its own, which looks no further than a halo around what it restores.
+pub(super) trait WindowOperator: WindowCost {
     /// Restores `image`, which starts at (`top`, `left`) of the whole image and ends before it or with it.
     ///
     /// # Errors
@@ -51,13 +54,13 @@ pub(super) trait WindowOperator {
 
 /// A half-open range of rows or columns with the halo that its restoration needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Span {
+pub(super) struct Span {
     /// What is kept.
-    start: usize,
-    end: usize,
+    pub(super) start: usize,
+    pub(super) end: usize,
     /// What is computed.
-    window_start: usize,
-    window_end: usize,
+    pub(super) window_start: usize,
+    pub(super) window_end: usize,
 }
 
 /// The tiles that an image is restored in.
@@ -75,7 +78,7 @@ impl Tiling {
     pub(super) fn with_tile(
         [height, width]: [usize; 2],
         tile: usize,
-        operator: &dyn WindowOperator,
+        operator: &dyn WindowCost,
     ) -> Result<Self> {
         let alignment = operator.alignment();
         if tile == 0 || !tile.is_multiple_of(alignment) {
@@ -95,7 +98,7 @@ impl Tiling {
         [height, width]: [usize; 2],
         max_bytes: u64,
         beside: u64,
-        operator: &dyn WindowOperator,
+        operator: &dyn WindowCost,
     ) -> Result<Self> {
         let most = |side: usize| side.div_ceil(SHORTEST_TILE);
         let mut best: Option<(usize, Self)> = None;
@@ -125,7 +128,7 @@ impl Tiling {
     }
 
     /// Tiles of half the sides, or none where they would be hardly larger than their halo.
-    fn halved(&self, operator: &dyn WindowOperator) -> Option<Self> {
+    fn halved(&self, operator: &dyn WindowCost) -> Option<Self> {
         let halved = |spans: &[Span]| {
             let longest = spans.iter().map(|span| span.end - span.start).max()?;
             let side = spans.last()?.end;
@@ -149,6 +152,11 @@ impl Tiling {
         self.len() == 0
     }
 
+    /// Rows and columns of each tile, from top to bottom, each row from left to right.
+    pub(super) fn tiles(&self) -> impl Iterator<Item = [Span; 2]> {
+        self.rows.iter().flat_map(|row| self.columns.iter().map(move |column| [*row, *column]))
+    }
+
     /// Height and width of the largest window, halo included.
     pub fn window(&self) -> (usize, usize) {
         let largest = |spans: &[Span]| spans.iter().map(Span::window_len).max().unwrap_or(0);
@@ -156,7 +164,7 @@ impl Tiling {
     }
 
     /// Bytes that the restoration of the whole image takes at least, the image and the result included.
-    pub(super) fn bytes(&self, operator: &dyn WindowOperator) -> u64 {
+    pub(super) fn bytes(&self, operator: &dyn WindowCost) -> u64 {
         let (height, width) = self.window();
         let side = |spans: &[Span]| spans.last().map_or(0, |span| span.end);
         let rgb = |height: usize, width: usize| (CHANNELS * size_of::<f32>() * height * width) as u64;
@@ -175,7 +183,7 @@ impl Tiling {
 }
 
 impl Span {
-    fn window_len(&self) -> usize {
+    pub(super) fn window_len(&self) -> usize {
         self.window_end - self.window_start
     }
 }
@@ -190,7 +198,7 @@ fn cut(side: usize, tile: usize, halo: usize) -> Vec<Span> {
 }
 
 /// Cuts `side` pixels into at most `count` spans of nearly one length.
-fn cut_evenly(side: usize, count: usize, operator: &dyn WindowOperator) -> Vec<Span> {
+fn cut_evenly(side: usize, count: usize, operator: &dyn WindowCost) -> Vec<Span> {
     cut(side, side.div_ceil(count).next_multiple_of(operator.alignment()), operator.halo())
 }
 
@@ -219,19 +227,17 @@ pub(super) fn restore_tiled(
     }
     let bar = progress.bar((image.height() * image.width()) as u64, PIXELS);
     let mut restored = Array3::zeros(image.planes().dim());
-    for row in &tiling.rows {
-        for column in &tiling.columns {
-            progress.check()?;
-            let (top, left) = (row.window_start, column.window_start);
-            let window = image.crop(top, left, row.window_len(), column.window_len());
-            let window = operator.apply(&window, top, left, progress)?;
-            assert_eq!((window.height(), window.width()), (row.window_len(), column.window_len()));
-            let kept = s![.., row.start - top..row.end - top, column.start - left..column.end - left];
-            restored
-                .slice_mut(s![.., row.start..row.end, column.start..column.end])
-                .assign(&window.planes().slice(kept));
-            bar.inc(((row.end - row.start) * (column.end - column.start)) as u64);
-        }
+    for [row, column] in tiling.tiles() {
+        progress.check()?;
+        let (top, left) = (row.window_start, column.window_start);
+        let window = image.crop(top, left, row.window_len(), column.window_len());
+        let window = operator.apply(&window, top, left, progress)?;
+        assert_eq!((window.height(), window.width()), (row.window_len(), column.window_len()));
+        let kept = s![.., row.start - top..row.end - top, column.start - left..column.end - left];
+        restored
+            .slice_mut(s![.., row.start..row.end, column.start..column.end])
+            .assign(&window.planes().slice(kept));
+        bar.inc(((row.end - row.start) * (column.end - column.start)) as u64);
     }
     bar.finish_and_clear();
     ToneMappedImage::from_planes(restored)
@@ -280,7 +286,7 @@ mod tests {
     /// Sums the four pixels at a halo's distance, with zeros beyond the border as the network pads.
     struct Corners;
 
-    impl WindowOperator for Corners {
+    impl WindowCost for Corners {
         fn halo(&self) -> usize {
             HALO
         }
@@ -292,7 +298,9 @@ mod tests {
         fn window_bytes(&self, height: usize, width: usize, _: u64) -> u64 {
             (height * width * 1000) as u64
         }
+    }
 
+    impl WindowOperator for Corners {
         fn apply(
             &self,
             image: &ToneMappedImage,
@@ -329,7 +337,7 @@ mod tests {
     /// [`Corners`] on a device with memory for so many pixels.
     struct Small(usize);
 
-    impl WindowOperator for Small {
+    impl WindowCost for Small {
         fn halo(&self) -> usize {
             HALO
         }
@@ -341,7 +349,9 @@ mod tests {
         fn window_bytes(&self, height: usize, width: usize, room: u64) -> u64 {
             Corners.window_bytes(height, width, room)
         }
+    }
 
+    impl WindowOperator for Small {
         fn apply(
             &self,
             image: &ToneMappedImage,

@@ -18,6 +18,7 @@ mod spectral;
 mod wiener;
 mod wiener_orieux;
 
+pub(super) use joint::CaptureNoise;
 pub use joint::Solution;
 pub use joint::beyond::{LampOutside, Relieved, without_lamps_outside};
 pub(super) use joint::pose::write_pose_in_words;
@@ -228,7 +229,35 @@ pub fn solve(
     progress: &Progress,
 ) -> Result<Solution> {
     config.validate()?;
-    joint::solve(image, psf, config, progress)
+    joint::solve((image, psf), config, None, progress)
+}
+
+/// As [`solve`], of a window of a capture, whose noise is that of all of it.
+///
+/// # Errors
+/// As [`deconvolve`].
+pub(super) fn solve_window(
+    (window, psf): (&LinearImage, &Psf),
+    config: &DeconvolutionConfig,
+    noise: &CaptureNoise,
+    progress: &Progress,
+) -> Result<Solution> {
+    config.validate()?;
+    joint::solve((window, psf), config, Some(noise), progress)
+}
+
+/// What a capture tells of its noise, which is solved for in windows of `[height, width]`.
+///
+/// # Errors
+/// As [`deconvolve`].
+pub(super) fn noise_of_capture(
+    image: &LinearImage,
+    psf: &Psf,
+    config: &DeconvolutionConfig,
+    window: [usize; 2],
+) -> Result<CaptureNoise> {
+    config.validate()?;
+    CaptureNoise::of(image, psf, config, window)
 }
 
 /// What a linear filter makes of a capture that is told the true spectrum of every neighbourhood of the scene, its own noise, and the

@@ -24,14 +24,11 @@ impl Restoration {
                 if model.architecture().planes().is_empty() {
                     return windows(&self.memory);
                 }
-                let config = DeconvolutionConfig {
-                    border: self.border,
-                    ..DeconvolutionConfig::of_method(Method::Joint)
-                };
-                // Beside what a restoration takes, its solution tells the errors: two planes of each colour.
-                let told = 2 * CHANNELS * size_of::<f32>() * size[0] * size[1];
-                let deconvolution = self.deconvolution_bytes(size, &config)? + told as u64;
+                let deconvolution = self.solution_bytes(size)?;
                 if self.memory.limit_bytes < deconvolution {
+                    if let Some(plan) = self.plan_parts(model, size) {
+                        return plan;
+                    }
                     // What is named must do for both.
                     windows(&MemoryBudget { limit_bytes: deconvolution, ..self.memory })?;
                     self.memory.plan_whole(size, deconvolution)?;
@@ -44,6 +41,15 @@ impl Restoration {
                 self.memory.plan_whole(size, self.deconvolution_bytes(size, config)?)
             }
         }
+    }
+
+    /// Bytes that a scene takes while it is solved for with its errors, and all else that is held meanwhile.
+    pub(in crate::restore) fn solution_bytes(&self, size: [usize; 2]) -> Result<u64> {
+        let config =
+            DeconvolutionConfig { border: self.border, ..DeconvolutionConfig::of_method(Method::Joint) };
+        // Beside what a restoration takes, the solution tells the errors: two planes of each colour.
+        let told = 2 * CHANNELS * size_of::<f32>() * size[0] * size[1];
+        Ok(self.deconvolution_bytes(size, &config)? + told as u64)
     }
 
     /// Bytes that a deconvolution takes, and all else that is held meanwhile.

@@ -87,6 +87,52 @@ impl Solution {
     }
 }
 
+/// What a capture tells of its noise, for windows of it whose scenes are solved for one by one.
+#[derive(Clone, Debug)]
+pub(in crate::restore) struct CaptureNoise {
+    levels: Vec<NoiseLevel>,
+    /// Whether pixels seem to have been interpolated from others.
+    is_interpolated: bool,
+}
+
+impl CaptureNoise {
+    /// That of a capture which is solved for in windows of `[height, width]`.
+    pub(super) fn of(
+        image: &LinearImage,
+        psf: &Psf,
+        config: &DeconvolutionConfig,
+        window: [usize; 2],
+    ) -> Result<Self> {
+        let from = config.saturation.map(saturated_from);
+        let is_interpolated = is_interpolated(image, config.alpha, from);
+        let known = |channel: usize| {
+            let (capture, psf) = (image.channel(channel), psf.channel(channel));
+            Known { capture, psf, channel, config, is_interpolated, is_reduced: false }
+        };
+        let frame =
+            Frame::new(window, [psf.height(), psf.width()], config.border, TransformPrecision::Single);
+        Ok(Self { levels: noise_levels(&frame, known)?, is_interpolated })
+    }
+
+    /// Whether there is none, as in computed captures.
+    pub(in crate::restore) fn is_clean(&self) -> bool {
+        self.levels.iter().all(|level| level.middle() <= NOISE_FREE)
+    }
+}
+
+/// The noise of all channels, as seen through a PSF in a frame.
+fn noise_levels<'a>(frame: &Frame, known: impl Fn(usize) -> Known<'a>) -> Result<Vec<NoiseLevel>> {
+    let of_channel = |channel| {
+        let known = known(channel);
+        Ok(known.noise_level(&frame.blur(known.psf)?))
+    };
+    let mut levels: Vec<_> = (0..CHANNELS).map(of_channel).collect::<Result<_>>()?;
+    if known(0).config.noise.is_none() {
+        NoiseLevel::agree(&mut levels);
+    }
+    Ok(levels)
+}
+
 /// Estimates the scene of which `image` is the convolution with `psf`, clipped at `config.saturation`.
 pub(super) fn restore(
     image: &LinearImage,
@@ -95,7 +141,7 @@ pub(super) fn restore(
     progress: &Progress,
 ) -> Result<LinearImage> {
     let frame = frame_of(image, psf, config);
-    let mut colors = Colors::solve(&frame, (image, psf), config, progress)?;
+    let mut colors = Colors::solve(&frame, (image, psf), (config, None), progress)?;
     let scene = match colors.refined(progress)? {
         Some(Refined { scene, .. }) => scene,
         None => colors.scene(),
@@ -103,15 +149,15 @@ pub(super) fn restore(
     LinearImage::from_planes(scene)
 }
 
-/// As [`restore`], with what is known of the errors.
+/// As [`restore`], with what is known of the errors; of a window of a capture, whose noise is that of all of it.
 pub(super) fn solve(
-    image: &LinearImage,
-    psf: &Psf,
+    (image, psf): (&LinearImage, &Psf),
     config: &DeconvolutionConfig,
+    noise: Option<&CaptureNoise>,
     progress: &Progress,
 ) -> Result<Solution> {
     let frame = frame_of(image, psf, config);
-    let mut colors = Colors::solve(&frame, (image, psf), config, progress)?;
+    let mut colors = Colors::solve(&frame, (image, psf), (config, noise), progress)?;
     let relative_noise = std::array::from_fn(|channel| colors.channels[channel].relative_noise());
     let (scene, deviation) = match colors.refined(progress)? {
         Some(Refined { scene, deviation }) => (scene, deviation),
@@ -121,8 +167,11 @@ pub(super) fn solve(
         }
     };
     let is_noisy = colors.channels.iter().any(Channel::is_noisy);
-    let is_measured =
-        is_noisy && !is_interpolated(image, config.alpha, config.saturation.map(saturated_from));
+    let is_interpolated = || match noise {
+        Some(noise) => noise.is_interpolated,
+        None => is_interpolated(image, config.alpha, config.saturation.map(saturated_from)),
+    };
+    let is_measured = is_noisy && !is_interpolated();
     let residual = colors.residual(&scene)?;
     Ok(Solution { scene: LinearImage::from_planes(scene)?, deviation, residual, relative_noise, is_measured })
 }
@@ -139,7 +188,7 @@ pub(super) fn filter_by_truth(
     progress: &Progress,
 ) -> Result<LinearImage> {
     let frame = frame_of(image, psf, config);
-    let mut colors = Colors::solve(&frame, (image, psf), config, progress)?;
+    let mut colors = Colors::solve(&frame, (image, psf), (config, None), progress)?;
     for (index, channel) in colors.channels.iter_mut().enumerate() {
         channel.learn(scene.channel(index));
     }
@@ -183,6 +232,8 @@ struct Given<'a> {
     saturated: Vec<Array2<bool>>,
     /// Whether pixels beside saturated ones may have been interpolated from them.
     is_interpolated: bool,
+    /// The noise of the whole capture, where this is a window of it.
+    whole: Option<&'a CaptureNoise>,
     /// The noise at full resolution, where this one is reduced: below it, the means of blocks are not explained either.
     noise: Option<&'a [NoiseLevel]>,
 }
@@ -228,18 +279,11 @@ impl<'a> Given<'a> {
 
     /// The noise of all channels.
     fn noise_levels(&self, frame: &Frame) -> Result<Vec<NoiseLevel>> {
-        if let Some(noise) = self.noise {
-            return Ok(noise.to_vec());
+        match (self.noise, self.whole) {
+            (Some(noise), _) => Ok(noise.to_vec()),
+            (None, Some(whole)) => Ok(whole.levels.clone()),
+            (None, None) => noise_levels(frame, |channel| self.known(channel)),
         }
-        let of_channel = |channel| {
-            let known = self.known(channel);
-            Ok(known.noise_level(&frame.blur(known.psf)?))
-        };
-        let mut levels: Vec<_> = (0..CHANNELS).map(of_channel).collect::<Result<_>>()?;
-        if self.config.noise.is_none() {
-            NoiseLevel::agree(&mut levels);
-        }
-        Ok(levels)
     }
 
     /// The scene in the frame at half the resolution, `[3, ⌈height/2⌉, ⌈width/2⌉]`, of a capture that is large, or of which much
@@ -263,8 +307,8 @@ impl<'a> Given<'a> {
         let Half { image, psf, saturated } = half;
         let frame = frame_of(&image, &psf, self.config);
         let (image, psf) = (&image, &psf);
-        let given =
-            Given { image, psf, config: self.config, saturated, is_interpolated: false, noise: Some(noise) };
+        let (config, noise) = (self.config, Some(noise));
+        let given = Given { image, psf, config, saturated, is_interpolated: false, whole: None, noise };
         let progress = progress.without_bars();
         Ok(Some(given.start(&frame, &progress)?.restore(&progress)?.scene()))
     }
@@ -282,16 +326,16 @@ impl<'a> Colors<'a> {
     fn solve(
         frame: &'a Frame,
         (image, psf): (&'a LinearImage, &'a Psf),
-        config: &'a DeconvolutionConfig,
+        (config, whole): (&'a DeconvolutionConfig, Option<&'a CaptureNoise>),
         progress: &Progress,
     ) -> Result<Self> {
-        Self::start(frame, (image, psf), config, progress)?.restore(progress)
+        Self::start(frame, (image, psf), (config, whole), progress)?.restore(progress)
     }
 
     fn start(
         frame: &'a Frame,
         (image, psf): (&'a LinearImage, &'a Psf),
-        config: &'a DeconvolutionConfig,
+        (config, whole): (&'a DeconvolutionConfig, Option<&'a CaptureNoise>),
         progress: &Progress,
     ) -> Result<Self> {
         let from = config.saturation.map(saturated_from);
@@ -299,8 +343,10 @@ impl<'a> Colors<'a> {
             |channel: usize| Zip::from(image.channel(channel)).par_map_collect(|y: &f32| *y >= from[channel]);
         let saturated: Vec<_> = (0..CHANNELS).map(saturated).collect();
         let has_lamps = saturated.iter().flatten().any(|saturated| *saturated);
-        let is_interpolated = has_lamps && is_interpolated(image, config.alpha, from);
-        Given { image, psf, config, saturated, is_interpolated, noise: None }.start(frame, progress)
+        let is_interpolated = has_lamps
+            && whole
+                .map_or_else(|| is_interpolated(image, config.alpha, from), |whole| whole.is_interpolated);
+        Given { image, psf, config, saturated, is_interpolated, whole, noise: None }.start(frame, progress)
     }
 
     fn restore(mut self, progress: &Progress) -> Result<Self> {

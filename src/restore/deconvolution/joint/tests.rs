@@ -189,7 +189,8 @@ fn tells_what_it_leaves_of_the_capture() {
     let scene = room(100.0);
     let seen = capture(&scene, 0.03, 50.0);
     let config = config(Method::Joint, Border::Zero, 50.0);
-    let Solution { scene, residual, .. } = solve(&seen, &psf(), &config, &Progress::default()).unwrap();
+    let Solution { scene, residual, .. } =
+        solve((&seen, &psf()), &config, None, &Progress::default()).unwrap();
     let again = capture(&scene, 0.0, f32::MAX);
     let mut saturated = 0;
     for ((place, residual), (seen, again)) in
@@ -233,7 +234,7 @@ fn tells_its_error() {
     let seen = capture(&scene, 0.03, 500.0);
     let config = config(Method::Joint, Border::Zero, 500.0);
     let Solution { scene: restored, deviation, relative_noise, .. } =
-        solve(&seen, &psf(), &config, &Progress::default()).unwrap();
+        solve((&seen, &psf()), &config, None, &Progress::default()).unwrap();
     assert!(relative_noise.iter().all(|noise| (0.02..0.04).contains(noise)), "{relative_noise:?} of 0.03");
     let mut ratios: Vec<f32> = (&restored.planes() - &scene.planes())
         .iter()
@@ -249,7 +250,8 @@ fn tells_its_error() {
 fn lamps_are_told_to_be_less_certain() {
     let config = config(Method::Joint, Border::Zero, 16.0);
     let seen = capture(&room(4000.0), 0.02, 16.0);
-    let Solution { scene, deviation, .. } = solve(&seen, &psf(), &config, &Progress::default()).unwrap();
+    let Solution { scene, deviation, .. } =
+        solve((&seen, &psf()), &config, None, &Progress::default()).unwrap();
     assert!(scene.planes()[[0, 61, 31]] > 16.0, "{}", scene.planes()[[0, 61, 31]]);
     assert!(deviation[[0, 61, 31]] > 20.0 * deviation[[0, 10, 10]]);
 }
@@ -318,7 +320,7 @@ fn whatever_comes_in_light_comes_out() {
         for border in [Border::Smooth, Border::Periodic, Border::Zero] {
             let config = config(Method::Joint, border, 16.0);
             let Solution { scene, deviation, .. } =
-                solve(capture, &psf(), &config, &Progress::default()).unwrap();
+                solve((capture, &psf()), &config, None, &Progress::default()).unwrap();
             assert_eq!(scene.planes().dim(), capture.planes().dim());
             let is_light = |light: &f32| light.is_finite() && *light >= 0.0;
             assert!(scene.planes().iter().all(is_light), "{index}, {border:?}: {:?}", scene.planes());
@@ -340,8 +342,9 @@ fn local_spectra_refine_a_noisy_scene() {
     let (config, psf) = (config(Method::Joint, Border::Zero, 500.0), psf());
     let frame = frame_of(&seen, &psf, &config);
     let progress = Progress::default();
-    let start =
-        || Colors::start(&frame, (&seen, &psf), &config, &progress).unwrap().restore(&progress).unwrap();
+    let start = || {
+        Colors::start(&frame, (&seen, &psf), (&config, None), &progress).unwrap().restore(&progress).unwrap()
+    };
     let before = psnr(&LinearImage::from_planes(start().scene()).unwrap(), &scene, 500.0);
     let refined = start().refined(&progress).unwrap().expect("there is noise");
     let after = psnr(&LinearImage::from_planes(refined.scene).unwrap(), &scene, 500.0);
@@ -354,7 +357,7 @@ fn local_spectra_refine_a_noisy_scene() {
 fn a_solution_says_whether_pixels_were_measured() {
     let is_measured = |capture: &LinearImage| {
         let config = config(Method::Joint, Border::Zero, 16.0);
-        solve(capture, &psf(), &config, &Progress::default()).unwrap().is_measured
+        solve((capture, &psf()), &config, None, &Progress::default()).unwrap().is_measured
     };
     let noisy = capture(&room(1.0), 0.02, 16.0);
     let averaged = image(
@@ -392,8 +395,15 @@ fn lamps_in_large_captures_are_found_at_half_the_resolution_first() {
         let saturated: Vec<_> = (0..CHANNELS).map(|c| seen.channel(c).mapv(|y| y >= from)).collect();
         let psf = psf();
         let frame = frame_of(seen, &psf, &config);
-        let given =
-            Given { image: seen, psf: &psf, config: &config, saturated, is_interpolated: false, noise: None };
+        let given = Given {
+            image: seen,
+            psf: &psf,
+            config: &config,
+            saturated,
+            is_interpolated: false,
+            whole: None,
+            noise: None,
+        };
         let noise = given.noise_levels(&frame).unwrap();
         given.coarse_scene(&frame, &noise, &Progress::default()).unwrap().is_some()
     };
