@@ -98,8 +98,20 @@ impl HighPass {
         r: &Array2<f32>,
         into: (&mut Array2<f32>, impl Fn(usize, &[f32], &mut [f32]) -> f64 + Sync),
     ) -> f64 {
-        let Self { known, inverse_share, weights, width_px, .. } = self;
         let mut passed = self.lend_room();
+        self.transpose(r, &mut passed);
+        blur.transpose_into(&passed, into)
+    }
+
+    /// `hᵀ(w·r)`.
+    pub(super) fn back_unblurred(&self, r: &Array2<f32>) -> Array2<f32> {
+        let mut passed = Array2::zeros(r.dim());
+        self.transpose(r, &mut passed);
+        passed
+    }
+
+    fn transpose(&self, r: &Array2<f32>, passed: &mut Array2<f32>) {
+        let Self { known, inverse_share, weights, width_px, .. } = self;
         let share =
             |y: usize, out: &mut [f32]| of_share(out, row(r, y), row(weights, y), row(inverse_share, y));
         let leave = |y: usize, smoothed: &mut [f32], out: &mut [f32]| {
@@ -107,7 +119,6 @@ impl HighPass {
             0.0
         };
         smooth_into(passed.view_mut(), *width_px, share, leave);
-        blur.transpose_into(&passed, into)
     }
 }
 

@@ -24,19 +24,41 @@ impl<'a> LampFit<'a> {
         let weights = &scene.high_pass.weights;
         let mut diagonal = scene.frame.plane();
         squared.transpose(&(weights * weights), &mut diagonal);
-        let most = diagonal.iter().fold(f32::MIN_POSITIVE, |most, value| most.max(*value));
+        let most = largest(&diagonal);
         let inverse = Zip::from(&diagonal)
             .and(&scene.lamps)
             .par_map_collect(|value, lamp| if *lamp { 1.0 / value.max(LEAST_CURVATURE * most) } else { 0.0 });
         Self { inverse, progress }
     }
 
-    /// Improves `light`, which is no less than the scene's base, by steps of conjugate gradients.
+    /// Spreads light over all lamps that gain by some, by steps of conjugate gradients.
     ///
     /// # Equation
-    /// Minimises `|Q w h(y − A x)|²` over x ≥ base at lamps, Q taking away what the orthonormal `columns` explain: the light that
-    /// is best when the columns have what they ask for.
-    pub(super) fn improve(
+    /// Minimises `|w h(y − A x)|²` over x ≥ 0 at lamps.
+    pub(super) fn spread(
+        &self,
+        (scene, blur): (&Scene, &Blur<'_>),
+        light: &mut Array2<f32>,
+        steps: usize,
+    ) -> Result<()> {
+        let mut residual = scene.left(blur, light);
+        let mut gradient = scene.frame.plane();
+        scene.high_pass.back(blur, &residual, &mut gradient);
+        let mut inverse = self.inverse.clone();
+        Zip::from(&mut inverse).and(&gradient).and(&*light).par_for_each(|inverse, gradient, light| {
+            if *gradient <= 0.0 && *light <= 0.0 {
+                *inverse = 0.0;
+            }
+        });
+        self.descend((scene, blur), (&[], &inverse), (&mut residual, light), steps)
+    }
+
+    /// Lets light gather where its flare tells it to be, by steps of conjugate gradients that are in proportion to it.
+    ///
+    /// # Equation
+    /// Minimises `|Q w h(y − A x)|²` over x ≥ 0 at lamps, Q taking away what the orthonormal `columns` explain: the light that is best
+    /// when the columns have what they ask for. Preconditioned by [`gathering`](Self::gathering).
+    pub(super) fn gather(
         &self,
         (scene, blur): (&Scene, &Blur<'_>),
         columns: &[Array2<f32>],
@@ -45,19 +67,8 @@ impl<'a> LampFit<'a> {
     ) -> Result<()> {
         let mut residual = scene.left(blur, light);
         Scene::project_out(&mut residual, columns);
-        let mut gradient = scene.frame.plane();
-        scene.high_pass.back(blur, &residual, &mut gradient);
-        let mut inverse = self.inverse.clone();
-        Zip::from(&mut inverse).and(&gradient).and(&*light).and(&scene.base).par_for_each(
-            |inverse, gradient, light, base| {
-                if *gradient <= 0.0 && light <= base {
-                    *inverse = 0.0;
-                }
-            },
-        );
-        self.descend((scene, blur), (columns, &inverse), (&mut residual, light), steps)?;
-        Zip::from(light).and(&scene.base).par_for_each(|light, base| *light = light.max(*base));
-        Ok(())
+        let inverse = Self::gathering((scene, blur), light, scene.seed);
+        self.descend((scene, blur), (columns, &inverse), (&mut residual, light), steps)
     }
 
     /// What no light of the lamps that shine in `light` explains of a plane of `w·h(…)`.
@@ -68,13 +79,42 @@ impl<'a> LampFit<'a> {
         light: &Array2<f32>,
         steps: usize,
     ) -> Result<Array2<f32>> {
-        let shines = |inverse: &f32, light: &f32, base: &f32| if light > base { *inverse } else { 0.0 };
-        let inverse = Zip::from(&self.inverse).and(light).and(&scene.base).par_map_collect(shines);
-        self.descend((scene, blur), (&[], &inverse), (&mut plane, &mut scene.frame.plane()), steps)?;
+        let inverse = Self::gathering((scene, blur), light, 0.0);
+        // What is taken away may be less than no light.
+        let mut taken = scene.frame.plane();
+        self.steps((scene, blur), (&[], &inverse), (&mut plane, &mut taken), steps)?;
         Ok(plane)
     }
 
+    /// `s/(AᵀW²A s)` of a light s at lamps, a `seed` included (De Pierro 1995).
+    fn gathering((scene, blur): (&Scene, &Blur<'_>), light: &Array2<f32>, seed: f32) -> Array2<f32> {
+        let mut light = light.clone();
+        Zip::from(&mut light).and(&scene.lamps).par_for_each(|light, lamp| {
+            *light = if *lamp { *light + seed } else { 0.0 };
+        });
+        let [mut image, mut curvature] = [(); 2].map(|()| scene.frame.plane());
+        blur.apply(&light, &mut image);
+        Zip::from(&mut image).and(&scene.high_pass.weights).par_for_each(|image, w| *image *= w * w);
+        blur.transpose(&image, &mut curvature);
+        let least = (LEAST_CURVATURE * largest(&curvature)).max(f32::MIN_POSITIVE);
+        Zip::from(&mut light).and(&curvature).par_for_each(|light, c| *light /= c.max(least));
+        light
+    }
+
+    /// As [`steps`](Self::steps), to a light that is none below zero.
     fn descend(
+        &self,
+        of: (&Scene, &Blur<'_>),
+        known: (&[Array2<f32>], &Array2<f32>),
+        (residual, light): (&mut Array2<f32>, &mut Array2<f32>),
+        steps: usize,
+    ) -> Result<()> {
+        self.steps(of, known, (residual, &mut *light), steps)?;
+        light.par_mapv_inplace(|light| light.max(0.0));
+        Ok(())
+    }
+
+    fn steps(
         &self,
         (scene, blur): (&Scene, &Blur<'_>),
         (columns, inverse): (&[Array2<f32>], &Array2<f32>),
@@ -105,6 +145,10 @@ impl<'a> LampFit<'a> {
         }
         Ok(())
     }
+}
+
+fn largest(plane: &Array2<f32>) -> f32 {
+    plane.iter().fold(f32::MIN_POSITIVE, |most, value| most.max(*value))
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "planes are of 32 bits")]

@@ -2,11 +2,12 @@
 //! the flare around them.
 //!
 //! # Method
-//! 1. Lamps are the saturated pixels of the channel with most of them, and very bright ones. Their light x is fitted to their
-//!    flare as the restoration does it, `|w h(y − A(p) x)|²` with the high pass h and the weights w of
-//!    `HighPass`, in the pose p that was handed over.
-//! 2. That light, but for a factor, is compared with the capture in a row of turns, and of scales.
+//! 1. Lamps are the saturated pixels of the channel with most of them, or very bright ones where none are. Their light x is fitted to
+//!    their flare as the restoration does it, `|w h(y − A x)|²` with the high pass h and the weights w of `HighPass`, A by the mean of the
+//!    PSF over all poses: it has the flare near a lamp, which a turn hardly moves, and no far orders for the light to cling to.
 //!    Pixels count by how much is left unexplained around them, from here on.
+//! 2. That light, in each of a grid of poses, is compared with the capture. All it takes is the product of the PSF in that pose with
+//!    what the capture has around the light, found once.
 //! 3. From the best, Gauss–Newton steps in the pose: J are the derivatives of `w h A(p) x` by turn and scale, and light and
 //!    pose are fitted together, the pose exactly in each step of the light (variable projection: Golub and Pereyra,
 //!    SIAM J. Numer. Anal. 10, 1973). A light that is only fitted in one pose after the other clings to where it began.
@@ -41,16 +42,19 @@ use scene::Scene;
 /// A turn in degrees, and a scale as a share.
 type Pose2 = [f64; 2];
 
-/// Turns and scales that are tried, and those that are tried beside the best of them.
-const TURNS_DEG: [f64; 7] = [-0.72, -0.48, -0.24, 0.0, 0.24, 0.48, 0.72];
-const BESIDE_TURN_DEG: [f64; 2] = [-0.12, 0.12];
-const SCALES: [f64; 3] = [-0.008, 0.0, 0.008];
-const BESIDE_SCALE: [f64; 2] = [-0.004, 0.004];
+/// Turns and scales that are tried, in all pairs.
+const TURNS_DEG: [f64; 15] =
+    [-1.05, -0.9, -0.75, -0.6, -0.45, -0.3, -0.15, 0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05];
+const SCALES: [f64; 5] = [-0.012, -0.006, 0.0, 0.006, 0.012];
+
+/// Turns and scales, in all pairs, over which the PSF is averaged for the first light.
+const MEAN_TURNS_DEG: [f64; 5] = [-0.9, -0.45, 0.0, 0.45, 0.9];
+const MEAN_SCALES: [f64; 3] = [-0.01, 0.0, 0.01];
 
 /// The furthest pose that is believed: beyond, what is found is the edge of the search.
 const FURTHEST: Pose2 = [1.0, 0.015];
 
-/// Steps of the fit before the poses are tried: few, so that light does not yet cling to the pose.
+/// Steps that spread the first light, and that gather it: few, so that it does not yet cling to a pose.
 const FIRST_STEPS: usize = 4;
 
 /// Gauss–Newton steps at most, and steps of the light's fit in each.
@@ -225,18 +229,18 @@ impl<'a> Search<'a> {
     fn new(scene: Scene, movable: &'a Movable, progress: &'a Progress) -> Result<Self> {
         let squared = scene.frame.squared_blur(movable.at([0.0; 2]).view())?;
         let fit = LampFit::new(&scene, &squared, progress);
-        let light = scene.base.clone();
+        let light = scene.frame.plane();
         drop(squared);
         Ok(Self { scene, movable, fit, light, pose: [0.0; 2], step: [0.0; 2] })
     }
 
     fn run(mut self, least_move: Pose2) -> Result<Option<PoseEstimate>> {
+        self.find_light()?;
+        self.pose = self.most_alike();
         self.improve_light(&[], FIRST_STEPS)?;
-        self.weigh()?;
         if !self.tells_much()? {
             return Ok(None);
         }
-        self.try_poses()?;
         let mut taken = [0.0; 2];
         for _ in 0..ROUNDS {
             self.weigh()?;
@@ -270,9 +274,32 @@ impl<'a> Search<'a> {
         self.scene.frame.blur(self.movable.at(pose).view())
     }
 
+    /// Finds the light as far as it can be told in any pose, and what tells it.
+    fn find_light(&mut self) -> Result<()> {
+        let poses = MEAN_TURNS_DEG.iter().flat_map(|turn| MEAN_SCALES.map(|scale| [*turn, scale]));
+        let mut mean = Array2::zeros(self.movable.size());
+        poses.for_each(|pose| mean += &self.movable.at(pose));
+        mean /= mean.sum();
+        let blur = self.scene.frame.blur(mean.view())?;
+        self.fit.spread((&self.scene, &blur), &mut self.light, FIRST_STEPS)?;
+        self.fit.gather((&self.scene, &blur), &[], &mut self.light, FIRST_STEPS)?;
+        let left = self.scene.left(&blur, &self.light);
+        drop(blur);
+        self.scene.weigh(&left);
+        Ok(())
+    }
+
+    /// The pose of the grid in which the light explains most of the capture.
+    fn most_alike(&self) -> Pose2 {
+        let matched = self.scene.matched(&self.light, self.movable.size());
+        let poses = TURNS_DEG.iter().flat_map(|turn| SCALES.map(|scale| [*turn, scale]));
+        let explained = poses.map(|pose| (inner(&self.movable.at(pose), &matched), pose));
+        explained.max_by(|a, b| a.0.total_cmp(&b.0)).map_or([0.0; 2], |(_, pose)| pose)
+    }
+
     fn improve_light(&mut self, columns: &[Array2<f32>], steps: usize) -> Result<()> {
         let mut light = std::mem::take(&mut self.light);
-        self.fit.improve((&self.scene, &self.blur(self.pose)?), columns, &mut light, steps)?;
+        self.fit.gather((&self.scene, &self.blur(self.pose)?), columns, &mut light, steps)?;
         self.light = light;
         Ok(())
     }
@@ -288,38 +315,6 @@ impl<'a> Search<'a> {
     fn tells_much(&self) -> Result<bool> {
         let seen = self.scene.seen(&self.blur(self.pose)?, &self.light);
         Ok(light_to_noise(&seen, &(&self.scene.target - &seen)) >= FIRST_LIGHT_TO_NOISE)
-    }
-
-    /// Takes the best of the poses that are tried with the light as it is.
-    fn try_poses(&mut self) -> Result<()> {
-        let tried = [(0, TURNS_DEG.as_slice(), BESIDE_TURN_DEG), (1, SCALES.as_slice(), BESIDE_SCALE)];
-        for (part, places, beside) in tried {
-            let mut best = (f64::NEG_INFINITY, self.pose);
-            self.try_places(part, places, &mut best)?;
-            let beside = beside.map(|further| best.1[part] + further);
-            self.try_places(part, &beside, &mut best)?;
-            self.pose = best.1;
-        }
-        Ok(())
-    }
-
-    /// Tries places of a part of the pose; `best` is how much the best pose explains, and that pose.
-    fn try_places(&mut self, part: usize, places: &[f64], best: &mut (f64, Pose2)) -> Result<()> {
-        for place in places {
-            self.pose[part] = *place;
-            let explained = self.explained()?;
-            if explained > best.0 {
-                *best = (explained, self.pose);
-            }
-        }
-        Ok(())
-    }
-
-    /// How much of |w h(y)|² the light explains, but for a factor.
-    fn explained(&self) -> Result<f64> {
-        let seen = self.scene.seen(&self.blur(self.pose)?, &self.light);
-        let part = inner(&seen, &self.scene.target).max(0.0);
-        Ok(part * part / inner(&seen, &seen).max(f64::MIN_POSITIVE))
     }
 
     /// The derivatives of `w·h(A x)` by turn and scale.

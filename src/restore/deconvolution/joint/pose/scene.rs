@@ -4,7 +4,7 @@ use ndarray::{Array2, ArrayView2, Axis, Zip, s};
 
 use super::super::super::Border;
 use super::super::fit::grown;
-use super::super::frame::{Blur, Frame};
+use super::super::frame::{Blur, Frame, row};
 use super::super::high_pass::HighPass;
 use super::super::smooth::local_mean;
 use super::super::sums::{add_scaled, inner};
@@ -29,6 +29,15 @@ const HIGH_PASS_PX: f32 = 4.0;
 /// errors three times as large: busy parts of the scene drown the orders in quiet ones.
 const BUSY_PX: f32 = 4.0;
 
+/// The light of lamps as a part of the brightest of the capture, below which places count as dark.
+const LEAST_LIGHT: f32 = 1e-3;
+
+/// Clipped pixels beside another that make lamps; fewer may be hot.
+const LEAST_AREA_PX: usize = 4;
+
+/// Places of light that are compared with the capture at most, the brightest.
+const MOST_MATCHED: usize = 400;
+
 /// A lamp that is not clipped is as many times brighter than the median.
 const LAMP_CONTRAST: f32 = 8.0;
 
@@ -42,8 +51,8 @@ pub(super) struct Scene {
     pub(super) capture: Array2<f32>,
     /// Where the light of lamps is to be found.
     pub(super) lamps: Array2<bool>,
-    /// The light that lamps have at least: the level of saturation where they are clipped.
-    pub(super) base: Array2<f32>,
+    /// What is added to the light of lamps where it gathers, so that those can shine that were dark before.
+    pub(super) seed: f32,
     pub(super) high_pass: HighPass,
     /// `w·h(y)`.
     pub(super) target: Array2<f32>,
@@ -57,20 +66,24 @@ impl Scene {
         (level, alpha): (f32, f32),
     ) -> Option<Self> {
         let clipped_from = saturated_from(level);
-        let lamps_from = clipped_from.min(bright_from(channel));
+        // The glare around clipped light tells of it, and so do its orders: what may shine explains no other's flare.
+        let lamps_from = match has_areas(&channel.mapv(|y| y >= clipped_from)) {
+            true => clipped_from,
+            false => clipped_from.min(bright_from(channel)),
+        };
         let [top, left] = window_of_lamps(&channel.mapv(|y| y >= lamps_from))?;
         let side = |length: usize| length.min(LARGEST_PX);
         let (height, width) = (side(channel.nrows()), side(channel.ncols()));
         let capture = channel.slice(s![top..top + height, left..left + width]).mapv(|y| y.max(0.0));
         let lamps = capture.mapv(|y| y >= lamps_from);
-        let base = capture.mapv(|y| if y >= clipped_from { level } else { 0.0 });
+        let seed = LEAST_LIGHT * capture.iter().fold(0.0, |most: f32, y| most.max(*y));
         let brightness = local_mean(&capture, NEAR_PX).mapv(|mean| mean + alpha);
         let known = grown(&lamps, GUARD_PX).mapv(|near| if near { 0.0 } else { 1.0 });
         // All light that is fitted lies in the frame, and so does all that it is compared with.
         let frame = Frame::new([height, width], psf, Border::Zero, TransformPrecision::Single);
         let high_pass = HighPass::new(known, brightness.view(), HIGH_PASS_PX);
         let target = high_pass.passed(&capture);
-        Some(Self { frame, capture, lamps, base, high_pass, target })
+        Some(Self { frame, capture, lamps, seed, high_pass, target })
     }
 
     /// `w·h(A x)`.
@@ -87,6 +100,33 @@ impl Scene {
         left
     }
 
+    /// How much light that falls at each place of a plane of `psf` pixels, the middle being that of lamps, explains of the capture; of the
+    /// brightest places of a light, which tell most of it.
+    ///
+    /// # Equation
+    /// `c(d) = Σ_q x(q)·b(q + d)`, b = hᵀ(w·target), which makes `⟨w h(A x), target⟩ = Σ_d k(d) c(d)` of any PSF k.
+    pub(super) fn matched(&self, light: &Array2<f32>, [height, width]: [usize; 2]) -> Array2<f32> {
+        let back = self.high_pass.back_unblurred(&self.target);
+        let mut shining: Vec<_> = light.indexed_iter().filter(|(_, light)| **light > 0.0).collect();
+        shining.sort_unstable_by(|a, b| b.1.total_cmp(a.1).then(a.0.cmp(&b.0)));
+        shining.truncate(MOST_MATCHED);
+        let mut matched = Array2::zeros((height, width));
+        Zip::indexed(matched.rows_mut()).par_for_each(|dy, mut out| {
+            for &((y, x), &light) in &shining {
+                let Some(from) = (y + dy).checked_sub(height / 2).filter(|y| *y < back.nrows()) else {
+                    continue;
+                };
+                // Column d of the plane is x + d − width/2 of the capture.
+                let first = (width / 2).saturating_sub(x);
+                let last = width.min(back.ncols() + width / 2 - x);
+                let from = &row(&back, from)[first + x - width / 2..last + x - width / 2];
+                let out = &mut out.as_slice_mut().expect("planes are contiguous")[first..last];
+                out.iter_mut().zip(from).for_each(|(out, from)| *out += light * from);
+            }
+        });
+        matched
+    }
+
     /// Makes pixels count by what is `left` unexplained around them.
     pub(super) fn weigh(&mut self, left: &Array2<f32>) {
         self.high_pass.weigh(left, BUSY_PX);
@@ -100,6 +140,14 @@ impl Scene {
             add_scaled(plane, -part, column);
         }
     }
+}
+
+/// Whether there are pixels of a set beside one another.
+fn has_areas(set: &Array2<bool>) -> bool {
+    let beside = |y: usize, x: usize| {
+        set.get((y, x + 1)).copied().unwrap_or(false) || set.get((y + 1, x)).copied().unwrap_or(false)
+    };
+    set.indexed_iter().filter(|((y, x), member)| **member && beside(*y, *x)).nth(LEAST_AREA_PX - 1).is_some()
 }
 
 /// The light from which on pixels count as lamps that are not clipped.

@@ -93,6 +93,24 @@ fn finds_the_pose_from_lamps() {
     assert_found(&LAMPS, [-0.55, -0.006]);
 }
 
+/// The orders that are clipped too tell nothing by themselves, and light that may shine there would explain those beside them.
+#[test]
+fn finds_far_poses_from_a_sun_whose_orders_are_clipped() {
+    let sun = [(SUN[0].0, SUN[0].1, SUN[0].2, 5000.0)];
+    for pose in [[0.3, 0.004], [0.9, -0.01], [-0.8, 0.012]] {
+        assert_found(&sun, pose);
+    }
+}
+
+#[test]
+fn hot_pixels_are_no_lamps() {
+    let pose = [0.2, -0.003];
+    let mut planes = capture(&scene(&LAMPS), &panel(pose), 1e4).into_planes();
+    (10..150).step_by(20).for_each(|at| planes.slice_mut(ndarray::s![.., at, 160 - at]).fill(1e4));
+    let found = search(&LinearImage::from_planes(planes).unwrap(), 1e4).expect("the flare is strong");
+    assert!((found.turn_deg - pose[0]).abs() < 0.05, "{found:?}");
+}
+
 /// Their orders, bright as they are, count as lamps too, and the scale is known less well.
 #[test]
 fn finds_the_turn_from_lamps_that_are_not_clipped() {
