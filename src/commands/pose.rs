@@ -20,7 +20,7 @@ use super::{Session, text_of};
 ///
 /// What the lamps of a capture throw over its surroundings tells in which pose the PSF explains it: to 0.02 degrees and 0.1 %
 /// where flare is strong. Captures of one device, taken with the panel as it is, are combined, each by how much it tells;
-/// those without lamps, or with weak flare, tell nothing. Turns of up to 1 degree and scales of up to 1.5 % are found.
+/// those without lamps, or with weak flare, tell nothing. Turns of up to 1 degree and scales of up to 1.5 % are looked for.
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new(PSF_FILES).args(["psf"]).multiple(true))]
 #[command(after_help = "Examples:\n  \

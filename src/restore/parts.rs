@@ -27,6 +27,7 @@ const ALIGNMENT: usize = 16;
 /// What a part of a capture takes.
 struct PartCost<'a> {
     restoration: &'a Restoration,
+    model: &'a Model,
     of_psf: [usize; 2],
 }
 
@@ -41,7 +42,7 @@ impl WindowCost for PartCost<'_> {
     }
 
     fn window_bytes(&self, height: usize, width: usize, _: u64) -> u64 {
-        self.restoration.solution_bytes([height, width]).unwrap_or(u64::MAX)
+        self.restoration.part_bytes(self.model, [height, width]).unwrap_or(u64::MAX)
     }
 }
 
@@ -53,7 +54,7 @@ impl Restoration {
             return None;
         }
         let psf = self.kernel().psf()?;
-        let part = PartCost { restoration: self, of_psf: [psf.height(), psf.width()] };
+        let part = PartCost { restoration: self, model, of_psf: [psf.height(), psf.width()] };
         Some(self.memory().plan_parts(size, &part))
     }
 
@@ -209,7 +210,7 @@ mod tests {
     use crate::restore::{Capture, KernelKnowledge, MemoryBudget};
     use rand_distr::{Distribution, StandardNormal};
 
-    const SIZE: [usize; 2] = [300, 420];
+    const SIZE: [usize; 2] = [680, 900];
 
     fn psf() -> Psf {
         let energy = Array3::from_shape_fn((CHANNELS, 33, 33), |(_, y, x)| {
@@ -223,7 +224,7 @@ mod tests {
     /// Lamps near where parts meet, and a pattern of light.
     fn capture(psf: &Psf) -> LinearImage {
         let scene = Array3::from_shape_fn((CHANNELS, SIZE[0], SIZE[1]), |(channel, y, x)| match (y, x) {
-            (140..143, 200..203) | (40..42, 300..303) => 300.0,
+            (340..343, 460..463) | (90..92, 600..603) => 300.0,
             _ if (y / 17 + x / 23) % 3 == channel => 0.9,
             _ => 0.2 + 0.1 * ((y as f32 / 9.0).sin() + (x as f32 / 7.0).cos()).abs(),
         });
@@ -255,7 +256,7 @@ mod tests {
         };
         let (whole, plan) = restored(1 << 30);
         assert_eq!(plan.parts, None);
-        let (joined, plan) = restored(plan.bytes * 6 / 10);
+        let (joined, plan) = restored(plan.bytes * 7 / 10);
         assert!(plan.parts.is_some_and(|parts| parts.len() > 1));
         let positions = |lamps: &[crate::restore::Lamp]| -> Vec<[f64; 2]> {
             lamps.iter().map(|lamp| lamp.position.map(f64::round)).collect()

@@ -14,7 +14,7 @@ use crate::core::progress::{PIXELS, Progress};
 pub(super) const ALIGNMENT: usize = 4;
 
 /// The shortest side of a tile that is chosen by itself: below it most of the work is halo.
-const SHORTEST_TILE: usize = 64;
+pub(super) const SHORTEST_TILE: usize = 64;
 
 /// RGB frames of 32-bit floats that exist at once around a restoration: the capture, the result and the bytes of a file.
 pub(super) const FRAMES_IN_MEMORY: u64 = 3;

@@ -3,9 +3,11 @@
 use super::super::deconvolution::{DeconvolutionConfig, Method, deconvolution_bytes};
 use super::super::memory::{MemoryBudget, MemoryPlan, floats_of_pixel};
 use super::super::network::NetworkOperator;
+use super::super::tiles::{SHORTEST_TILE, Tiling, WindowCost as _};
 use super::{How, Restoration};
 use crate::core::error::Result;
 use crate::core::image::CHANNELS;
+use crate::network::Model;
 
 impl Restoration {
     /// Plans the memory for a capture of `[height, width]`.
@@ -16,9 +18,7 @@ impl Restoration {
     pub fn plan(&self, size: [usize; 2]) -> Result<MemoryPlan> {
         match &self.how {
             How::Network(model) => {
-                let pixel = floats_of_pixel(&self.kernel, model) * size_of::<f32>();
-                let beside =
-                    (pixel * size[0] * size[1]) as u64 + self.memory.others(size, self.kernel_bytes, 1);
+                let beside = self.bytes_beside(model, size);
                 let operator = NetworkOperator::new(model);
                 let windows = |memory: &MemoryBudget| memory.plan_windows(size, self.tile, beside, &operator);
                 if model.architecture().planes().is_empty() {
@@ -43,8 +43,22 @@ impl Restoration {
         }
     }
 
+    /// Bytes that a part of an image takes at least.
+    pub(in crate::restore) fn part_bytes(&self, model: &Model, size: [usize; 2]) -> Result<u64> {
+        let operator = NetworkOperator::new(model);
+        let tile = SHORTEST_TILE.next_multiple_of(operator.alignment());
+        let network = Tiling::with_tile(size, tile, &operator)?.bytes(&operator);
+        Ok(self.solution_bytes(size)?.max(network + self.bytes_beside(model, size)))
+    }
+
+    /// Bytes that are taken beside the windows of a network.
+    fn bytes_beside(&self, model: &Model, size: [usize; 2]) -> u64 {
+        let pixel = floats_of_pixel(&self.kernel, model) * size_of::<f32>();
+        (pixel * size[0] * size[1]) as u64 + self.memory.others(size, self.kernel_bytes, 1)
+    }
+
     /// Bytes that a scene takes while it is solved for with its errors, and all else that is held meanwhile.
-    pub(in crate::restore) fn solution_bytes(&self, size: [usize; 2]) -> Result<u64> {
+    fn solution_bytes(&self, size: [usize; 2]) -> Result<u64> {
         let config =
             DeconvolutionConfig { border: self.border, ..DeconvolutionConfig::of_method(Method::Joint) };
         // Beside what a restoration takes, the solution tells the errors: two planes of each colour.

@@ -98,7 +98,8 @@ fn finds_the_pose_from_lamps() {
 fn finds_far_poses_from_a_sun_whose_orders_are_clipped() {
     let sun = [(SUN[0].0, SUN[0].1, SUN[0].2, 5000.0)];
     for pose in [[0.3, 0.004], [0.9, -0.01], [-0.8, 0.012]] {
-        assert_found(&sun, pose);
+        let found = search(&capture(&scene(&sun), &panel(pose), LEVEL), LEVEL).expect("the flare is strong");
+        assert!((found.turn_deg - pose[0]).abs() < 0.05, "{found:?} for {pose:?}");
     }
 }
 

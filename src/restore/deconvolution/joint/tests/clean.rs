@@ -37,7 +37,7 @@ fn a_scene_without_noise_is_not_refined() {
     let (seen, psf) = (capture(&room(1.0), 0.0, 500.0), psf());
     let config = config(Method::Joint, Border::Zero, 500.0);
     let frame = frame_of(&seen, &psf, &config);
-    let mut colors = Colors::start(&frame, (&seen, &psf), &config, &Progress::default()).unwrap();
+    let mut colors = Colors::start(&frame, (&seen, &psf), (&config, None), &Progress::default()).unwrap();
     assert!(colors.refined(&Progress::default()).unwrap().is_none());
 }
 
@@ -58,7 +58,7 @@ fn a_capture_with_lamps_is_restored_no_worse_for_having_no_noise() {
     assert!(clean > noisy - 0.6, "{clean} {noisy}");
     let (seen, psf) = (capture(&scene, 0.0, level), psf());
     let frame = frame_of(&seen, &psf, &config);
-    let colors = Colors::start(&frame, (&seen, &psf), &config, &Progress::default()).unwrap();
+    let colors = Colors::start(&frame, (&seen, &psf), (&config, None), &Progress::default()).unwrap();
     for mut channel in colors.channels {
         let photograph = channel.effort();
         assert!(channel.has_lamps() && photograph[0] > 0 && photograph != [8, 25], "{photograph:?}");
