@@ -25,15 +25,18 @@ impl Restoration {
                     return windows(&self.memory);
                 }
                 let deconvolution = self.solution_bytes(size)?;
-                if self.memory.limit_bytes < deconvolution {
-                    if let Some(plan) = self.plan_parts(model, size) {
-                        return plan;
-                    }
+                let whole = windows(&self.memory);
+                let is_too_large = self.memory.limit_bytes < deconvolution;
+                let has_no_room = is_too_large || self.tile.is_none() && whole.is_err();
+                if let (true, Some(plan)) = (has_no_room, self.plan_parts(model, size)) {
+                    return plan;
+                }
+                if is_too_large {
                     // What is named must do for both.
                     windows(&MemoryBudget { limit_bytes: deconvolution, ..self.memory })?;
                     self.memory.plan_whole(size, deconvolution)?;
                 }
-                let mut plan = windows(&self.memory)?;
+                let mut plan = whole?;
                 plan.bytes = plan.bytes.max(deconvolution);
                 Ok(plan)
             }
