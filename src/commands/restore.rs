@@ -370,7 +370,8 @@ impl<'a> Run<'a> {
     /// How a job's image was made, and where its files lay.
     fn provenance(&self, job: &Job) -> error::Result<Provenance> {
         let mut described = self.describe(job);
-        // What changes nothing but roundings: the tiles, and what computed.
+        // What is not compared: the memory, which changes roundings, and more only where it is too little for a whole capture; and what
+        // computed.
         described["max-memory"] = json!(self.args.max_memory);
         described["instruction-set"] = json!(Isa::current().name());
         described["device"] = json!(self.restoration.backend().to_string());

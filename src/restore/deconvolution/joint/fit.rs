@@ -232,7 +232,7 @@ vectorised! {
 }
 
 /// The largest number of a plane, or zero.
-fn largest(plane: ArrayView2<'_, f32>) -> f32 {
+pub(super) fn largest(plane: ArrayView2<'_, f32>) -> f32 {
     let of_row = |row: ArrayView1<'_, f32>| row.iter().fold(0.0, |most: f32, value| most.max(*value));
     plane.axis_iter(Axis(0)).into_par_iter().map(of_row).reduce(|| 0.0, f32::max)
 }

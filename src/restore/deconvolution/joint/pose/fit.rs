@@ -2,6 +2,7 @@
 
 use ndarray::{Array2, Zip};
 
+use super::super::fit::largest;
 use super::super::frame::Blur;
 use super::super::sums::{add_scaled, inner};
 use super::scene::Scene;
@@ -24,10 +25,10 @@ impl<'a> LampFit<'a> {
         let weights = &scene.high_pass.weights;
         let mut diagonal = scene.frame.plane();
         squared.transpose(&(weights * weights), &mut diagonal);
-        let most = largest(&diagonal);
+        let least = (LEAST_CURVATURE * largest(diagonal.view())).max(f32::MIN_POSITIVE);
         let inverse = Zip::from(&diagonal)
             .and(&scene.lamps)
-            .par_map_collect(|value, lamp| if *lamp { 1.0 / value.max(LEAST_CURVATURE * most) } else { 0.0 });
+            .par_map_collect(|value, lamp| if *lamp { 1.0 / value.max(least) } else { 0.0 });
         Self { inverse, progress }
     }
 
@@ -96,7 +97,7 @@ impl<'a> LampFit<'a> {
         blur.apply(&light, &mut image);
         Zip::from(&mut image).and(&scene.high_pass.weights).par_for_each(|image, w| *image *= w * w);
         blur.transpose(&image, &mut curvature);
-        let least = (LEAST_CURVATURE * largest(&curvature)).max(f32::MIN_POSITIVE);
+        let least = (LEAST_CURVATURE * largest(curvature.view())).max(f32::MIN_POSITIVE);
         Zip::from(&mut light).and(&curvature).par_for_each(|light, c| *light /= c.max(least));
         light
     }
@@ -145,10 +146,6 @@ impl<'a> LampFit<'a> {
         }
         Ok(())
     }
-}
-
-fn largest(plane: &Array2<f32>) -> f32 {
-    plane.iter().fold(f32::MIN_POSITIVE, |most, value| most.max(*value))
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "planes are of 32 bits")]

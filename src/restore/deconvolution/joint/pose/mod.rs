@@ -88,13 +88,13 @@ const LEAST_SIGMA: Pose2 = [0.003, 2e-4];
 /// A standard deviation from which on a capture tells nothing of the turn, or of the scale.
 const USELESS_SIGMA: Pose2 = [0.05, 2e-3];
 
-/// A light over its standard deviation below which it may be the scene's detail: of 80 captures in whose pose the PSF was, the poses of
-/// 14 with 159 to 1753 are right to 0.03° and 0.12 %, and one with 104 is wrong by 0.15° and 0.6 %. Of 60 of suns and lamps before a
-/// busy wall, behind three panels in poses of up to 0.9° and 1 %, all but two have 219 to 699.
+/// A light over its standard deviation below which it may be the scene's detail: of 80 captures in whose pose the PSF was, 15 pass the
+/// first steps and have 104 to 1753; the poses of 14 with 159 and more are right to 0.03° and 0.12 %, the one with 104 is wrong by 0.15°
+/// and 0.6 %. Of 42 of suns and lamps before a busy wall, behind three panels in poses of up to 0.9° and 1 %, all have 219 to 699.
 const LEAST_LIGHT_TO_NOISE: f64 = 130.0;
 
 /// The same after the first steps, in the pose of the grid: of those 80 captures, three with 62 to 76 would be wrong by up to 0.5° and 0.8 %
-/// in the end, and one with 61 right; of those 60, all but one have more than 100. The search of those below it ends early.
+/// in the end, and one with 61 right; of those 42, all but one have more than 100. The search of those below it ends early.
 const FIRST_LIGHT_TO_NOISE: f64 = 80.0;
 
 /// How a capture was taken, for [`find_pose`].
