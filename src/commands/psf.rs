@@ -218,13 +218,12 @@ impl ErrorArgs {
     }
 }
 
-/// Refuses integer formats: a PSF's sidelobes are far below their steps.
+/// Refuses formats of few bits: a PSF's sidelobes are far below the steps of integers, and a shared exponent leaves 8 bits.
 pub(crate) fn check_float_output(path: &Path) -> udc::core::error::Result<()> {
     match Format::of_extension(path)? {
-        Format::Exr | Format::Npy | Format::Hdr => Ok(()),
-        format => Err(Error::format(
-            path,
-            format!("{} holds integers, too coarse for a PSF; write .exr or .npy", format.name()),
-        )),
+        Format::Exr | Format::Npy => Ok(()),
+        format => {
+            Err(Error::format(path, format!("{} is too coarse for a PSF; write .exr or .npy", format.name())))
+        }
     }
 }

@@ -176,6 +176,13 @@ impl RestoreArgs {
                           .exr";
             return Err(misuse("restore", reason));
         }
+        if let Some(job) = jobs.iter().find(|job| self.true_highlights && !job.holds_bright_light()) {
+            let reason = format!(
+                "--true-highlights gives lamps light far above white, which {} does not hold: write .exr, .npy or .hdr",
+                job.output.display()
+            );
+            return Err(misuse("restore", &reason));
+        }
         let backend = self.device.find(session)?;
         let (restoration, notices) = self.config(is_guided, &jobs, backend).open()?;
         notices.iter().for_each(|notice| session.notice(notice));

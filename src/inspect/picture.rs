@@ -75,7 +75,7 @@ impl Thumbnail {
     }
 
     fn of_image(path: &Path, pixels: Pixels, columns: usize) -> Self {
-        let is_float = matches!(Format::of_extension(path), Ok(Format::Exr | Format::Npy | Format::Hdr));
+        let is_float = Format::of_extension(path).is_ok_and(Format::holds_light);
         let is_light = match pixels.domain {
             Some(DomainTag::Linear) => true,
             Some(_) => false,

@@ -150,7 +150,7 @@ impl AnyImage {
 pub fn check_output_domain(path: &Path, domain: DomainTag) -> Result<()> {
     let format = Format::of_extension(path)?;
     check_light(path, format, Some(domain))?;
-    let holds_floats = matches!(format, Format::Exr | Format::Npy | Format::Hdr);
+    let holds_floats = format.holds_light();
     if domain == DomainTag::Linear && !holds_floats {
         return Err(Error::Unsupported(format!(
             "{} cannot hold linear light above one: add --output-domain tone-mapped, or write .exr or .npy",

@@ -111,7 +111,7 @@ fn doing(input: &Path) -> String {
 
 /// Whether a file no longer shows that its values were integers, which are asked for their domain.
 fn holds_floats(file: &Path) -> bool {
-    Format::of_extension(file).is_ok_and(|format| matches!(format, Format::Exr | Format::Npy | Format::Hdr))
+    Format::of_extension(file).is_ok_and(Format::holds_light)
 }
 
 #[cfg(test)]

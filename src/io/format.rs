@@ -62,6 +62,11 @@ impl Format {
         }
     }
 
+    /// Whether samples are floats, and light far above white is kept.
+    pub fn holds_light(self) -> bool {
+        matches!(self, Self::Exr | Self::Npy | Self::Hdr)
+    }
+
     /// The format that a path's extension stands for.
     ///
     /// # Errors

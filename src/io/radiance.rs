@@ -83,8 +83,12 @@ impl Header {
     }
 }
 
-/// The primaries of a line, if they are others than those of sRGB.
-fn other_primaries([rx, ry, gx, gy, bx, by, wx, wy]: [f64; 8]) -> Result<Option<Primaries>, String> {
+/// The primaries of a line, if they are others than those of sRGB; zeros alone, which image editors write, tell none.
+fn other_primaries(numbers: [f64; 8]) -> Result<Option<Primaries>, String> {
+    if numbers.iter().all(|number| number.abs() < f64::MIN_POSITIVE) {
+        return Ok(None);
+    }
+    let [rx, ry, gx, gy, bx, by, wx, wy] = numbers;
     let found = Primaries { red: [rx, ry], green: [gx, gy], blue: [bx, by], white: [wx, wy] };
     if found.matrix_to(&Primaries::SRGB).is_none() {
         return Err("its PRIMARIES line holds what are no primaries".to_owned());
@@ -138,6 +142,7 @@ mod tests {
         assert_eq!(read("PRIMARIES=0.64 0.33 0.3 0.6 0.15 0.06 0.3127 0.329\n").unwrap().primaries, None);
         let wide = read("PRIMARIES=0.708 0.292 0.17 0.797 0.131 0.046 0.3127 0.329\n").unwrap();
         assert_eq!(wide.primaries, Some(Primaries::BT2020));
+        assert_eq!(read("PRIMARIES=0 0 0 0 0 0 0 0\n").unwrap().primaries, None);
     }
 
     #[test]
@@ -149,7 +154,7 @@ mod tests {
             "EXPOSURE=-1",
             "EXPOSURE=inf",
             "COLORCORR=1 2",
-            "PRIMARIES=0 0 0 0 0 0 0 0",
+            "PRIMARIES=0 0 0 0 0 0 0 1",
         ] {
             let (key, _) = line.split_once('=').unwrap();
             assert!(read(&format!("{line}\n")).unwrap_err().contains(key), "{line}");

@@ -226,7 +226,19 @@ impl KernelFiles {
             bank.display(),
             angle - angles[nearest]
         );
-        Ok((KernelKnowledge::of_psf(turned), vec![Notice::Detail(how)]))
+        let mut notices = vec![Notice::Detail(how)];
+        let bounds = angles
+            .iter()
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], a| [low.min(*a), high.max(*a)]);
+        if !(bounds[0] - SAME_ANGLE_DEG..=bounds[1] + SAME_ANGLE_DEG).contains(&angle) {
+            notices.push(Notice::Warning(format!(
+                "{angle}° is outside of {}, which has kernels from {}° to {}°: the nearest is turned further; check --angle",
+                bank.display(),
+                bounds[0],
+                bounds[1]
+            )));
+        }
+        Ok((KernelKnowledge::of_psf(turned), notices))
     }
 
     /// Bytes that a bank which is read whole takes: it is there twice, as a file and as kernels.

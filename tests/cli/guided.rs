@@ -195,6 +195,11 @@ fn true_highlights_are_far_above_saturation_and_others_are_not() {
     let call = ["restore", "capture.exr", "--psf", "psf.exr", "--true-highlights", "-o", "t.exr"];
     let message = fail(scratch.path(), &[&call[..], &["--output-domain", "tone-mapped"]].concat(), 2);
     assert!(message.contains("--true-highlights"), "{message}");
+    for picture in ["t.png", "t.tif", "t.jpg"] {
+        let call = ["restore", "capture.exr", "--psf", "psf.exr", "--true-highlights", "-o", picture];
+        let message = fail(folder, &call, 2);
+        assert!(message.contains(picture) && message.contains("write .exr, .npy or .hdr"), "{message}");
+    }
 }
 
 #[test]
@@ -225,6 +230,13 @@ fn the_kernel_of_a_bank_at_an_angle_restores_too() {
     at("5.5", "b.exr");
     let read = |name: &str| io::read_image::<Linear>(&scratch.path().join(name)).unwrap();
     assert_ne!(read("a.exr"), read("b.exr"));
+    for (angle, is_outside) in [("12", false), ("5.5", false), ("12.5", true), ("-40", true)] {
+        let angle = format!("--angle={angle}");
+        let output = udc(scratch.path(), &[&call[..], &["c.exr", &angle, "--overwrite"]].concat());
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{said}");
+        assert_eq!(said.contains("which has kernels from -12° to 12°"), is_outside, "{angle}: {said}");
+    }
 }
 
 #[test]

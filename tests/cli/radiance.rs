@@ -44,6 +44,14 @@ fn other_primaries_are_kept_and_damaged_lines_named() {
     let info = io::read_capture_info(&folder.join("wide.exr")).unwrap().unwrap();
     assert!(info.primaries.unwrap().is_near(&Primaries::BT2020));
     assert!(succeed(folder, &["info", "wide.hdr"]).contains("BT.2020"));
+    // As many panoramas say that they do not tell them.
+    write(&folder.join("untold.hdr"), "PRIMARIES=0 0 0 0 0 0 0 0\n");
+    succeed(folder, &["convert", "untold.hdr", "untold.exr"]);
+    assert!(
+        io::read_capture_info(&folder.join("untold.exr"))
+            .unwrap()
+            .is_none_or(|info| info.primaries.is_none())
+    );
     for line in ["EXPOSURE=bright", "EXPOSURE=0", "COLORCORR=1 2", "PRIMARIES=1 2 3"] {
         write(&folder.join("damaged.hdr"), &format!("{line}\n"));
         let said = fail(folder, &["convert", "damaged.hdr", "b.exr"], 1);

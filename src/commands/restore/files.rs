@@ -34,6 +34,11 @@ impl Job {
         Format::of_extension(&self.output).is_ok_and(|format| format == Format::Jpeg)
     }
 
+    /// Whether the image's format holds light far above white; what it is of another format is told where it is written.
+    pub(super) fn holds_bright_light(&self) -> bool {
+        Format::of_extension(&self.output).map_or(true, Format::holds_light)
+    }
+
     /// SHA-256 of the inputs, which are read for it once; what is no file, such as a pipe, can be read once only and has
     /// none.
     pub(super) fn inputs_sha256(&self) -> error::Result<&[Option<String>]> {
