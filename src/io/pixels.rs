@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use ndarray::Array3;
+use ndarray::{Array3, Axis};
 use serde::Serialize;
 
 use super::ColorTag;
-use crate::core::bayer::BayerPattern;
+use crate::core::bayer::{BayerPattern, looks_mosaicked};
 use crate::core::camera_color::CameraColor;
 use crate::core::capture::CaptureInfo;
 use crate::core::exif::Exif;
@@ -132,6 +132,17 @@ impl Pixels {
     /// What to tell of pixels without data where darkness is light like any other.
     pub fn describe_darkness(&self, path: &Path) -> Option<String> {
         self.darkness().map(|darkness| format!("{}: {darkness}", path.display()))
+    }
+
+    /// What to tell of one plane that seems to be a mosaic, and of whose colours nobody said anything.
+    pub fn describe_mosaic(&self, path: &Path) -> Option<String> {
+        let is_told = self.raw.is_some() || self.planes.dim().0 != 1;
+        (!is_told && looks_mosaicked(self.planes.index_axis(Axis(0), 0))).then(|| {
+            format!(
+                "{}: its one channel looks like a Bayer mosaic, and is taken for grey; tell its colours with --bayer",
+                path.display()
+            )
+        })
     }
 
     fn darkness(&self) -> Option<String> {

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::deconvolution::NOISE_FREE;
 use super::{FoundAngle, Lamp, LampOutside, PoseEstimate};
 use crate::capture::{Developed, Pictures, SCENE_BRACKET, Told, names_of};
 use crate::core::capture::CaptureInfo;
@@ -35,6 +36,9 @@ pub struct Restored {
     pub curve: ToneCurve,
     /// The α that suits the units of the capture and was computed with, where it is another than the curve's.
     pub alpha: Option<f32>,
+    /// The standard deviation of the noise of `log(capture + α)` in each channel where it is of middling brightness, as it was told or
+    /// estimated by a restoration that asks for it.
+    pub relative_noise: Option<[f32; CHANNELS]>,
     /// The lamps whose light was measured by their flare, brightest first.
     pub lamps: Vec<Lamp>,
     /// The lamps outside of the frame whose flare was taken away, the most visible first.
@@ -91,8 +95,12 @@ impl CaptureReading {
             let pixels = read_pixels(file)?;
             if pixels.raw.is_none() {
                 let once_more = told_restored(file, pixels.provenance.as_ref());
-                let mut warnings: Vec<String> =
-                    pixels.describe_darkness(file).into_iter().chain(once_more).collect();
+                let mut warnings: Vec<String> = pixels
+                    .describe_darkness(file)
+                    .into_iter()
+                    .chain(pixels.describe_mosaic(file))
+                    .chain(once_more)
+                    .collect();
                 let ImageReading { image, info, contradictions, .. } =
                     any_image_of(file, pixels, told.domain, told.tone)?;
                 let light = Light::Image(Box::new(Capture { image, info }));
@@ -179,6 +187,7 @@ impl Restored {
             doubted_levels: None,
             pose: None,
             through_grey: false,
+            relative_noise: None,
             smaller_windows: None,
         }
     }
@@ -187,6 +196,18 @@ impl Restored {
     pub(super) fn with_alpha(self, alpha: f32) -> Self {
         let is_other = alpha.total_cmp(&self.curve.alpha).is_ne();
         Self { alpha: is_other.then_some(alpha), ..self }
+    }
+
+    /// What to tell of the capture's noise, where a restoration asks for it.
+    pub fn describe_noise(&self) -> Option<String> {
+        let relative = self.relative_noise?;
+        if relative.iter().all(|sigma| *sigma <= NOISE_FREE) {
+            return Some("no noise".to_owned());
+        }
+        let [red, green, blue] = relative.map(|sigma| 100.0 * sigma);
+        Some(format!(
+            "noise of {red:.2}, {green:.2} and {blue:.2} % of light + α in red, green and blue, in middling brightness"
+        ))
     }
 
     /// What to tell where the capture's brightest pixels seem to be clipped and the method took them for light as it is.

@@ -142,6 +142,8 @@ pub(super) struct Whole<'a> {
 /// What a capture, or a part of it, was restored to.
 pub(super) struct Part {
     pub(super) image: AnyImage,
+    /// The standard deviation of the noise of `log(capture + α)`.
+    pub(super) relative_noise: [f32; CHANNELS],
     /// Whether light above what saturates is in it.
     pub(super) shines_above: bool,
     pub(super) lamps: Vec<Lamp>,
@@ -174,11 +176,12 @@ impl Restoration {
                 self.restore_part((&whole, plan), (image, &posed.psf), solved, progress)?
             }
         };
-        let Part { image, shines_above, lamps, lamps_outside, angle, smaller_windows } = part;
+        let Part { image, relative_noise, shines_above, lamps, lamps_outside, angle, smaller_windows } = part;
         let info = info_of(info, found, shines_above);
         let restored = Restored::new(image, info, told).with_alpha(curve.alpha);
         Ok(Restored {
             angle,
+            relative_noise: Some(relative_noise),
             lamps,
             lamps_outside,
             levels: found,
@@ -225,7 +228,7 @@ impl Restoration {
         let Solved { relieved, lamps_outside, solution } = solved;
         let image = relieved.unwrap_or(image);
         let lamps = find_lamps(&image, &solution.scene, saturation);
-        let options = self.guided_options();
+        let (options, relative_noise) = (self.guided_options(), solution.relative_noise);
         let light = options.filter(|options| options.true_highlights).map(|_| solution.scene.clone());
         let tone_mapped = curve.tone_map(&image);
         let are_elsewhere = parted.as_ref().is_some_and(|(_, has_lamps)| *has_lamps);
@@ -251,7 +254,7 @@ impl Restoration {
             None if curve != *told => AnyImage::Linear(curve.inverse_tone_map(&restored)),
             None => AnyImage::ToneMapped(restored, Some(*told)),
         };
-        Ok(Part { image, shines_above, lamps, lamps_outside, angle, smaller_windows })
+        Ok(Part { image, relative_noise, shines_above, lamps, lamps_outside, angle, smaller_windows })
     }
 
     /// What a network makes of a capture whose scene has been solved for, as far as the capture allows.

@@ -78,7 +78,7 @@ impl Restoration {
                 |channel: usize| image.channel(channel).iter().filter(|y| **y >= from[channel]).count();
             (0..CHANNELS).map(of_channel).sum()
         };
-        let is_clean = noise.is_clean();
+        let (is_clean, relative_noise) = (noise.is_clean(), noise.relative());
         whole.parted = Some((noise, saturated(image) > 0));
         let quiet = progress.without_bars();
         if posed.pose.is_some() && is_clean {
@@ -115,7 +115,15 @@ impl Restoration {
             None => AnyImage::Linear(LinearImage::from_planes(joined)?),
         };
         let lamps = find_lamps(image, &LinearImage::from_planes(light)?, whole.planes.saturation);
-        Ok(Part { image: joined, shines_above, lamps, lamps_outside, angle: None, smaller_windows })
+        Ok(Part {
+            image: joined,
+            relative_noise,
+            shines_above,
+            lamps,
+            lamps_outside,
+            angle: None,
+            smaller_windows,
+        })
     }
 }
 

@@ -11,7 +11,7 @@ use udc::core::image::{Linear, LinearImage};
 use udc::core::psf::Psf;
 use udc::io::{self, Pixels, WriteOptions, inspect_image, inspect_mosaic};
 
-use super::common::{fail, succeed};
+use super::common::{fail, succeed, udc};
 use super::tiff::{Field, Tiff};
 
 /// Height and width of the mosaic, and its levels.
@@ -106,6 +106,23 @@ fn a_packed_mosaic_of_every_format_is_the_mosaic() {
     let found = restore(scratch.path(), "rgba.png", "integers.exr", &integers);
     let near = |(a, b): (&f32, &f32)| (a - b).abs() < 1e-5;
     assert!(found.as_slice().iter().zip(expected.as_slice()).all(near));
+}
+
+#[test]
+fn a_mosaic_of_which_nobody_says_the_colours_is_warned_of() {
+    let scratch = scratch();
+    let told = ["--white", "1023/65535", "--black", "64/65535", "--bayer", "grbg"];
+    for (levels, is_warned) in [(&[][..], true), (&told[..4], true), (&told, false)] {
+        let call = ["restore", "mosaic.npy", "--overwrite", "-o", "restored.exr"];
+        let output = udc(scratch.path(), &[&call[..], &HOW, levels].concat());
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{said}");
+        assert_eq!(
+            said.contains("mosaic.npy: its one channel looks like a Bayer mosaic"),
+            is_warned,
+            "{levels:?}: {said}"
+        );
+    }
 }
 
 #[test]

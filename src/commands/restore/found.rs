@@ -18,7 +18,7 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     let angle = angle.map(|angle| json!({ "angle-deg": angle.angle_deg, "lead-nats": angle.lead }));
     let found = json!({
         "lamps": brightest(lamps), "lamps-in-all": lamps.len(), "lamps-outside": lamps_outside,
-        "saturation": restored.levels, "pose": pose, "angle": angle,
+        "saturation": restored.levels, "relative-noise": restored.relative_noise, "pose": pose, "angle": angle,
     });
     session.found(name, found);
     if let Some([red, green, blue]) = restored.levels {
@@ -43,6 +43,9 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     if let Some(pose) = &restored.pose {
         session.note(format_args!("{name}: the flare moves the PSF: {pose}"));
     }
+    if let Some(noise) = restored.describe_noise() {
+        session.detail(format_args!("{name}: {noise}"));
+    }
     for lamp in brightest(lamps) {
         session.detail(format_args!("{name}: {lamp}"));
     }
@@ -66,6 +69,9 @@ pub(super) fn lasting(restored: &Restored, curve: ToneCurve) -> Option<Value> {
     }
     if let Some(levels) = restored.levels {
         found.insert("saturation".to_owned(), json!(levels));
+    }
+    if let Some(noise) = restored.relative_noise {
+        found.insert("relative-noise".to_owned(), json!(noise));
     }
     if let Some(pose) = &restored.pose {
         found.insert("pose".to_owned(), of_pose(pose));

@@ -18,11 +18,11 @@ mod spectral;
 mod wiener;
 mod wiener_orieux;
 
-pub(super) use joint::CaptureNoise;
 pub use joint::Solution;
 pub use joint::beyond::{LampOutside, Relieved, without_lamps_outside};
 pub(super) use joint::pose::write_pose_in_words;
 pub use joint::pose::{PoseConfig, PoseEstimate, find_pose};
+pub(super) use joint::{CaptureNoise, NOISE_FREE};
 use ndarray::{Array2, Array3, ArrayView2, Axis};
 pub use noise_curve::NoiseCurve;
 use serde::{Deserialize, Serialize};

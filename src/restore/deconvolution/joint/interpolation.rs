@@ -6,14 +6,9 @@
 
 use std::array;
 
-use ndarray::{Array2, ArrayView2, s};
-
-use super::super::noise::BANDS;
-use super::noise_level::{median, strips};
+use super::noise_level::median;
+use super::places::{Place, places_of};
 use crate::core::image::{CHANNELS, LinearImage};
-
-/// Pixels that are looked at: the share of like signs of so many is known to 0.2 %.
-const MOST_PIXELS: usize = 1 << 17;
 
 /// Pixels without which nothing is told.
 const LEAST_PIXELS: usize = 400;
@@ -27,22 +22,10 @@ const WHITE: [f32; 2] = [0.6, 1.4];
 /// demosaiced by gradients all 32 have 0.55 to 0.85 in one pair at least. Bilinear interpolation leaves a half, but no white noise.
 const UNLIKE: f32 = 0.03;
 
-/// The detail of all colours at a pixel, in the finest band and the next, and how lively its surroundings are.
-struct Place {
-    finest: [f32; CHANNELS],
-    fine: [f32; CHANNELS],
-    coarse: [f32; CHANNELS],
-}
-
 /// Whether pixels seem to have been interpolated; `saturated_from` is the light from which they are saturated. If in doubt, as
 /// where detail hides the noise, they do.
 pub(super) fn is_interpolated(image: &LinearImage, alpha: f32, saturated_from: [f32; CHANNELS]) -> bool {
-    let mut places = Vec::new();
-    for rows in strips((image.height(), image.width()), MOST_PIXELS) {
-        let strip = array::from_fn(|channel| image.channel(channel).slice_move(s![rows.clone(), ..]));
-        add_places(strip, alpha, saturated_from, &mut places);
-    }
-    let calm = calmer_half(places);
+    let calm = calmer_half(places_of(image, alpha, saturated_from));
     if calm.len() < LEAST_PIXELS {
         return true;
     }
@@ -52,11 +35,11 @@ pub(super) fn is_interpolated(image: &LinearImage, alpha: f32, saturated_from: [
             median(&mut moduli).map_or(0.0, |m| m * m)
         };
         let (finest, fine) =
-            (variance(&|place| place.finest[channel]), variance(&|place| place.fine[channel]));
+            (variance(&|place| place.finest()[channel]), variance(&|place| place.fine()[channel]));
         finest > WHITE[0] * fine && finest < WHITE[1] * fine
     };
     let are_apart = |a: usize, b: usize| {
-        let alike = calm.iter().filter(|place| place.finest[a] * place.finest[b] > 0.0).count();
+        let alike = calm.iter().filter(|place| place.finest()[a] * place.finest()[b] > 0.0).count();
         (alike as f32 / calm.len() as f32 - 0.5).abs() <= UNLIKE
     };
     let is_measured =
@@ -64,41 +47,14 @@ pub(super) fn is_interpolated(image: &LinearImage, alpha: f32, saturated_from: [
     !is_measured
 }
 
-/// Adds what is to be known of the pixels of a strip that are not saturated.
-fn add_places(
-    strip: [ArrayView2<'_, f32>; CHANNELS],
-    alpha: f32,
-    saturated_from: [f32; CHANNELS],
-    places: &mut Vec<Place>,
-) {
-    let logarithms = strip.map(|plane| plane.mapv(|y| (y.max(0.0) + alpha).ln()));
-    let [finest, fine, coarse] = array::from_fn(|band| {
-        array::from_fn::<_, CHANNELS, _>(|channel| {
-            let mut details = Array2::from_elem(logarithms[channel].dim(), f32::NAN);
-            BANDS[band].visit(&logarithms[channel], |place, detail| details[place] = detail);
-            details
-        })
-    });
-    for (place, _) in strip[0].indexed_iter() {
-        if (0..CHANNELS).any(|channel| strip[channel][place] >= saturated_from[channel]) {
-            continue;
-        }
-        let of = |planes: &[Array2<f32>; CHANNELS]| array::from_fn(|channel| planes[channel][place]);
-        let [finest, fine, coarse] = [of(&finest), of(&fine), of(&coarse)];
-        if coarse.iter().all(|detail: &f32| detail.is_finite()) {
-            places.push(Place { finest, fine, coarse });
-        }
-    }
-}
-
 /// The half of the places with the least coarse detail, each colour's relative to its median: there noise shows.
 fn calmer_half(mut places: Vec<Place>) -> Vec<Place> {
     let medians: [f32; CHANNELS] = array::from_fn(|channel| {
-        let mut moduli: Vec<f32> = places.iter().map(|place| place.coarse[channel].abs()).collect();
+        let mut moduli: Vec<f32> = places.iter().map(|place| place.coarse()[channel].abs()).collect();
         median(&mut moduli).unwrap_or(0.0).max(f32::MIN_POSITIVE)
     });
     let liveliness = |place: &Place| -> f32 {
-        place.coarse.iter().zip(&medians).map(|(detail, m)| detail.abs() / m).sum()
+        place.coarse().iter().zip(&medians).map(|(detail, m)| detail.abs() / m).sum()
     };
     let half = places.len() / 2;
     if half > 0 {
@@ -110,7 +66,7 @@ fn calmer_half(mut places: Vec<Place>) -> Vec<Place> {
 
 #[cfg(test)]
 mod tests {
-    use ndarray::Array3;
+    use ndarray::{Array2, Array3};
     use rand_distr::{Distribution, StandardNormal};
 
     use super::*;

@@ -3,7 +3,7 @@
 use ndarray::{Array2, ArrayView2};
 
 use super::super::DeconvolutionConfig;
-use super::frame::{Blur, Frame};
+use super::frame::Frame;
 use super::lamps::{Light, Saturated};
 use super::noise_level::NoiseLevel;
 use super::smooth::local_mean;
@@ -67,12 +67,12 @@ impl<'a> Known<'a> {
         Ok(Some(Found { light, brightness }))
     }
 
-    /// The noise of the capture.
-    pub(super) fn noise_level(&self, blur: &Blur<'_>) -> NoiseLevel {
+    /// The noise of the channel alone; `left` are the parts of the scene's detail that the PSF leaves.
+    pub(super) fn noise_level(&self, left: [f64; 3]) -> NoiseLevel {
         let known = (self.config.alpha, saturated_from(self.level()));
         match &self.config.noise {
             Some(curve) => NoiseLevel::told(self.capture, known, |light| curve.at(self.channel, light)),
-            None => NoiseLevel::estimate(self.capture, known, blur.parts_left()),
+            None => NoiseLevel::estimate(self.capture, known, left),
         }
     }
 }

@@ -17,6 +17,7 @@
 //!
 //! Transforms are of 32 bits: on captures with suns 10⁴ times above saturation, those of 64 bits restore the same to 0.01 dB.
 
+mod apart;
 pub(super) mod beyond;
 mod channel;
 mod coarse;
@@ -33,6 +34,7 @@ mod known;
 mod lamps;
 mod members;
 mod noise_level;
+mod places;
 pub(super) mod pose;
 mod prior;
 mod refine;
@@ -51,12 +53,15 @@ use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
+use apart::noise_apart;
 use channel::{Channel, Workspace};
 use coarse::Half;
 use frame::Frame;
 use interpolation::is_interpolated;
 use known::Known;
-use noise_level::{NOISE_FREE, NoiseLevel};
+pub(in crate::restore) use noise_level::NOISE_FREE;
+use noise_level::NoiseLevel;
+use places::places_of;
 use prior::{Edges, InverseBrightness};
 use refine::{Pilot, Refined, refine};
 
@@ -111,23 +116,38 @@ impl CaptureNoise {
         };
         let frame =
             Frame::new(window, [psf.height(), psf.width()], config.border, TransformPrecision::Single);
-        Ok(Self { levels: noise_levels(&frame, known)?, is_interpolated })
+        Ok(Self { levels: noise_levels(&frame, (image, config), known)?, is_interpolated })
+    }
+
+    /// The standard deviation of the noise of `log(capture + α)` in each channel, where it is of middling brightness.
+    pub(in crate::restore) fn relative(&self) -> [f32; CHANNELS] {
+        std::array::from_fn(|channel| self.levels[channel].middle())
     }
 
     /// Whether there is none, as in computed captures.
     pub(in crate::restore) fn is_clean(&self) -> bool {
-        self.levels.iter().all(|level| level.middle() <= NOISE_FREE)
+        self.relative().iter().all(|sigma| *sigma <= NOISE_FREE)
     }
 }
 
 /// The noise of all channels, as seen through a PSF in a frame.
-fn noise_levels<'a>(frame: &Frame, known: impl Fn(usize) -> Known<'a>) -> Result<Vec<NoiseLevel>> {
+fn noise_levels<'a>(
+    frame: &Frame,
+    (image, config): (&LinearImage, &DeconvolutionConfig),
+    known: impl Fn(usize) -> Known<'a>,
+) -> Result<Vec<NoiseLevel>> {
     let of_channel = |channel| {
         let known = known(channel);
-        Ok(known.noise_level(&frame.blur(known.psf)?))
+        let left = frame.blur(known.psf)?.parts_left();
+        Ok((known.noise_level(left), left))
     };
-    let mut levels: Vec<_> = (0..CHANNELS).map(of_channel).collect::<Result<_>>()?;
-    if known(0).config.noise.is_none() {
+    let of_channels: Vec<_> = (0..CHANNELS).map(of_channel).collect::<Result<_>>()?;
+    let (mut levels, left): (Vec<_>, Vec<_>) = of_channels.into_iter().unzip();
+    if config.noise.is_none() {
+        let places = places_of(image, config.alpha, config.saturation.map(saturated_from));
+        if let Some(apart) = noise_apart(&places, std::array::from_fn(|channel| left[channel])) {
+            levels.iter_mut().zip(apart).for_each(|(level, least)| level.raise(least));
+        }
         NoiseLevel::agree(&mut levels);
     }
     Ok(levels)
@@ -282,7 +302,7 @@ impl<'a> Given<'a> {
         match (self.noise, self.whole) {
             (Some(noise), _) => Ok(noise.to_vec()),
             (None, Some(whole)) => Ok(whole.levels.clone()),
-            (None, None) => noise_levels(frame, |channel| self.known(channel)),
+            (None, None) => noise_levels(frame, (self.image, self.config), |channel| self.known(channel)),
         }
     }
 

@@ -71,6 +71,20 @@ impl NoiseLevel {
         Self { knots: steadied(knots), overall }
     }
 
+    /// Raises the noise to what the capture's colours show together to be there `least`, overall.
+    pub(crate) fn raise(&mut self, least: f32) {
+        if least <= self.overall {
+            return;
+        }
+        if self.overall.min(self.middle()) <= NOISE_FREE {
+            *self = Self { knots: vec![(0.0, least)], overall: least };
+            return;
+        }
+        let factor = least / self.overall;
+        self.knots.iter_mut().for_each(|(_, sigma)| *sigma = sigma.max((*sigma * factor).min(least)));
+        self.overall = least;
+    }
+
     /// Lets the channels of a capture agree whether there is noise: one sensor took them all, and detail passes for noise in one of them,
     /// as does noise for detail.
     ///
@@ -238,6 +252,20 @@ mod tests {
         let photons = NoiseLevel::told(capture.view(), (ALPHA, 16.0), |light| 0.02 * light.sqrt());
         let expected = 0.02 * 2.1f32.sqrt() / (2.1 + ALPHA);
         assert!((photons.middle() / expected - 1.0).abs() < 0.1, "{} {expected}", photons.middle());
+    }
+
+    #[test]
+    fn noise_is_raised_to_what_colours_show_together_and_never_lowered() {
+        let level = || NoiseLevel { knots: vec![(-1.0, 0.002), (0.0, 0.01), (1.0, 0.03)], overall: 0.01 };
+        let raised = |mut level: NoiseLevel, least: f32| {
+            level.raise(least);
+            [-1.0f32, 0.0, 1.0].map(|log| level.at(log.exp()))
+        };
+        assert_eq!(raised(level(), 0.005), [0.002, 0.01, 0.03]);
+        for (found, expected) in raised(level(), 0.02).into_iter().zip([0.004, 0.02, 0.03]) {
+            assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+        }
+        assert_eq!(raised(NoiseLevel { knots: vec![(0.0, LEAST)], overall: LEAST }, 0.02), [0.02; 3]);
     }
 
     /// Of one sensor: what a channel alone shows for noise is detail, and what it hides is noise.

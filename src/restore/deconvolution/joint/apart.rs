@@ -1,0 +1,125 @@
+//! Estimates the noise of a capture's colours from the detail that each has apart from the others.
+//!
+//! Detail of a scene is much the same in all colours, relative to their brightness, and noise of measured pixels is not: what the
+//! detail of one colour shares with that of the others is the scene's, however fine. Of what is left the noise is estimated as of a
+//! colour alone ([`of_details`]).
+
+use std::array;
+
+use super::super::noise::{BANDS, Detail, of_details};
+use super::noise_level::{NOISE_FREE, median};
+use super::places::Place;
+use crate::core::image::CHANNELS;
+
+/// Pixels without which nothing is told.
+const LEAST_PLACES: usize = 400;
+
+/// The median of the modulus of a standard normal variable.
+const MEDIAN_OF_NORMAL: f64 = 0.6745;
+
+/// The correlation of two colours below which they share nothing that could be divided by.
+const LEAST_CORRELATION: f64 = 0.05;
+
+/// Colours that have to show noise, for what one has apart may be a scene of that colour.
+const LEAST_COLORS: usize = 2;
+
+/// The standard deviation of the noise of `ln(y + α)` in each channel, where the capture shows one; `left` are the parts of the scene's
+/// detail that the PSF leaves in each band of each channel.
+///
+/// # Method
+/// With detail `dᵢ = nᵢ + aᵢ·s`, n independent and s shared, the covariances are `Cᵢⱼ = aᵢ·aⱼ·Var s`, so that `Cᵢⱼ·Cᵢₖ / Cⱼₖ` is the
+/// variance of what i shares. Covariances are robust: `Cᵢⱼ = σᵢ·σⱼ·(m²(dᵢ/σᵢ + dⱼ/σⱼ) − m²(dᵢ/σᵢ − dⱼ/σⱼ)) / 4`, m being the median
+/// modulus over that of a normal variable.
+pub(super) fn noise_apart(places: &[Place], left: [[f64; BANDS.len()]; CHANNELS]) -> Option<[f32; CHANNELS]> {
+    if places.len() < LEAST_PLACES {
+        return None;
+    }
+    let variances: [[f64; CHANNELS]; BANDS.len()] = array::from_fn(|band| variances_apart(places, band));
+    let noise: [f32; CHANNELS] = array::from_fn(|channel| {
+        let detail = |band: usize| Detail { variance: variances[band][channel], left: left[channel][band] };
+        #[expect(clippy::cast_possible_truncation, reason = "planes are of 32 bits")]
+        let noise = of_details(array::from_fn(detail)) as f32;
+        noise
+    });
+    let noisy = noise.iter().filter(|sigma| **sigma > NOISE_FREE).count();
+    (noisy >= LEAST_COLORS).then_some(noise)
+}
+
+/// The variance of what each colour has apart from the others in a band.
+fn variances_apart(places: &[Place], band: usize) -> [f64; CHANNELS] {
+    let mut moduli = Vec::with_capacity(places.len());
+    let mut variance = |of: &dyn Fn(&[f32; CHANNELS]) -> f32| {
+        moduli.clear();
+        moduli.extend(places.iter().map(|place| of(&place.details[band]).abs()));
+        (f64::from(median(&mut moduli).unwrap_or(0.0)) / MEDIAN_OF_NORMAL).powi(2)
+    };
+    let whole: [f64; CHANNELS] = array::from_fn(|channel| variance(&|details| details[channel]));
+    #[expect(clippy::cast_possible_truncation, reason = "planes are of 32 bits")]
+    let inverse = whole.map(|variance| variance.sqrt().max(f64::MIN_POSITIVE).recip() as f32);
+    let mut correlation = |a: usize, b: usize| {
+        let sum = variance(&|details| details[a] * inverse[a] + details[b] * inverse[b]);
+        let difference = variance(&|details| details[a] * inverse[a] - details[b] * inverse[b]);
+        0.25 * (sum - difference)
+    };
+    // Of the two colours beside each.
+    let opposite = [correlation(1, 2), correlation(2, 0), correlation(0, 1)];
+    array::from_fn(|channel| {
+        let [beside, other] = [opposite[(channel + 1) % CHANNELS], opposite[(channel + 2) % CHANNELS]];
+        let is_shared = opposite[channel] > LEAST_CORRELATION && beside > 0.0 && other > 0.0;
+        let shared = if is_shared { (beside * other / opposite[channel]).min(1.0) } else { 0.0 };
+        whole[channel] * (1.0 - shared)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array3;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::super::places::places_of;
+    use super::*;
+    use crate::core::image::LinearImage;
+    use crate::core::rng;
+
+    const ALPHA: f32 = 0.25;
+    const DETAIL: f32 = 0.04;
+
+    /// Brightness that differs from pixel to pixel, alike in all colours to the part `shared`, and noise of each colour.
+    fn capture(shared: f32, noise: [f32; CHANNELS]) -> LinearImage {
+        let mut rng = rng::stream(7, "noise apart");
+        let mut normal = move || -> f32 { StandardNormal.sample(&mut rng) };
+        let mut planes = Array3::<f32>::zeros((CHANNELS, 128, 160));
+        for y in 0..128 {
+            for x in 0..160 {
+                let of_all = normal();
+                for channel in 0..CHANNELS {
+                    let detail = DETAIL * (shared * of_all + (1.0 - shared * shared).sqrt() * normal());
+                    let error = noise[channel] * normal();
+                    planes[[channel, y, x]] =
+                        (0.3 + ALPHA + 0.1 * channel as f32) * (detail + error).exp() - ALPHA;
+                }
+            }
+        }
+        LinearImage::from_planes(planes).unwrap()
+    }
+
+    /// As of a PSF that leaves all detail as it is, which is then no less in the finest band than in others.
+    fn found(capture: &LinearImage) -> Option<[f32; CHANNELS]> {
+        noise_apart(&places_of(capture, ALPHA, [16.0; CHANNELS]), [[0.2, 0.5, 0.8]; CHANNELS])
+    }
+
+    #[test]
+    fn noise_below_detail_that_colours_share_is_told() {
+        let noise = [0.01, 0.02, 0.015];
+        for (found, expected) in found(&capture(1.0, noise)).unwrap().into_iter().zip(noise) {
+            assert!((found / expected - 1.0).abs() < 0.1, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn without_noise_or_pixels_nothing_is_told() {
+        assert_eq!(found(&capture(1.0, [0.0; CHANNELS])), None);
+        assert_eq!(found(&LinearImage::from_planes(Array3::zeros((CHANNELS, 64, 64))).unwrap()), None);
+        assert_eq!(found(&LinearImage::from_planes(Array3::from_elem((CHANNELS, 5, 5), 0.3)).unwrap()), None);
+    }
+}
