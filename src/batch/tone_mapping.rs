@@ -123,6 +123,7 @@ impl Stages for Mapping<'_> {
             AnyImage::Linear(image) => AnyImage::ToneMapped(curve.tone_map(&image), Some(curve)),
             AnyImage::ToneMapped(image, _) => AnyImage::Linear(curve.inverse_tone_map(&image)),
         };
+        let info = info.map(|info| info.cut_at(curve.x_max));
         Ok(Mapped { image, info, curve })
     }
 
@@ -164,7 +165,7 @@ mod tests {
     use super::*;
     use crate::batch::testing::Notes;
     use crate::core::shard::Shard;
-    use crate::io::{read_image, write_image};
+    use crate::io::{read_capture_info, read_image, write_image};
     use ndarray::Array3;
 
     #[test]
@@ -201,6 +202,33 @@ mod tests {
         }
         assert_eq!(notes.take().len(), 4, "each file is told of");
         assert!(how.run(&[light], &to(&mapped), &notes).is_err(), "nothing is replaced");
+    }
+
+    #[test]
+    fn what_is_cut_at_x_max_saturates_there() {
+        let scratch = tempfile::tempdir().unwrap();
+        let [light, mapped] = ["light.exr", "mapped.exr"].map(|name| scratch.path().join(name));
+        let image = LinearImage::from_planes(Array3::from_elem((3, 2, 3), 9.0)).unwrap();
+        let info = CaptureInfo { saturation: Some([16.0, 3.0, 16.0]), ..CaptureInfo::default() };
+        write_image(&light, &image, &WriteOptions { capture: Some(info), ..WriteOptions::default() })
+            .unwrap();
+        let how = ToneMapping {
+            tone: ToneFlags { alpha: None, x_max: Some(4.0) },
+            inverse: false,
+            domain: None,
+            half: false,
+            overwrite: false,
+        };
+        let to = Destination {
+            path: &mapped,
+            extension: "exr",
+            is_asked: false,
+            accepts_existing: false,
+            shard: Shard::WHOLE,
+        };
+        how.run(&[light], &to, &Notes::default()).unwrap();
+        let info = read_capture_info(&mapped).unwrap().unwrap();
+        assert_eq!(info.saturation, Some([4.0, 3.0, 4.0]));
     }
 
     #[test]

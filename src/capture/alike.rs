@@ -5,6 +5,7 @@ use std::path::Path;
 use super::told::Told;
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
+use crate::core::image::CHANNELS;
 use crate::core::orientation::Orientation;
 use crate::core::primaries::Primaries;
 use crate::io::RawMetadata;
@@ -49,8 +50,8 @@ pub(super) fn check_levels(
     )))
 }
 
-/// Refuses a picture whose red, green and blue are others than the first's, or that is to be turned otherwise, which matters to
-/// all but a point source. Returns what is to be said of other gains, which the first picture's stand for.
+/// Refuses a picture whose red, green and blue are others than the first's, that saturates elsewhere, or that is to be turned otherwise,
+/// which matters to all but a point source. Returns what is to be said of other gains, which the first picture's stand for.
 pub(super) fn check_scene(
     file: &Path,
     told: &Told,
@@ -75,8 +76,19 @@ pub(super) fn check_scene(
             first.orientation().exif()
         )));
     }
+    let level = |said: &Said<'_>, channel: usize| {
+        said.capture.and_then(|capture| capture.saturation).map_or(1.0, |levels| levels[channel])
+    };
+    let is_far = |channel| (level(&first, channel) / level(&this, channel) - 1.0).abs() > SAME_LEVEL;
+    if told.levels.white.is_none() && (0..CHANNELS).any(is_far) {
+        return Err(Error::Unsupported(format!(
+            "{file} says that it saturates at another light than the first picture: develop them alike, or give --white for all"
+        )));
+    }
     let gains = |said: &Said<'_>| {
-        said.raw.and_then(|raw| raw.white_balance).filter(|_| told.levels.white_balance.is_none())
+        let of_raw =
+            said.raw.and_then(|raw| raw.white_balance).filter(|_| told.levels.white_balance.is_none());
+        of_raw.or_else(|| said.capture.and_then(|capture| capture.white_balance))
     };
     let is_other = |(a, b): (&f64, &f64)| (a / b - 1.0).abs() > SAME_GAIN;
     let differs = match (gains(&first), gains(&this)) {
@@ -91,7 +103,8 @@ pub(super) fn check_scene(
     }))
 }
 
-/// Gains that differ by less, as a share, are the same but for rounding.
+/// Levels and gains that differ by less, as a share, are the same but for rounding.
+const SAME_LEVEL: f32 = 1e-3;
 const SAME_GAIN: f64 = 1e-3;
 
 #[cfg(test)]

@@ -55,14 +55,17 @@ impl Pictures {
     }
 
     fn fuse(self, bracket: Bracket, times: &[f64]) -> Result<Developed> {
-        let Self { mut warnings, config, raw, said, .. } = self;
+        let Self { mut warnings, config, raw, said, divided_by, .. } = self;
+        let gains = config.white_balance;
+        let [r, g, b] = divided_by.unwrap_or([1.0; 3]);
+        let config = FuseConfig { white_balance: [gains[0] * r, gains[1] * g, gains[2] * b], ..config };
         let fused = fuse(bracket, &config)?;
         warnings.extend(fused.much_is_saturated());
         warnings.extend(fused.warnings());
         warnings.extend(raw.as_ref().and_then(uncorrected));
-        let info = info_of(&fused, raw.as_ref(), said, config.white_balance);
+        let info = info_of(&fused, raw.as_ref(), said, gains);
         let longest_exposure = times.iter().copied().fold(0.0, f64::max);
-        let exposures = relative_times(times);
+        let (exposures, config) = (relative_times(times), FuseConfig { white_balance: gains, ..config });
         Ok(Developed { fused, info, raw, config, exposures, longest_exposure, warnings })
     }
 
@@ -77,24 +80,26 @@ impl Pictures {
     }
 }
 
-/// What finishing needs to know of a capture that was read from raw files, or of a fused bracket.
+/// What finishing needs to know of a capture that was read from raw files, or of a fused bracket, to which these gains were applied, of
+/// developed pictures beside their own.
 fn info_of(
     fused: &Fused,
     raw: Option<&RawMetadata>,
     said: Option<CaptureInfo>,
-    white_balance: [f64; 3],
+    gains: [f64; 3],
 ) -> CaptureInfo {
     #[expect(clippy::cast_possible_truncation, reason = "an irradiance in f32")]
     let levels = fused.saturation.map(|white| white as f32);
     // Of others, files say nothing.
     let saturation = levels.iter().all(|level| is_level(*level)).then_some(levels);
-    let CaptureInfo { orientation, primaries, exif, .. } = said.unwrap_or_default();
-    let white_balance = Some(white_balance);
-    let info =
-        CaptureInfo { saturation, white_balance, orientation, primaries, exif, ..CaptureInfo::default() };
+    let said = said.unwrap_or_default();
+    let own = said.white_balance.unwrap_or([1.0; 3]);
+    let white_balance = Some(std::array::from_fn(|channel| own[channel] * gains[channel]));
+    let info = CaptureInfo { saturation, white_balance, ..said };
     match raw {
         None => info,
         Some(raw) => CaptureInfo {
+            white_balance: Some(gains),
             orientation: Some(raw.orientation),
             baseline_exposure_ev: raw.baseline_exposure_ev,
             color: raw.color.clone(),
@@ -109,7 +114,8 @@ mod tests {
     use super::*;
     use crate::capture::ToldLevels;
     use crate::core::bayer::BayerPattern;
-    use crate::io::write_array;
+    use crate::core::image::LinearImage;
+    use crate::io::{WriteOptions, write_array, write_image};
     use ndarray::Array3;
 
     /// Floats of a mosaic of grey light, black 10 and white 110, the shorter exposure a quarter of the longer.
@@ -167,5 +173,42 @@ mod tests {
             develop(&files, &told, &Progress::default()).unwrap().info.saturation
         };
         assert_eq!((saturation(2.0), saturation(1e-7)), (Some([2.0, 1.0, 1.0]), None));
+    }
+
+    /// As files of one capture each become one of all: by the light at which each channel is full, and in the camera's colours.
+    #[test]
+    fn developed_pictures_keep_their_levels_and_colours() {
+        let folder = tempfile::tempdir().unwrap();
+        let levels = [2.0f32, 1.0, 1.5];
+        let light = |channel: usize, y: usize| levels[channel] * 0.06 * y as f32;
+        let info = CaptureInfo {
+            saturation: Some(levels),
+            white_balance: Some([2.0, 1.0, 1.5]),
+            baseline_exposure_ev: Some(0.5),
+            ..CaptureInfo::default()
+        };
+        let files: Vec<PathBuf> = ["long.exr", "short.exr"].map(|name| folder.path().join(name)).into();
+        let write = |file: &PathBuf, time: f32, info: &CaptureInfo| {
+            let planes = Array3::from_shape_fn((3, 64, 64), |(c, y, _)| (light(c, y) * time).min(levels[c]));
+            let options =
+                WriteOptions { capture: Some(info.clone()), overwrite: true, ..WriteOptions::default() };
+            write_image(file, &LinearImage::from_planes(planes).unwrap(), &options).unwrap();
+        };
+        write(&files[0], 1.0, &info);
+        write(&files[1], 0.25, &info);
+        let told = Told { exposures: Some(vec![1.0, 0.25]), ..Told::default() };
+        let developed = develop(&files, &told, &Progress::default()).unwrap();
+        for ((channel, y, _), found) in developed.fused.image.planes().indexed_iter() {
+            assert!(
+                (found - light(channel, y)).abs() <= 1e-5 * light(channel, y),
+                "{found} {}",
+                light(channel, y)
+            );
+        }
+        let expected = CaptureInfo { saturation: Some(levels.map(|level| 4.0 * level)), ..info.clone() };
+        assert_eq!(developed.info, expected);
+        write(&files[1], 0.25, &CaptureInfo { saturation: Some([1.0; 3]), ..info });
+        let error = develop(&files, &told, &Progress::default()).unwrap_err().to_string();
+        assert!(error.contains("short.exr says that it saturates at another light"), "{error}");
     }
 }

@@ -13,6 +13,7 @@ use super::shots::{Shot, differ, exposures, exposures_of_darks, is_in_doubt, wit
 use super::told::Told;
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
+use crate::core::image::CHANNELS;
 use crate::core::progress::Progress;
 use crate::io::{DomainTag, Pixels, RawMetadata, expand_inputs, inspect_image, inspect_mosaic, read_pixels};
 
@@ -29,6 +30,9 @@ pub struct Pictures {
     pub(super) raw: Option<RawMetadata>,
     /// What the first file says of its capture, where it is no raw one.
     pub(super) said: Option<CaptureInfo>,
+    /// By what the channels of developed pictures were divided, so that white is 1 in each: the light at which their files say that they
+    /// saturate.
+    pub(super) divided_by: Option<[f64; CHANNELS]>,
     lights: Group,
     darks: Group,
 }
@@ -38,6 +42,24 @@ pub struct Pictures {
 struct Group {
     planes: Vec<Array3<f32>>,
     shots: Vec<Shot>,
+}
+
+impl Group {
+    fn divide(&mut self, levels: [f64; CHANNELS]) {
+        #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
+        let factors = levels.map(|level| level.recip() as f32);
+        for planes in &mut self.planes {
+            for (mut plane, factor) in planes.outer_iter_mut().zip(factors) {
+                plane.par_mapv_inplace(|value| value * factor);
+            }
+        }
+    }
+}
+
+/// The light at which a developed picture saturates, where its file says that this is another than 1.
+fn own_levels(said: &CaptureInfo) -> Option<[f64; CHANNELS]> {
+    let levels = said.saturation?.map(f64::from);
+    levels.iter().any(|level| (level - 1.0).abs() > f64::from(f32::EPSILON)).then_some(levels)
 }
 
 impl Pictures {
@@ -56,8 +78,8 @@ impl Pictures {
         };
         let dark_files = told.darks.as_deref().map_or(Ok(Vec::new()), expand_inputs)?;
         let mut reader = Reader { told, first: None, said: None, warnings: Vec::new() };
-        let lights = reader.read_group(files, false, progress)?;
-        let darks = reader.read_group(&dark_files, true, progress)?;
+        let mut lights = reader.read_group(files, false, progress)?;
+        let mut darks = reader.read_group(&dark_files, true, progress)?;
         let Reader { first: of_first, said, mut warnings, .. } = reader;
         let (raw, samples) = of_first.expect("at least one picture was read");
 
@@ -73,6 +95,12 @@ impl Pictures {
                 "black {black} does not lie below white {white}: give --white as well, in the same units"
             )));
         }
+        let is_light = raw.is_none() && unit == Unit::Planes && bayer.is_none();
+        let divided_by =
+            said.as_ref().filter(|_| is_light && told.levels.white.is_none()).and_then(own_levels);
+        if let Some(levels) = divided_by {
+            [&mut lights, &mut darks].into_iter().for_each(|group| group.divide(levels));
+        }
         if raw.is_none()
             && unit == Unit::Planes
             && let Some(warning) = check_floats(&lights.planes, told.levels.white)?
@@ -80,7 +108,7 @@ impl Pictures {
             warnings.push(format!("{}: {warning}", names_of(files)));
         }
         let config = FuseConfig { white, black, bayer, white_balance, ..config };
-        Ok(Self { warnings, told: told.clone(), config, raw, said, lights, darks })
+        Ok(Self { warnings, told: told.clone(), config, raw, said, divided_by, lights, darks })
     }
 
     /// The exposures in the order of the files: of the user, else of the files, else the default ones.
@@ -320,6 +348,7 @@ mod tests {
             config,
             raw: None,
             said: None,
+            divided_by: None,
             lights,
             darks: Group::default(),
         }

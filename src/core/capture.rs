@@ -64,6 +64,11 @@ impl CaptureInfo {
         serde_json::to_string(self).expect("what is known of a capture is plain data")
     }
 
+    /// What is known of the capture where its light is cut at `most`: above, nothing saturates any more.
+    pub fn cut_at(self, most: f32) -> Self {
+        Self { saturation: self.saturation.map(|levels| levels.map(|level| level.min(most))), ..self }
+    }
+
     /// The matrix from the image's colours to linear sRGB, where the camera says its colours and gains were applied, or the
     /// image has other primaries.
     pub fn color_matrix(&self) -> Option<[[f64; 3]; 3]> {

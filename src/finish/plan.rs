@@ -223,7 +223,11 @@ impl Stages for Finishing<'_> {
         let usual = tone.over(ToneCurve::default())?;
         let curve = (image.domain() == DomainTag::ToneMapped).then(|| image.curve().unwrap_or(usual));
         let image = image.into_linear(usual);
-        let ceiling = own.unwrap_or(usual).x_max;
+        let ceiling = match (own, tone.x_max) {
+            // Light of which nobody says that it ends somewhere goes on to the brightest.
+            (None, None) => usual.x_max.max(image.max()),
+            _ => own.unwrap_or(usual).x_max,
+        };
         let config = style.config_of(&image, &look, self.plan.is_eight_bit(&job.output), ceiling);
         if let Curve::Photographic { grey, white } = config.curve {
             let input = job.input.display();

@@ -61,6 +61,9 @@ impl Conversion {
         if is_assumed_linear {
             pixels.domain = Some(DomainTag::Linear);
         }
+        if self.clip && !holds_floats(output) && pixels.domain == Some(DomainTag::Linear) {
+            pixels.capture = pixels.capture.map(|info| info.cut_at(1.0));
+        }
         let source = pixels.provenance.take();
         let config = json!({
             "input": input.display().to_string(), "half": self.half, "clip": self.clip, "source": source,

@@ -357,6 +357,7 @@ impl Restoration {
     /// Those of [`plan`](Self::plan) and of the method; [`Error::Unsupported`] when an angle cannot be found;
     /// [`Error::Interrupted`].
     pub fn restore(&self, capture: Capture, progress: &Progress) -> Result<Restored> {
+        let capture = self.cut(capture);
         let is_told_by_code = self.is_network() && !self.reads_planes();
         if self.kernel.psf().is_none() || is_told_by_code || !is_grey(&capture.image) {
             return self.restore_colors(capture, progress);
@@ -369,6 +370,14 @@ impl Restoration {
             None => self.restore_colors(capture, progress)?,
         };
         Ok(Restored { image: made_grey(restored.image)?, through_grey, ..restored })
+    }
+
+    /// The capture, said to saturate no higher than its light is cut: a tone-mapped file holds none above its own x_max, and of what a
+    /// file says, a user who tells less is believed.
+    fn cut(&self, Capture { image, info }: Capture) -> Capture {
+        let of_file = image.curve().map_or(f32::INFINITY, |own| own.x_max);
+        let most = if self.asks_for_levels { of_file } else { of_file.min(self.curve.x_max) };
+        Capture { image, info: info.map(|info| info.cut_at(most)) }
     }
 
     fn is_network(&self) -> bool {
@@ -440,7 +449,6 @@ impl Restoration {
         // A tone-mapped file holds no light above its own x_max.
         let usual = capture.image.curve().map_or(usual, |own| [own.x_max; CHANNELS]);
         let levels = capture.info.as_ref().and_then(|info| info.saturation).unwrap_or(usual);
-        // Of what a file says, a user who tells less is believed.
         if self.asks_for_levels { levels } else { levels.map(|white| white.min(self.curve.x_max)) }
     }
 

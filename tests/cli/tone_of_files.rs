@@ -139,11 +139,37 @@ fn counts_that_say_no_level_are_neither_cut_nor_shown_white() {
         let [_, x_max] = tone_of(&folder.join("mapped.exr"));
         let (linear, back) = (brightest("linear.exr").min(x_max), brightest("back.exr"));
         assert!(linear > 4e3 && (back / linear - 1.0).abs() < 0.02, "{method:?}: {back} of {linear}");
+        restore(&["linear.npy"]);
         succeed(folder, &["finish", "linear.exr", "-o", "finished.png", "--overwrite"]);
-        for picture in ["photo.jpg", "finished.png"] {
+        succeed(folder, &["finish", "linear.npy", "-o", "of-npy.png", "--overwrite"]);
+        for picture in ["photo.jpg", "finished.png", "of-npy.png"] {
             let planes = io::read_pixels(&folder.join(picture)).unwrap().planes;
             let mean = planes.mean().unwrap();
             assert!(mean < 0.8, "{method:?}: {picture} has a mean of {mean}");
+        }
+    }
+}
+
+/// A file may say that its capture saturates higher.
+#[test]
+fn what_is_cut_saturates_where_it_was_cut() {
+    let scratch = scratch();
+    let folder = scratch.path();
+    let scene = io::read_image::<Linear>(&folder.join("scene.exr")).unwrap();
+    let (cut, x_max) = (0.5 * scene.max(), format!("{}", 0.5 * scene.max()));
+    let capture = Some(CaptureInfo { saturation: Some([16.0 * cut; 3]), ..CaptureInfo::default() });
+    let options = WriteOptions { capture, ..WriteOptions::default() };
+    io::write_image::<Linear>(&folder.join("told.exr"), &scene, &options).unwrap();
+    succeed(folder, &["tonemap", "told.exr", "-o", "cut.exr", "--x-max", &x_max]);
+    succeed(folder, &["convert", "told.exr", "clipped.png", "--clip"]);
+    let ways: [&[&str]; 3] =
+        [&["cut.exr"], &["cut.exr", "--method", "constrained"], &["told.exr", "--x-max", &x_max]];
+    for way in ways {
+        let call = ["restore", "--psf", "psf.exr", "-o", "restored.exr", "--overwrite"];
+        succeed(folder, &[&call[..], way].concat());
+        let info = io::read_capture_info(&folder.join("restored.exr")).unwrap().unwrap();
+        for level in info.saturation.unwrap() {
+            assert!((level / cut - 1.0).abs() < 1e-3, "{way:?}: {level} of {cut}");
         }
     }
 }
