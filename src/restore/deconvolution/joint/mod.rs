@@ -144,9 +144,12 @@ fn noise_levels<'a>(
     let of_channels: Vec<_> = (0..CHANNELS).map(of_channel).collect::<Result<_>>()?;
     let (mut levels, left): (Vec<_>, Vec<_>) = of_channels.into_iter().unzip();
     if config.noise.is_none() {
-        let places = places_of(image, config.alpha, config.saturation.map(saturated_from));
-        if let Some(apart) = noise_apart(&places, std::array::from_fn(|channel| left[channel])) {
-            levels.iter_mut().zip(apart).for_each(|(level, least)| level.raise(least));
+        if NoiseLevel::hide(&levels) {
+            // Detail may be as fine as noise.
+            let places = places_of(image, config.alpha, config.saturation.map(saturated_from));
+            if let Some(apart) = noise_apart(&places, std::array::from_fn(|channel| left[channel])) {
+                levels.iter_mut().zip(apart).for_each(|(level, noise)| *level = NoiseLevel::even(noise));
+            }
         }
         NoiseLevel::agree(&mut levels);
     }

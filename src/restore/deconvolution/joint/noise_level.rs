@@ -71,18 +71,15 @@ impl NoiseLevel {
         Self { knots: steadied(knots), overall }
     }
 
-    /// Raises the noise to what the capture's colours show together to be there `least`, overall.
-    pub(crate) fn raise(&mut self, least: f32) {
-        if least <= self.overall {
-            return;
-        }
-        if self.overall.min(self.middle()) <= NOISE_FREE {
-            *self = Self { knots: vec![(0.0, least)], overall: least };
-            return;
-        }
-        let factor = least / self.overall;
-        self.knots.iter_mut().for_each(|(_, sigma)| *sigma = sigma.max((*sigma * factor).min(least)));
-        self.overall = least;
+    /// The same deviation at any brightness.
+    pub(crate) fn even(deviation: f32) -> Self {
+        Self { knots: vec![(0.0, deviation)], overall: deviation }
+    }
+
+    /// Whether most channels of a capture show no noise, each by itself.
+    pub(crate) fn hide(channels: &[Self]) -> bool {
+        let hiding = channels.iter().filter(|channel| channel.overall <= NOISE_FREE).count();
+        2 * hiding > channels.len()
     }
 
     /// Lets the channels of a capture agree whether there is noise: one sensor took them all, and detail passes for noise in one of them,
@@ -101,7 +98,7 @@ impl NoiseLevel {
                 _ if channel.overall > NOISE_FREE => channel.overall,
                 ref others => others.iter().copied().fold(f32::INFINITY, f32::min),
             };
-            *channel = Self { knots: vec![(0.0, noise)], overall: noise };
+            *channel = Self::even(noise);
         }
     }
 
@@ -255,17 +252,11 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_raised_to_what_colours_show_together_and_never_lowered() {
-        let level = || NoiseLevel { knots: vec![(-1.0, 0.002), (0.0, 0.01), (1.0, 0.03)], overall: 0.01 };
-        let raised = |mut level: NoiseLevel, least: f32| {
-            level.raise(least);
-            [-1.0f32, 0.0, 1.0].map(|log| level.at(log.exp()))
-        };
-        assert_eq!(raised(level(), 0.005), [0.002, 0.01, 0.03]);
-        for (found, expected) in raised(level(), 0.02).into_iter().zip([0.004, 0.02, 0.03]) {
-            assert!((found - expected).abs() < 1e-6, "{found} {expected}");
-        }
-        assert_eq!(raised(NoiseLevel { knots: vec![(0.0, LEAST)], overall: LEAST }, 0.02), [0.02; 3]);
+    fn noise_hides_where_most_channels_show_none() {
+        let levels = |deviations: [f32; 3]| deviations.map(NoiseLevel::even);
+        assert!(NoiseLevel::hide(&levels([LEAST; 3])) && NoiseLevel::hide(&levels([LEAST, 0.01, LEAST])));
+        assert!(!NoiseLevel::hide(&levels([0.01, LEAST, 0.01])));
+        assert_eq!([0.1, 1.0, 10.0].map(|brightness| NoiseLevel::even(0.02).at(brightness)), [0.02; 3]);
     }
 
     /// Of one sensor: what a channel alone shows for noise is detail, and what it hides is noise.
