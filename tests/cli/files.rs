@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use udc::io;
 use udc::network::{Architecture, Initialisation, Model, Origin, Parameters, weights::Weights};
 
 use super::common::{fail, succeed, udc};
@@ -250,7 +251,8 @@ fn a_tiff_of_several_pages_is_refused_and_one_with_a_preview_is_read() {
         let mut file = Tiff::new();
         let mut places = Vec::new();
         for kind in kinds {
-            let mut fields = file.image(2, &[7; 4 * 5 * 3], [4, 5]);
+            let value = 7 + 10 * u8::try_from(*kind).unwrap();
+            let mut fields = file.image(2, &[value; 4 * 5 * 3], [4, 5]);
             fields.push((254, Field::Longs(vec![*kind])));
             // The position of the next stands behind the fields.
             places.push((file.directory(fields) as usize, 2 + 12 * 10));
@@ -265,6 +267,13 @@ fn a_tiff_of_several_pages_is_refused_and_one_with_a_preview_is_read() {
     };
     write("preview.tif", &[0, 1]);
     succeed(folder.path(), &["convert", "preview.tif", "a.npy", "--domain", "linear"]);
+    // The preview comes first in files of some scanners and editors.
+    write("first.tif", &[1, 0]);
+    succeed(folder.path(), &["convert", "first.tif", "c.npy", "--domain", "linear"]);
+    for name in ["a.npy", "c.npy"] {
+        let planes = io::read_pixels(&folder.path().join(name)).unwrap().planes;
+        assert!(planes.iter().all(|value| (value * 255.0 - 7.0).abs() < 1e-3), "{name}: {planes}");
+    }
     write("pages.tif", &[0, 1, 2]);
     let message = refused(folder.path(), &["convert", "pages.tif", "b.npy", "--domain", "linear"]);
     assert!(message.contains("2 pages"), "{message}");

@@ -17,7 +17,9 @@ use std::path::Path;
 
 use ndarray::{Array3, s};
 
-use super::directory::{BITS, COMPRESSION, Directory, GREY, PHOTOMETRIC, RGB, SAMPLES, WIDTH};
+use super::directory::{
+    BITS, COMPRESSION, Directory, GREY, PHOTOMETRIC, RGB, SAMPLES, SUB_DIRECTORIES, WIDTH,
+};
 use super::exif::Said;
 use super::format::{Encoding, Format};
 use super::pixels::doubt_of_shape;
@@ -30,7 +32,6 @@ use color::Fields;
 use opcodes::Corrections;
 
 const ORIENTATION: u16 = 274;
-pub(super) const SUB_DIRECTORIES: u16 = 330;
 const CFA_REPEAT: u16 = 33421;
 const CFA_PATTERN: u16 = 33422;
 const EXPOSURE_TIME: u16 = 33434;
