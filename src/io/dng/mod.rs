@@ -104,7 +104,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
         ..metadata
     });
     let (exposure_s, iso) = (in_exif(EXPOSURE_TIME), in_exif(ISO));
-    let doubts = scale.into_iter().collect();
+    let doubts = scale.into_iter().chain(fields.doubt_of_third_light()).collect();
     Ok((Pixels { exposure_s, iso, raw, doubts, ..Pixels::of_planes(planes) }, encoding))
 }
 
