@@ -60,6 +60,9 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: Format, packed: bool) ->
             (to_planes(&image, packed).map_err(damaged)?, sample_type)
         }
     };
+    if format == Format::Png {
+        color_tags::widen_range(bytes, &mut planes, if sample_type == "uint16" { 16 } else { 8 });
+    }
     let mut color_tags = color_tags_of(bytes, format, profile);
     let mut primaries = color_tags::other_primaries(&color_tags);
     if let Some(header) = header {

@@ -356,6 +356,25 @@ fn png_chunks_that_disagree_with_the_domain_are_named() {
     assert_eq!(warnings("a.png", &png, "linear"), "", "a file that says nothing contradicts nothing");
 }
 
+/// Black at 16 and white at 235 of 255, as video has them.
+#[test]
+fn a_png_of_narrow_range_is_widened_and_says_so() {
+    let png = with_chunk(&file("a.png"), b"cICP", &[1, 13, 0, 0]);
+    let scratch = tempfile::tempdir().unwrap();
+    for (name, contents) in [("narrow.png", &png), ("full.png", &file("a.png"))] {
+        fs::write(scratch.path().join(name), contents).unwrap();
+    }
+    let read = |name: &str| io::inspect_image(&scratch.path().join(name)).unwrap();
+    let ((narrow, _), (full, encoding)) = (read("narrow.png"), read("full.png"));
+    let [unit, steps] = if encoding.sample_type == "uint8" { [1.0, 255.0] } else { [256.0, 65535.0] };
+    for (narrow, full) in narrow.planes.iter().zip(&full.planes) {
+        let expected: f32 = (full * steps - 16.0 * unit) / (219.0 * unit);
+        assert!((narrow - expected.clamp(0.0, 1.0)).abs() < 1e-5, "{narrow} instead of {expected}");
+    }
+    let said = succeed(scratch.path(), &["info", "narrow.png"]);
+    assert!(said.contains("narrow range"), "{said}");
+}
+
 #[test]
 fn icc_profiles_that_disagree_with_the_domain_are_named() {
     let embed = |profile: &[u8]| {
