@@ -62,6 +62,17 @@ impl ColorTag {
         Self { place, says: says.to_owned(), transfer: None, srgb_primaries: None, primaries: None }
     }
 
+    /// Whether it says which red, green and blue are meant.
+    pub fn says_primaries(&self) -> bool {
+        self.srgb_primaries.is_some()
+    }
+
+    /// Whether pictures that it speaks of can be converted: they have the curve of sRGB, and known primaries, as far as it says it.
+    pub fn is_converted(&self) -> bool {
+        let has_curve = matches!(self.transfer, None | Some(Transfer::Srgb));
+        has_curve && (self.srgb_primaries != Some(false) || self.primaries.is_some())
+    }
+
     /// Why values cannot be of `domain` if the tag is right; none where both may be.
     pub(super) fn contradiction(&self, domain: DomainTag) -> Option<String> {
         let Self { place, says, .. } = self;

@@ -356,6 +356,25 @@ fn png_chunks_that_disagree_with_the_domain_are_named() {
     assert_eq!(warnings("a.png", &png, "linear"), "", "a file that says nothing contradicts nothing");
 }
 
+#[test]
+fn a_reference_picture_of_another_curve_is_warned_of() {
+    let scratch = tempfile::tempdir().unwrap();
+    let image = LinearImage::from_planes(Array3::from_elem((3, 16, 16), 0.5)).unwrap();
+    io::write_image(&scratch.path().join("in.exr"), &image, &WriteOptions::default()).unwrap();
+    let plain = file("a.png");
+    fs::write(scratch.path().join("plain.png"), &plain).unwrap();
+    let linear = with_chunk(&plain, b"gAMA", &100_000u32.to_be_bytes());
+    fs::write(scratch.path().join("linear.png"), linear).unwrap();
+    let said = |reference: &str, output: &str| {
+        let output = udc(scratch.path(), &["finish", "in.exr", "--reference", reference, "-o", output]);
+        assert!(output.status.success());
+        String::from_utf8(output.stderr).unwrap()
+    };
+    assert!(!said("plain.png", "a.png").contains("plain.png: its"));
+    let warned = said("linear.png", "b.png");
+    assert!(warned.contains("linear.png: its gAMA chunk says a gamma of 1.000"), "{warned}");
+}
+
 /// Black at 16 and white at 235 of 255, as video has them.
 #[test]
 fn a_png_of_narrow_range_is_widened_and_says_so() {
