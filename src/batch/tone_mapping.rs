@@ -204,6 +204,38 @@ mod tests {
         assert!(how.run(&[light], &to(&mapped), &notes).is_err(), "nothing is replaced");
     }
 
+    /// The half float nearest to φ(16) stands for 15.75, which is no longer saturated.
+    #[test]
+    fn clipped_light_stays_clipped_in_half_floats() {
+        let scratch = tempfile::tempdir().unwrap();
+        let [light, mapped, back] = ["a.exr", "b.exr", "c.exr"].map(|name| scratch.path().join(name));
+        let image = Array3::from_shape_fn((3, 1, 3), |(.., x)| [0.5, 15.0, 20.0][x]);
+        let image = LinearImage::from_planes(image).unwrap();
+        write_image(&light, &image, &WriteOptions::default()).unwrap();
+        let how = ToneMapping {
+            tone: ToneFlags { alpha: None, x_max: Some(16.0) },
+            inverse: false,
+            domain: None,
+            half: true,
+            overwrite: false,
+        };
+        let to = |path| Destination {
+            path,
+            extension: "exr",
+            is_asked: false,
+            accepts_existing: false,
+            shard: Shard::WHOLE,
+        };
+        how.run(std::slice::from_ref(&light), &to(&mapped), &Notes::default()).unwrap();
+        let inverse = ToneMapping { inverse: true, tone: ToneFlags::default(), half: false, ..how };
+        inverse.run(std::slice::from_ref(&mapped), &to(&back), &Notes::default()).unwrap();
+        let returned = read_image::<Linear>(&back).unwrap();
+        let values = &returned.as_slice()[..3];
+        assert!((values[2] - 16.0).abs() < 1e-4, "{values:?}");
+        // One half float: 2⁻¹² of y, by (x+α)²/α.
+        assert!((values[0] - 0.5).abs() < 1e-3 && (values[1] - 15.0).abs() < 0.23, "{values:?}");
+    }
+
     #[test]
     fn what_is_cut_at_x_max_saturates_there() {
         let scratch = tempfile::tempdir().unwrap();

@@ -59,11 +59,7 @@ pub(super) fn check_scene(
     this: Said<'_>,
 ) -> Result<Option<String>> {
     let file = file.display();
-    let is_same = match (first.primaries(), this.primaries()) {
-        (Some(first), Some(this)) => first.is_near(&this),
-        (first, this) => first.is_none() && this.is_none(),
-    };
-    if !is_same {
+    if !Primaries::are_same(first.primaries(), this.primaries()) {
         return Err(Error::Unsupported(format!(
             "{file} has another red, green and blue than the first picture: give pictures of one colour space"
         )));

@@ -97,8 +97,8 @@ impl CropArgs {
         let CutCount { panoramas, views, kept } =
             cut.run(panoramas, &self.output, &session.progress, |report| match report {
                 CutReport::Others(others) => session.warn(others),
-                CutReport::Read { panorama, contradiction, time } => {
-                    contradiction.into_iter().for_each(|contradiction| session.warn(contradiction));
+                CutReport::Read { panorama, warnings, time } => {
+                    warnings.into_iter().for_each(|warning| session.warn(warning));
                     session.detail(format_args!("{panorama}: read in {time:.2?}"));
                 }
                 CutReport::Rendered { panorama, view, time } => {

@@ -9,13 +9,14 @@ use clap::{ArgGroup, Args};
 use serde_json::json;
 
 use udc::core::metrics::Measure;
+use udc::core::primaries::Primaries;
 use udc::core::shard::Shard;
 use udc::core::tone::ToneFlags;
 use udc::dataset::{Dataset, KernelChoice, Split};
 use udc::experiment::{
     Candidate, Document as _, EvalConfig, Experiment, ExperimentConfig, Findings, Folders, ImagesConfig, LDR,
-    Listener, MISMATCH, REGIONS, RESULTS, RestorationMethod, Results, ResultsFolder, files_of_evaluation,
-    name_among,
+    Listener, MISMATCH, Measured, REGIONS, RESULTS, RestorationMethod, Results, ResultsFolder,
+    files_of_evaluation, name_among,
 };
 use udc::io::{DomainTag, check_distinct};
 use udc::network::{Backend, Model};
@@ -297,6 +298,17 @@ impl EvalArgs {
                 "the datasets differ in alpha or x-max, as the line below the table says: numbers of one cannot be compared with those \
                  of another",
             );
+        }
+        if evaluation.has_several_primaries() {
+            let of = |measured: &Measured| {
+                let dataset = measured.dataset.as_deref().unwrap_or_default();
+                format!("{dataset} is of {}", Primaries::name_of(measured.primaries))
+            };
+            let of: Vec<String> = evaluation.measured.iter().map(of).collect();
+            session.warn(format_args!(
+                "the datasets differ in their red, green and blue: numbers of one cannot be compared with those of another ({})",
+                of.join(", ")
+            ));
         }
         let methods = results.methods.iter().map(|method| {
             json!({ "name": method.name, "dataset": method.dataset, "count": method.count, "mean": method.mean })

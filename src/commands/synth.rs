@@ -9,6 +9,7 @@ use clap::{ArgGroup, Args, value_parser};
 use serde_json::json;
 
 use udc::core::bytes::{format_bytes, parse_bytes};
+use udc::core::capture::CaptureInfo;
 use udc::core::shard::Shard;
 use udc::dataset::Split;
 use udc::io;
@@ -123,6 +124,11 @@ impl SynthArgs {
             session.warn(warning);
         }
         self.warn_of_one_source(session, &synthesis);
+        if let Some(primaries) = synthesis.config.scene_primaries {
+            let image = self.output.join(format!("gt/{}.{}", synthesis.scenes[0].id, self.storage.format));
+            let lost = io::what_is_lost(&image, &CaptureInfo::of_primaries(primaries));
+            lost.iter().for_each(|lost| session.warn(lost));
+        }
         let existing = match (session.overwrite, self.resume, self.take_over) {
             (true, ..) => Existing::Overwrite,
             (false, _, true) => Existing::TakeOver,

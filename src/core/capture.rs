@@ -35,6 +35,11 @@ pub struct CaptureInfo {
 }
 
 impl CaptureInfo {
+    /// What is known of light of these primaries and of nothing else.
+    pub fn of_primaries(primaries: Primaries) -> Self {
+        Self { primaries: Some(primaries), ..Self::default() }
+    }
+
     /// Reads what [`to_json`](Self::to_json) wrote.
     ///
     /// # Errors

@@ -64,6 +64,25 @@ impl Primaries {
         pairs.into_iter().all(|(a, b)| (a - b).abs() <= SAME)
     }
 
+    /// Whether two images are of the same primaries, which are those of sRGB where none are said.
+    pub fn are_same(one: Option<Self>, other: Option<Self>) -> bool {
+        one.unwrap_or(Self::SRGB).is_near(&other.unwrap_or(Self::SRGB))
+    }
+
+    /// How to call the primaries of an image in messages: those of sRGB where none are said.
+    pub fn name_of(said: Option<Self>) -> String {
+        let primaries = said.unwrap_or(Self::SRGB);
+        let Self { red, green, blue, white } = primaries;
+        let place = |[x, y]: [f64; 2]| format!("({x:.4}, {y:.4})");
+        match primaries.name() {
+            Some(name) => format!("{name} primaries"),
+            None => {
+                let [red, green, blue, white] = [red, green, blue, white].map(place);
+                format!("primaries {red}, {green}, {blue} and white {white}")
+            }
+        }
+    }
+
     /// The name of the primaries, where they are well known.
     pub fn name(&self) -> Option<&'static str> {
         // SMPTE ST 2065-1 and Academy S-2014-004; Adobe RGB (1998).

@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use super::{Panorama, View, crop_with_margin};
 use crate::batch::{is_made, tell_of_others};
+use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::image::Linear;
 use crate::core::progress::Progress;
@@ -46,8 +47,8 @@ pub enum CutReport<'a> {
     Read {
         /// Its name.
         panorama: &'a str,
-        /// What its file says of its colours against what the user says.
-        contradiction: Option<String>,
+        /// What its file says of its colours against what the user says, and what its views' files cannot say.
+        warnings: Vec<String>,
         /// How long it took.
         time: Duration,
     },
@@ -139,10 +140,12 @@ impl Cut {
                 continue;
             }
             let started = Instant::now();
-            let (panorama, contradiction) = self
+            let (panorama, capture, mut warnings) = self
                 .read(path)
                 .map_err(|error| error.while_doing(format!("reading the panorama {}", path.display())))?;
-            on_report(CutReport::Read { panorama: stem, contradiction, time: started.elapsed() });
+            let first = self.path(folder, stem, views[0] + 1);
+            warnings.extend(capture.as_ref().and_then(|capture| io::what_is_lost(&first, capture)));
+            on_report(CutReport::Read { panorama: stem, warnings, time: started.elapsed() });
             io::create_folder(folder)?;
             for &index in views {
                 progress.check()?;
@@ -150,8 +153,8 @@ impl Cut {
                 let image = crop_with_margin(&panorama, &self.views[index], self.margin);
                 on_report(CutReport::Rendered { panorama: stem, view: index + 1, time: started.elapsed() });
                 let provenance = Some(self.provenance((stem, sha256), index));
-                let (half, overwrite) = (self.half, self.overwrite);
-                let options = WriteOptions { half, overwrite, provenance, ..WriteOptions::default() };
+                let (half, overwrite, capture) = (self.half, self.overwrite, capture.clone());
+                let options = WriteOptions { half, overwrite, provenance, capture };
                 io::write_image(&self.path(folder, stem, index + 1), &image, &options)?;
                 bar.inc(1);
             }
@@ -206,9 +209,11 @@ impl Cut {
         self.views.iter().try_for_each(|view| view.check_margin(self.margin))
     }
 
-    fn read(&self, path: &Path) -> Result<(Panorama, Option<String>)> {
+    /// A panorama, what of its capture is true of its views too, and what to warn of.
+    fn read(&self, path: &Path) -> Result<(Panorama, Option<CaptureInfo>, Vec<String>)> {
+        let capture = io::read_primaries(path)?.map(CaptureInfo::of_primaries);
         let (image, contradiction) = io::read_image_told::<Linear>(path, self.told)?;
-        Ok((Panorama::new(image)?, contradiction))
+        Ok((Panorama::new(image)?, capture, contradiction.into_iter().collect()))
     }
 
     fn path(&self, folder: &Path, stem: &str, number: usize) -> PathBuf {
@@ -237,7 +242,36 @@ pub(super) fn name_by_stem(paths: Vec<PathBuf>) -> Result<BTreeMap<String, PathB
 mod tests {
     use super::*;
     use crate::core::image::LinearImage;
+    use crate::core::primaries::Primaries;
     use ndarray::Array3;
+
+    #[test]
+    fn views_are_of_the_primaries_of_their_panorama_or_it_is_said_that_they_cannot_say_so() {
+        let root = tempfile::tempdir().unwrap();
+        let image = LinearImage::from_planes(Array3::from_elem((3, 8, 16), 0.5)).unwrap();
+        let path = root.path().join("street.exr");
+        let capture = Some(CaptureInfo::of_primaries(Primaries::BT2020));
+        io::write_image(&path, &image, &WriteOptions { capture, ..WriteOptions::default() }).unwrap();
+        let cut = |image_format: &'static str| {
+            let views = vec![View { yaw_deg: 0.0, pitch_deg: 0.0, fov_deg: 60.0, size: 8 }];
+            let (told, half, overwrite, resume) = (None, false, false, false);
+            let cut =
+                Cut { views, margin: 0, told, image_format, half, overwrite, resume, shard: Shard::WHOLE };
+            let mut said = Vec::new();
+            let report = |report: CutReport<'_>| {
+                if let CutReport::Read { warnings, .. } = report {
+                    said.extend(warnings);
+                }
+            };
+            cut.run(vec![path.clone()], root.path(), &Progress::default(), report).unwrap();
+            said
+        };
+        assert!(cut("exr").is_empty());
+        let found = io::read_primaries(&root.path().join("street_01.exr")).unwrap().unwrap();
+        assert!(found.is_near(&Primaries::BT2020), "{found:?}");
+        let said = cut("npy");
+        assert!(said.len() == 1 && said[0].contains("street_01.npy cannot carry"), "{said:?}");
+    }
 
     #[test]
     fn every_view_of_every_panorama_becomes_a_file() {

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
 use crate::core::fft::Boundary;
+use crate::core::primaries::Primaries;
 use crate::core::tone::ToneCurve;
 use crate::io;
 
@@ -41,6 +42,9 @@ pub struct DatasetConfig {
     /// `srgb` where the scenes were pictures that were decoded by the curve of sRGB.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene_domain: Option<String>,
+    /// The red, green and blue of all scenes, where these are others than those of sRGB.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene_primaries: Option<Primaries>,
     /// Seed of the noise and of the split; TOML holds at most `i64::MAX`.
     pub seed: u64,
     /// How the sources (panoramas) were divided: `test-fraction 0.15`, `all train`; behind it, the splits that were added

@@ -18,6 +18,7 @@ use sha2::{Digest as _, Sha256};
 use crate::core::error::{Error, Result};
 use crate::core::image::LinearImage;
 use crate::core::kernel_code::{KernelBank, KernelCode};
+use crate::core::primaries::Primaries;
 use crate::core::psf::hex;
 use crate::io;
 
@@ -147,6 +148,11 @@ impl Dataset {
         let dataset = Self::open_incomplete(root)?;
         dataset.check_files()?;
         Ok(dataset)
+    }
+
+    /// The red, green and blue of its scenes, where it says that these are others than those of sRGB.
+    pub fn scene_primaries(&self) -> Option<Primaries> {
+        self.config.as_ref()?.scene_primaries
     }
 
     /// Opens a dataset folder of which images may be missing.

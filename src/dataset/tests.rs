@@ -91,6 +91,7 @@ fn own(root: &Path) -> DatasetConfig {
         bank_sha256: io::bank_sha256(&root.join(BANK_FILE)).unwrap(),
         field_sha256: None,
         scene_domain: None,
+        scene_primaries: None,
         seed: 0,
         division: "all train".to_owned(),
         image_format: "npy".to_owned(),

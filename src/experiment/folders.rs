@@ -5,10 +5,11 @@ use std::path::Path;
 
 use serde_json::json;
 
+use super::alike::check_alike;
 use super::names::name_of;
 use super::{
-    ComparedMethod, EvalConfig, FolderPairs, Label, Listener, Measurement, Sample, ToneSource, measure_part,
-    pair_folders, read_tone_mapped,
+    ComparedMethod, EvalConfig, FilePair, FolderPairs, Label, Listener, Measurement, Sample, ToneSource,
+    measure_part, pair_folders, read_tone_mapped,
 };
 use crate::core::error::{Error, Result};
 use crate::core::shard::Shard;
@@ -61,16 +62,19 @@ impl Folders {
         let own = &self.found.pairs[shard.block(self.found.pairs.len())];
         let bar = listener.progress.bar(own.len() as u64, "images");
         let read = |path: &Path| {
-            let (image, contradiction) = read_tone_mapped(path, self.domain, &self.tone.curve)?;
-            contradiction.iter().for_each(|contradiction| (listener.warn)(contradiction));
-            Ok(image)
+            let read = read_tone_mapped(path, self.domain, &self.tone.curve)?;
+            read.contradiction.iter().for_each(|contradiction| (listener.warn)(contradiction));
+            Ok((read.image, read.appearance))
         };
         let samples = own.iter().map(|pair| {
             let sample = || {
                 listener.progress.check()?;
                 bar.inc(1);
-                let images = vec![read(&pair.restored)?];
-                Ok(Sample { ground_truth: read(&pair.ground_truth)?, images, regions: None })
+                let FilePair { restored, ground_truth, .. } = pair;
+                let ((image, seen), (truth, seen_truth)) = (read(restored)?, read(ground_truth)?);
+                let doubt = check_alike((restored, seen), (ground_truth, seen_truth))?;
+                doubt.iter().for_each(|doubt| (listener.warn)(doubt));
+                Ok(Sample { ground_truth: truth, images: vec![image], regions: None })
             };
             Ok((Label::scene(&pair.id), sample()))
         });

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::core::primaries::Primaries;
 use crate::dataset::{Dataset, KernelChoice, Split};
 
 /// The images of a dataset that were measured.
@@ -15,6 +16,9 @@ pub struct Measured {
     pub alpha: f32,
     /// x_max, at which they saturate.
     pub x_max: f32,
+    /// The red, green and blue of its scenes, where these are others than those of sRGB.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub primaries: Option<Primaries>,
     /// Pixels by which its scenes were larger than the frame on each side.
     pub margin: usize,
     /// The part that was measured on.
@@ -30,6 +34,7 @@ impl Measured {
     pub fn of(dataset: &Dataset, split: Split, kernels: KernelChoice, limit: Option<usize>) -> Self {
         let formation = &dataset.formation;
         let (alpha, x_max, margin) = (formation.alpha, formation.x_max, formation.margin);
-        Self { dataset: None, alpha, x_max, margin, split, kernels, limit }
+        let primaries = dataset.scene_primaries();
+        Self { dataset: None, alpha, x_max, primaries, margin, split, kernels, limit }
     }
 }

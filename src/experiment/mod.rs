@@ -1,6 +1,7 @@
 //! Turns restored images and their ground truth into scores, means and tables: of two folders, of candidates on datasets,
 //! told right and wrong kernels, of scenes of a monitor's range, of trainings.
 
+mod alike;
 mod candidate;
 mod comparison;
 mod document;
@@ -27,6 +28,7 @@ mod tables;
 mod tone;
 mod values;
 
+pub use alike::Appearance;
 pub use candidate::{Candidate, RestorationMethod};
 pub use comparison::{Comparison, ImagesConfig};
 pub use document::Document;
@@ -40,7 +42,7 @@ pub use measured::Measured;
 pub use measurement::Measurement;
 pub use measures::{measures, validation_measures};
 pub use names::{name_among, name_of};
-pub use pairs::{FilePair, FolderPairs, pair_folders, read_tone_mapped};
+pub use pairs::{ComparedImage, FilePair, FolderPairs, pair_folders, read_tone_mapped};
 pub use part::{MergedParts, Part, PartFiles};
 pub use pictures::{FOLDER as PICTURES, KeptPictures, PictureName};
 pub use regions::{Region, Regions};

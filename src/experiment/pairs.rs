@@ -8,6 +8,7 @@ use crate::core::image::{Linear, ToneMapped, ToneMappedImage};
 use crate::core::tone::ToneCurve;
 use crate::io::{self, DomainTag, Format};
 
+use super::alike::Appearance;
 use super::tone::curve_of_file;
 
 /// A restored image and its ground truth, of one name but perhaps of two formats.
@@ -66,22 +67,30 @@ fn images_by_stem(folder: &Path) -> Result<BTreeMap<String, PathBuf>> {
     Ok(named)
 }
 
+/// An image that was read to be compared with another.
+#[derive(Clone, Debug)]
+pub struct ComparedImage {
+    /// The image.
+    pub image: ToneMappedImage,
+    /// What its file says of its colours, and of how it lies.
+    pub appearance: Appearance,
+    /// What the file's colour tags say against what the user says.
+    pub contradiction: Option<String>,
+}
+
 /// Reads an image of either domain and returns it tone-mapped by `curve`.
 ///
 /// A tone-mapped file that says another curve is mapped back by its own first; one that says none is taken as it is.
 ///
 /// The file's own declaration of its domain decides; where it has none, or is made for viewing, `domain` does, sRGB being
-/// decoded to linear light first. Without either, Radiance files are linear. Says too what the file's colour tags say against it.
+/// decoded to linear light first. Without either, Radiance files are linear.
 ///
 /// # Errors
 /// Those of [`io::read_image`]; [`Error::Format`] when nothing says what the values are, or the file is made for
 /// viewing and `domain` does not say what to take it for.
-pub fn read_tone_mapped(
-    path: &Path,
-    domain: Option<DomainTag>,
-    curve: &ToneCurve,
-) -> Result<(ToneMappedImage, Option<String>)> {
+pub fn read_tone_mapped(path: &Path, domain: Option<DomainTag>, curve: &ToneCurve) -> Result<ComparedImage> {
     let (mut pixels, encoding) = io::inspect_image(path)?;
+    let appearance = Appearance::of(&pixels, encoding.format);
     let is_for_viewing = pixels.domain == Some(DomainTag::Display);
     let told = domain.filter(|_| pixels.domain.is_none() || is_for_viewing);
     let contradiction = pixels.tell(path, told)?;
@@ -108,7 +117,7 @@ pub fn read_tone_mapped(
             return Err(Error::format(path, reason));
         }
     };
-    Ok((image, contradiction))
+    Ok(ComparedImage { image, appearance, contradiction })
 }
 
 #[cfg(test)]
@@ -148,9 +157,9 @@ mod tests {
         let (declared, bare) = (scratch.path().join("declared.exr"), scratch.path().join("bare.npy"));
         write(&declared, 0.25);
         write(&bare, 0.25);
-        assert_eq!(read_tone_mapped(&declared, None, &curve).unwrap().0.max(), 0.25);
-        assert_eq!(read_tone_mapped(&declared, Some(DomainTag::Linear), &curve).unwrap().0.max(), 0.25);
-        assert_eq!(read_tone_mapped(&bare, Some(DomainTag::Linear), &curve).unwrap().0.max(), 0.5);
+        assert_eq!(read_tone_mapped(&declared, None, &curve).unwrap().image.max(), 0.25);
+        assert_eq!(read_tone_mapped(&declared, Some(DomainTag::Linear), &curve).unwrap().image.max(), 0.25);
+        assert_eq!(read_tone_mapped(&bare, Some(DomainTag::Linear), &curve).unwrap().image.max(), 0.5);
         let message = read_tone_mapped(&bare, None, &curve).unwrap_err().to_string();
         assert!(message.contains("--domain"), "{message}");
     }

@@ -3,8 +3,10 @@
 use std::path::PathBuf;
 
 use super::{ComparedMethod, Sample};
+use crate::core::capture::CaptureInfo;
 use crate::core::error::Result;
 use crate::core::image::ToneMappedImage;
+use crate::core::primaries::Primaries;
 use crate::core::spread::spread;
 use crate::core::tone::ToneCurve;
 use crate::io::{self, WriteOptions};
@@ -21,6 +23,8 @@ pub struct KeptPictures {
     pub count: usize,
     /// What their names begin with.
     pub prefix: String,
+    /// Their red, green and blue, where these are others than those of sRGB; files of light say them.
+    pub primaries: Option<Primaries>,
 }
 
 /// What the name of a picture says.
@@ -82,7 +86,8 @@ impl KeptPictures {
 
     fn write(&self, file: &str, image: &ToneMappedImage, curve: ToneCurve) -> Result<()> {
         let path = self.folder.join(file);
-        let options = WriteOptions { overwrite: true, half: true, ..WriteOptions::default() };
+        let capture = self.primaries.map(CaptureInfo::of_primaries);
+        let options = WriteOptions { overwrite: true, half: true, capture, ..WriteOptions::default() };
         if file.ends_with(".exr") {
             return io::write_image(&path, &curve.inverse_tone_map(image), &options);
         }
@@ -97,7 +102,7 @@ mod tests {
 
     #[test]
     fn names_say_scene_place_and_method_whatever_the_method_is_called() {
-        let pictures = KeptPictures { folder: PathBuf::new(), count: 2, prefix: "a.b_".to_owned() };
+        let pictures = KeptPictures { count: 2, prefix: "a.b_".to_owned(), ..KeptPictures::default() };
         let methods: Vec<ComparedMethod> =
             (0..11).map(|number| ComparedMethod::restored(format!("{number}.pth"))).collect();
         let files = pictures.files((3, 4), "street_r+00", &methods);

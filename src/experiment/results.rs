@@ -12,6 +12,7 @@ use super::score::{ComparedMethod, Cost, Exclusion, Score};
 use super::tone::{ToneSource, ToneSpeaker};
 use super::values::MetricValues;
 use crate::core::metrics::{Metric, MetricDefinition};
+use crate::core::primaries::Primaries;
 
 /// Everything that an evaluation found, and the definition of every number.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -141,7 +142,8 @@ pub struct Definition {
 }
 
 impl Definition {
-    /// What decides whether its numbers can be compared with those of another: rounding, border, window and curves, in words.
+    /// What decides whether its numbers can be compared with those of another: rounding, border, window, curves and other primaries
+    /// than those of sRGB, in words.
     pub fn in_short(&self) -> String {
         let MetricDefinition { quantise, border, ssim_window, ssim_sigma } = self.images;
         let rounding = if quantise { "rounded to 8 bits" } else { "not rounded" };
@@ -150,8 +152,12 @@ impl Definition {
         let curves: BTreeSet<String> =
             curves.map(|(alpha, x_max)| format!("alpha {alpha} and x-max {x_max}")).collect();
         let curves: Vec<String> = curves.into_iter().collect();
+        let colours = self.datasets.iter().filter_map(|measured| measured.primaries);
+        let colours: BTreeSet<String> =
+            colours.map(|primaries| format!(", {}", Primaries::name_of(Some(primaries)))).collect();
+        let colours: String = colours.into_iter().collect();
         format!(
-            "{rounding}, border {border}, SSIM window {ssim_window} with sigma {ssim_sigma}, {}",
+            "{rounding}, border {border}, SSIM window {ssim_window} with sigma {ssim_sigma}, {}{colours}",
             if curves.is_empty() { "curve unknown".to_owned() } else { curves.join(", ") }
         )
     }
@@ -316,6 +322,7 @@ mod tests {
             dataset: None,
             alpha: 0.3,
             x_max: 500.0,
+            primaries: None,
             margin: 2,
             split: Split::Test,
             kernels: KernelChoice::Only(vec!["r+00".to_owned()]),
@@ -327,6 +334,15 @@ mod tests {
 
     fn json_of(evaluation: &Evaluation) -> Value {
         serde_json::from_str(&Results::of(evaluation).to_json()).unwrap()
+    }
+
+    #[test]
+    fn numbers_of_other_primaries_are_defined_otherwise() {
+        let mut evaluation = rich();
+        let of_srgb = Results::of(&evaluation).definition.in_short();
+        evaluation.measured[0].primaries = Some(Primaries::BT2020);
+        let of_bt2020 = Results::of(&evaluation).definition.in_short();
+        assert_eq!(of_bt2020, of_srgb + ", BT.2020 primaries");
     }
 
     #[test]

@@ -156,7 +156,9 @@ impl<'a> Experiment<'a> {
         let first = self.first()?;
         let mut datasets = Vec::new();
         for (name, comparison) in &self.comparisons {
-            let evaluation = comparison.evaluate(measuring, *regions, &self.pictures(folder, name))?;
+            let primaries = comparison.dataset.scene_primaries();
+            let pictures = KeptPictures { primaries, ..self.pictures(folder, name) };
+            let evaluation = comparison.evaluate(measuring, *regions, &pictures)?;
             datasets.push(MeasuredDataset::of(name, comparison, evaluation));
         }
         let mismatch = self.config.mismatch.then(|| first.mismatch(measuring)).transpose()?;
@@ -208,7 +210,8 @@ impl<'a> Experiment<'a> {
             1 => String::new(),
             _ => format!("{}_", dataset.replace(['/', '\\'], "-")),
         };
-        KeptPictures { folder: folder.join(FOLDER), count: self.config.pictures, prefix }
+        let (folder, count) = (folder.join(FOLDER), self.config.pictures);
+        KeptPictures { folder, count, prefix, ..KeptPictures::default() }
     }
 }
 

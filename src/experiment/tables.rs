@@ -4,6 +4,7 @@ use super::evaluation::Evaluation;
 use super::measured::Measured;
 use super::score::Score;
 use crate::core::metrics::Metric;
+use crate::core::primaries::Primaries;
 use crate::core::tone::ToneCurve;
 
 impl Evaluation {
@@ -185,6 +186,11 @@ impl Evaluation {
         };
         let all: Vec<String> = self.measured.iter().map(of).collect();
         format!(" Images of datasets are mapped by {}.", all.join("; "))
+    }
+
+    /// Whether the images of datasets are of several primaries, so that their numbers cannot be compared.
+    pub fn has_several_primaries(&self) -> bool {
+        self.measured.windows(2).any(|pair| !Primaries::are_same(pair[0].primaries, pair[1].primaries))
     }
 
     /// Whether the images of datasets are tone-mapped by several curves, so that their numbers cannot be compared.

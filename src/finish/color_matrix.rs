@@ -19,7 +19,7 @@ impl ColorMatrix {
     ///
     /// # Panics
     /// When there are not three planes.
-    pub(super) fn apply(&self, planes: &mut Array3<f32>) {
+    pub fn apply(&self, planes: &mut Array3<f32>) {
         assert_eq!(planes.dim().0, 3, "a colour matrix is for RGB");
         let [red, green, blue] = self.0;
         let (mut r, rest) = planes.view_mut().split_at(Axis(0), 1);

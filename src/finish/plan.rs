@@ -5,16 +5,15 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::pairs::Job;
-use super::{Companions, Curve, FinishInputs, Look, Photograph, Style, channel_means, read_color_matrix};
+use super::reference::Reference;
+use super::{Companions, Curve, FinishInputs, Look, Photograph, Style, read_color_matrix};
 use crate::batch::{self, Destination, Selection, Stages, Watcher, timed};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::exif::Exif;
 use crate::core::provenance::Provenance;
 use crate::core::tone::{ToneCurve, ToneFlags};
-use crate::io::{
-    AnyImage, DomainTag, Format, ImageReading, WriteOptions, check_display, inspect_any_image, read_pixels,
-};
+use crate::io::{AnyImage, DomainTag, Format, ImageReading, WriteOptions, check_display, inspect_any_image};
 
 /// How image files are finished.
 #[derive(Clone, Debug, Default)]
@@ -145,11 +144,9 @@ impl Finishing<'_> {
         }
         if let Some(path) = &job.reference {
             // Not light but a look: its values are compared with those that are shown.
-            let planes = read_pixels(path)?.planes;
-            if planes.dim().0 != 3 {
-                return Err(Error::format(path, "is grey; a reference picture has three channels"));
-            }
-            look.reference_means = Some(channel_means(&planes));
+            let reference = Reference::read(path, self.plan.style.color_space)?;
+            reference.doubt.iter().for_each(|doubt| self.watcher.warn(doubt));
+            look.reference_means = Some(reference.means);
         }
         Ok(look)
     }

@@ -1,12 +1,14 @@
 //! Reads what image files say of their colours: PNG's gAMA, sRGB, cICP and iCCP chunks, ICC profiles of JPEG and TIFF; and shows lines of
 //! Radiance headers.
 //!
-//! These never change a value, but for factors of those lines, which reading undoes. They are shown, and compared with what the user says of a file; other primaries than those of
-//! sRGB are kept for finishing, which converts the colours. A transfer curve counts as sRGB's if it stays within
-//! [`CURVE_TOLERANCE`] of it, as a plain gamma of 2.2 does; a profile of tables (no matrix and curves) is named only.
+//! These never change a value, but for factors of those lines and the narrow range of video (cICP), which reading undoes. They are
+//! shown, and compared with what the user says of a file; other primaries than those of sRGB are kept for finishing, which converts
+//! the colours. A transfer curve counts as sRGB's if it stays within [`CURVE_TOLERANCE`] of it, as a plain gamma of 2.2 does; a
+//! profile of tables (no matrix and curves) is named only.
 
 use std::fmt;
 
+use ndarray::Array3;
 use serde::Serialize;
 
 use super::{DomainTag, icc};
@@ -58,6 +60,17 @@ impl ColorTag {
     /// A line of a header that is shown, and speaks of no transfer curve.
     pub(super) fn of_line(place: &'static str, says: &str) -> Self {
         Self { place, says: says.to_owned(), transfer: None, srgb_primaries: None, primaries: None }
+    }
+
+    /// Whether it says which red, green and blue are meant.
+    pub fn says_primaries(&self) -> bool {
+        self.srgb_primaries.is_some()
+    }
+
+    /// Whether pictures that it speaks of can be converted: they have the curve of sRGB, and known primaries, as far as it says it.
+    pub fn is_converted(&self) -> bool {
+        let has_curve = matches!(self.transfer, None | Some(Transfer::Srgb));
+        has_curve && (self.srgb_primaries != Some(false) || self.primaries.is_some())
     }
 
     /// Why values cannot be of `domain` if the tag is right; none where both may be.
@@ -151,13 +164,33 @@ fn of_chunk(name: [u8; 4], data: &[u8]) -> Option<ColorTag> {
                 12 => (Some(Primaries::DISPLAY_P3), "primaries of Display P3".to_owned()),
                 code => (None, format!("primaries {code}")),
             };
-            let says = format!("{curve}, {colours}");
+            let range = if is_narrow(data) { ", narrow range (as video has it)" } else { "" };
+            let says = format!("{curve}, {colours}{range}");
             let srgb_primaries = Some(known == Some(Primaries::SRGB));
             let transfer = Some(transfer);
             Some(ColorTag { place: "cICP chunk", says, transfer, srgb_primaries, primaries: known })
         }
         _ => None,
     }
+}
+
+/// Whether the data of a cICP chunk say that black and white lie at 16 and 235 of 255, and not at the ends.
+fn is_narrow(data: &[u8]) -> bool {
+    data.get(3) == Some(&0)
+}
+
+/// Brings values of a PNG file that says narrow range to those of full range; what lies beyond black and white is clipped.
+///
+/// # Equation
+/// Of b bits, black is `16·2^(b−8)` and white `235·2^(b−8)` (ITU-T H.273, 8.3), both divided here by `2^b − 1`.
+pub(super) fn widen_range(bytes: &[u8], planes: &mut Array3<f32>, bits: u32) {
+    if !chunks_before_pixels(bytes).any(|(name, data)| name == *b"cICP" && is_narrow(data)) {
+        return;
+    }
+    let unit = f64::from(1_u32 << (bits - 8)) / f64::from((1_u32 << bits) - 1);
+    #[expect(clippy::cast_possible_truncation, reason = "images are f32")]
+    let [black, range] = [16.0 * unit, 219.0 * unit].map(|level| level as f32);
+    planes.par_mapv_inplace(|value| ((value - black) / range).clamp(0.0, 1.0));
 }
 
 /// White, red, green and blue, each x and y in hundred-thousandths.

@@ -15,6 +15,8 @@ pub(super) const COMPRESSION: u16 = 259;
 pub(super) const PHOTOMETRIC: u16 = 262;
 pub(super) const FILL_ORDER: u16 = 266;
 pub(super) const SAMPLES: u16 = 277;
+/// Positions of directories inside of one: of smaller versions, or of the image that a preview is of.
+pub(super) const SUB_DIRECTORIES: u16 = 330;
 
 const DNG_VERSION: u16 = 50706;
 
@@ -83,18 +85,28 @@ impl<'a> Directory<'a> {
         self.at(next)
     }
 
-    /// How many images in full, which are neither previews nor masks, this directory and those behind it hold: pages.
-    pub(super) fn count_pages(&self) -> usize {
+    /// The images in full that this directory and those behind it hold: pages. Where all of these are previews, it is the
+    /// pages inside of them.
+    pub(super) fn pages(&self) -> Vec<Self> {
+        let here = self.at(self.start);
+        let row: Vec<Self> = std::iter::successors(here, Self::next).take(1 + MAX_DIRECTORIES).collect();
+        if row.iter().any(Self::is_page) {
+            return row.into_iter().filter(Self::is_page).collect();
+        }
+        row.iter().flat_map(|preview| preview.inner(SUB_DIRECTORIES)).filter(Self::is_page).collect()
+    }
+
+    /// Whether the directory is of an image in full, neither of a preview nor of a mask.
+    fn is_page(&self) -> bool {
         const PREVIEW_OR_MASK: usize = 0b101;
         const OLD_PREVIEW: usize = 2;
-        let said =
-            |directory: &Self, tag: u16| directory.numbers(tag).and_then(|kinds| kinds.first().copied());
-        let is_page = |directory: &Self| {
-            said(directory, NEW_SUBFILE_TYPE).is_none_or(|kind| kind & PREVIEW_OR_MASK == 0)
-                && said(directory, SUBFILE_TYPE) != Some(OLD_PREVIEW)
-        };
-        let behind = std::iter::successors(self.next(), Self::next).take(MAX_DIRECTORIES);
-        usize::from(is_page(self)) + behind.filter(is_page).count()
+        self.number(NEW_SUBFILE_TYPE).is_none_or(|kind| kind & PREVIEW_OR_MASK == 0)
+            && self.number(SUBFILE_TYPE) != Some(OLD_PREVIEW)
+    }
+
+    /// Whether two directories of one file are the same.
+    pub(super) fn is(&self, other: &Self) -> bool {
+        self.start == other.start
     }
 
     /// Whether the file says that it is a digital negative.
@@ -183,11 +195,17 @@ impl<'a> Directory<'a> {
         (0..count).map(|index| Some(part(start + 8 * index)? / part(start + 8 * index + 4)?)).collect()
     }
 
+    /// The file with this directory as its first.
+    pub(super) fn as_first(&self) -> Option<Vec<u8>> {
+        let mut bytes = self.bytes.to_vec();
+        self.put_u32(&mut bytes, FIRST, u32::try_from(self.start).ok()?);
+        Some(bytes)
+    }
+
     /// The file with this directory as its first, and its samples declared to be [`GREY`] or [`RGB`].
     pub(super) fn promoted(&self, photometric: u16) -> Option<Vec<u8>> {
         let (_, _, place) = self.values(PHOTOMETRIC, |kind| (kind == SHORT).then_some(2))?;
-        let mut bytes = self.bytes.to_vec();
-        self.put_u32(&mut bytes, FIRST, u32::try_from(self.start).ok()?);
+        let mut bytes = self.as_first()?;
         self.put_u16(&mut bytes, place, photometric);
         Some(bytes)
     }

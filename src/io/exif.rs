@@ -63,6 +63,11 @@ impl Said {
         let orientation = root.number(ORIENTATION).and_then(Orientation::from_exif);
         Self { exif: (!exif.is_empty()).then_some(exif), orientation }
     }
+
+    /// What is said here, or else by another directory of the file.
+    pub(super) fn or(self, other: Self) -> Self {
+        Self { exif: self.exif.or(other.exif), orientation: self.orientation.or(other.orientation) }
+    }
 }
 
 fn read(root: &Directory<'_>) -> Exif {

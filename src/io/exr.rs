@@ -50,9 +50,12 @@ pub(super) fn decode(path: &Path, bytes: &[u8], packed: Option<BayerPattern>) ->
     let (meta, header_end) = read_meta(bytes).map_err(damaged)?;
     limits::check(path, &meta, bytes.len())?;
     let layer = layers::choose_layer(&meta, packed, locate(path).1).map_err(damaged)?;
-    let blocks::Decoded { planes, transparent } =
+    let blocks::Decoded { mut planes, transparent } =
         blocks::decode_layer(bytes, header_end, &meta, &layer).map_err(damaged)?;
     let header = &meta.headers[layer.header];
+    if layer.is_chroma {
+        chromaticities::rgb_of_chroma(&mut planes, header);
+    }
     let doubts = doubts_of(header).into_iter().chain(doubt_of_alpha(transparent, header)).collect();
     let sample_type = match header.channels.list[layer.channels[0]].sample_type {
         SampleType::F16 => "half",

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use super::directory::{Directory, PHOTOMETRIC};
-use super::dng::{CFA, SUB_DIRECTORIES, is_dng};
+use super::directory::{Directory, PHOTOMETRIC, SUB_DIRECTORIES};
+use super::dng::{CFA, is_dng};
 
 /// A camera's raw format.
 struct Raw {

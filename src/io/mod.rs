@@ -75,7 +75,7 @@ pub use psf::{PsfFaults, PsfMove, PsfOptions, PsfReading, inspect_psf, read_psf,
 pub use raster::GAIN_OFFSET;
 pub use read::{
     image_of, inspect_image, inspect_mosaic, read_capture_info, read_image, read_image_told, read_layers,
-    read_pixels, read_provenance, to_rgb,
+    read_pixels, read_primaries, read_provenance, to_rgb,
 };
 pub use shared_input::SharedInput;
 pub use size::{read_any_image_size, read_image_size};

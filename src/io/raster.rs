@@ -14,9 +14,10 @@ use super::exif::Said;
 use super::format::{Encoding, Format};
 use super::guard::guarded;
 use super::planes::from_interleaved;
-use super::{MAX_PIXELS, Pixels, color_tags, jpeg, radiance, tiff};
+use super::{ColorTag, MAX_PIXELS, Pixels, color_tags, jpeg, radiance, tiff};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
+use crate::core::primaries::Primaries;
 
 /// The most memory a decoder may take beside the image: a frame of [`MAX_PIXELS`] at 16 bits.
 pub(super) const MAX_DECODER_BYTES: u64 = MAX_PIXELS as u64 * 8;
@@ -59,10 +60,10 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: Format, packed: bool) ->
             (to_planes(&image, packed).map_err(damaged)?, sample_type)
         }
     };
-    let is_png = format == Format::Png;
-    let mut color_tags = if is_png { color_tags::of_png(bytes) } else { Vec::new() };
-    let place = if is_png { "iCCP chunk" } else { "ICC profile" };
-    color_tags.extend(profile.map(|profile| color_tags::of_profile(place, &profile)));
+    if format == Format::Png {
+        color_tags::widen_range(bytes, &mut planes, if sample_type == "uint16" { 16 } else { 8 });
+    }
+    let mut color_tags = color_tags_of(bytes, format, profile);
     let mut primaries = color_tags::other_primaries(&color_tags);
     if let Some(header) = header {
         header.undo(&mut planes).map_err(damaged)?;
@@ -77,6 +78,36 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: Format, packed: bool) ->
     Ok((pixels, Encoding { format, sample_type: sample_type.to_owned() }))
 }
 
+/// What a file says of its colours, whose ICC profile is `profile`.
+fn color_tags_of(bytes: &[u8], format: Format, profile: Option<Vec<u8>>) -> Vec<ColorTag> {
+    let is_png = format == Format::Png;
+    let mut tags = if is_png { color_tags::of_png(bytes) } else { Vec::new() };
+    let place = if is_png { "iCCP chunk" } else { "ICC profile" };
+    tags.extend(profile.map(|profile| color_tags::of_profile(place, &profile)));
+    tags
+}
+
+/// The primaries that a file says, where they are others than those of sRGB; what is damaged says none. But for TIFF, the start of
+/// the file is enough, as far as it holds what stands before the pixels.
+pub(super) fn primaries_of(bytes: &[u8], format: Format) -> Option<Primaries> {
+    if format == Format::Hdr {
+        return radiance::Header::read(bytes).ok()?.primaries;
+    }
+    let of_decoder = || {
+        let reader = ImageReader::with_format(Cursor::new(bytes), image_format(format));
+        let mut decoder = reader.into_decoder().map_err(|error| error.to_string())?;
+        Ok(decoder.icc_profile().ok().flatten())
+    };
+    let profile = match format {
+        Format::Tiff => {
+            let moved = with_page_first(bytes).ok().flatten();
+            tiff::icc_profile(moved.as_deref().unwrap_or(bytes))
+        }
+        _ => guarded(of_decoder).ok().flatten(),
+    };
+    color_tags::other_primaries(&color_tags_of(bytes, format, profile))
+}
+
 /// What stands in a file beside its picture; what of it is damaged says nothing, the picture may still be whole.
 struct Beside {
     /// The ICC profile that is embedded.
@@ -87,23 +118,46 @@ struct Beside {
 
 fn decode_samples(bytes: &[u8], format: Format, packed: bool) -> Result<(Decoded, Beside), String> {
     if format == Format::Tiff {
-        // A BigTIFF has no directory of this kind.
-        let is_classic = bytes.starts_with(b"II*\0") || bytes.starts_with(b"MM\0*");
-        let root = Directory::first(bytes).filter(|_| is_classic);
-        if let Some(pages) = root.as_ref().map(Directory::count_pages).filter(|pages| *pages > 1) {
-            return Err(format!(
-                "holds {pages} pages, and which is meant is not said: save that page as a file of its own"
-            ));
-        }
-        let said = root.map_or_else(Said::default, |root| Said::of(&root));
-        let beside = Beside { profile: tiff::icc_profile(bytes), said };
-        return Ok(match tiff::decode(bytes, packed)? {
-            Some(bands) => (Decoded::Bands(bands), beside),
-            None => (Decoded::Image(decode_dynamic(bytes, format)?.0), beside),
-        });
+        return decode_tiff(bytes, packed);
     }
     let (image, beside) = decode_dynamic(bytes, format)?;
     Ok((Decoded::Image(image), beside))
+}
+
+/// Decodes the page of a TIFF file.
+fn decode_tiff(bytes: &[u8], packed: bool) -> Result<(Decoded, Beside), String> {
+    let moved = with_page_first(bytes)?;
+    let said = |file: &[u8]| classic_root(file).map_or_else(Said::default, |root| Said::of(&root));
+    let said = moved.as_deref().map(said).unwrap_or_default().or(said(bytes));
+    let bytes = moved.as_deref().unwrap_or(bytes);
+    let beside = Beside { profile: tiff::icc_profile(bytes), said };
+    Ok(match tiff::decode(bytes, packed)? {
+        Some(bands) => (Decoded::Bands(bands), beside),
+        None => (Decoded::Image(decode_dynamic(bytes, Format::Tiff)?.0), beside),
+    })
+}
+
+/// A TIFF file with its page first, where its first directory is a preview; decoders read the first. None where that is the page, or
+/// there are only previews.
+///
+/// # Errors
+/// Where the file has several pages.
+fn with_page_first(bytes: &[u8]) -> Result<Option<Vec<u8>>, String> {
+    let Some(root) = classic_root(bytes) else { return Ok(None) };
+    match &root.pages()[..] {
+        [page] if !page.is(&root) => Ok(page.as_first()),
+        [] | [_] => Ok(None),
+        pages => Err(format!(
+            "holds {} pages, and which is meant is not said: save that page as a file of its own",
+            pages.len()
+        )),
+    }
+}
+
+/// The first directory of a TIFF file; a BigTIFF has none of this kind.
+fn classic_root(bytes: &[u8]) -> Option<Directory<'_>> {
+    let is_classic = bytes.starts_with(b"II*\0") || bytes.starts_with(b"MM\0*");
+    Directory::first(bytes).filter(|_| is_classic)
 }
 
 fn decode_dynamic(bytes: &[u8], format: Format) -> Result<(DynamicImage, Beside), String> {

@@ -11,6 +11,7 @@ use crate::core::bayer::BayerPattern;
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::image::{Domain, Image, Linear};
+use crate::core::primaries::Primaries;
 use crate::core::provenance::Provenance;
 
 /// Reads an image file of any supported format; of an EXR, `file.exr:layer` reads one of its layers.
@@ -66,6 +67,22 @@ pub fn read_provenance(path: &Path) -> Result<Option<Provenance>> {
 pub fn read_capture_info(path: &Path) -> Result<Option<CaptureInfo>> {
     let head = plain::read_head(path, HEAD_BYTES)?;
     exr::capture_of_head(path, &head).map_err(|reason| Error::format(path, reason))
+}
+
+/// Reads the primaries that an image file says, where they are others than those of sRGB, without its pixels. What of it is damaged
+/// says none: reading the file says more.
+///
+/// # Errors
+/// [`Error::Io`] when the file cannot be read; [`Error::Format`] when what it says of its capture is damaged.
+pub fn read_primaries(path: &Path) -> Result<Option<Primaries>> {
+    let head = plain::read_head(path, HEAD_BYTES)?;
+    Ok(match Format::of_contents(&head) {
+        Some(Format::Exr) => read_capture_info(path)?.and_then(|info| info.primaries),
+        // Its directories may be anywhere.
+        Some(format @ Format::Tiff) => raster::primaries_of(&plain::read_bytes(locate(path).0)?, format),
+        Some(format @ (Format::Png | Format::Jpeg | Format::Hdr)) => raster::primaries_of(&head, format),
+        Some(Format::Npy) | None => None,
+    })
 }
 
 /// Lists what can be read of an image file of several layers or parts, which is an EXR: nothing of another, nor of one that

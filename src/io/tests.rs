@@ -6,6 +6,7 @@ mod exr;
 mod fixtures;
 mod layers;
 mod outputs;
+mod primaries;
 mod size;
 
 use std::path::Path;

@@ -11,9 +11,11 @@ use super::viewer::{Scene, ShownBy, ViewedPicture, Viewer};
 use crate::capture::Told;
 use crate::core::color::{srgb_decode, srgb_encode};
 use crate::core::error::{Error, Result};
+use crate::core::primaries::Primaries;
 use crate::core::progress::Progress;
 use crate::core::provenance::Provenance;
 use crate::core::tone::ToneCurve;
+use crate::finish::ColorMatrix;
 use crate::io::{self, DomainTag, Pixels};
 use crate::restore::Capture;
 
@@ -81,7 +83,9 @@ impl OpenedImage {
         let mut notes: Vec<String> = pixels.tell(path, told)?.into_iter().collect();
         let provenance = pixels.provenance.take();
         let curve = provenance.as_ref().and_then(Provenance::tone_curve).unwrap_or_default();
-        let (light, values, is_display) = light_of(path, pixels, curve, &mut notes)?;
+        let primaries = pixels.capture.as_ref().and_then(|capture| capture.primaries);
+        let (mut light, values, is_display) = light_of(path, pixels, curve, &mut notes)?;
+        notes.extend(primaries.and_then(|primaries| to_srgb(&mut light, primaries)));
         Ok(Self::of_light(name, light, (values, is_display), (notes, provenance)))
     }
 
@@ -117,6 +121,15 @@ impl OpenedImage {
     pub fn provenance(&self) -> Option<&Provenance> {
         self.provenance.as_ref()
     }
+}
+
+/// Turns light of `primaries` into that of sRGB, which the page shows; says so.
+fn to_srgb(light: &mut Array3<f32>, primaries: Primaries) -> Option<String> {
+    ColorMatrix::of(primaries.matrix_to(&Primaries::SRGB)?).apply(light);
+    Some(format!(
+        "converted from {} to those of sRGB, of which all values are here",
+        Primaries::name_of(Some(primaries))
+    ))
 }
 
 /// The linear light of pixels, which were mapped by `curve` if they are tone-mapped; what they were in words, and whether they

@@ -8,6 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use crate::core::error::{Error, Result};
+use crate::core::primaries::Primaries;
 use crate::core::shard::Shard;
 use crate::dataset::{CONFIG_FILE, DatasetConfig, FIELD_FILE, Split, Triplet, TripletFiles};
 use crate::io::{self, LineLog};
@@ -395,9 +396,18 @@ fn added_split_of(list: &str) -> Option<Split> {
     SPLITS.into_iter().find(of)
 }
 
+/// The key of the scenes' red, green and blue in `dataset.toml`.
+const PRIMARIES: &str = "scene-primaries";
+
 /// The keys of `dataset.toml` in which two configurations differ, `formation.x-max` among them.
 fn differing_keys(found: &DatasetConfig, wanted: &DatasetConfig) -> Vec<String> {
+    let has_same_primaries = Primaries::are_same(found.scene_primaries, wanted.scene_primaries);
     let (mut found, mut wanted) = (flat_table(found), flat_table(wanted));
+    if has_same_primaries {
+        // Files round them.
+        found.remove(PRIMARIES);
+        wanted.remove(PRIMARIES);
+    }
     // Another version of the program makes the same dataset, or the layout's version differs.
     found.remove("program");
     wanted.remove("program");
@@ -408,7 +418,8 @@ fn differing_keys(found: &DatasetConfig, wanted: &DatasetConfig) -> Vec<String> 
 fn flat_table(config: &DatasetConfig) -> BTreeMap<String, toml::Value> {
     let table = toml::Table::try_from(config).expect("a configuration is a table");
     let flatten = |(key, value): (String, toml::Value)| match value {
-        toml::Value::Table(inner) => {
+        // Four places that are one thing.
+        toml::Value::Table(inner) if key != PRIMARIES => {
             inner.into_iter().map(|(name, value)| (format!("{key}.{name}"), value)).collect()
         }
         value => vec![(key, value)],

@@ -27,5 +27,5 @@ pub use kernels::MemoryNeeds;
 pub use noise::add_noise;
 pub use run::SynthesisReport;
 pub use scene_run::SceneReport;
-pub use scenes::{Division, Scene, common_margin, list_scenes};
+pub use scenes::{Division, Scene, common_margin, common_primaries, list_scenes};
 pub use synthesis::{Needs, Synthesis, SynthesisConfig};

@@ -219,7 +219,11 @@ impl<'a> Run<'a> {
             half: config.half,
             overwrite: true,
             provenance: Some(Provenance::new("synth", &origin)),
-            capture: Some(CaptureInfo { saturation, ..CaptureInfo::default() }),
+            capture: Some(CaptureInfo {
+                saturation,
+                primaries: config.scene_primaries,
+                ..CaptureInfo::default()
+            }),
         }
     }
 }

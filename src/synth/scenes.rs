@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use sha2::{Digest, Sha256};
 
 use crate::core::error::{Error, Result};
+use crate::core::primaries::Primaries;
 use crate::core::provenance::Provenance;
 use crate::dataset::Split;
 use crate::io;
@@ -109,6 +110,33 @@ pub fn common_margin(declared: &[(&Path, Option<usize>)], asked: Option<usize>) 
     }
 }
 
+/// The red, green and blue that scenes have in common, by `read`, which finds those of a file that are others than sRGB's.
+///
+/// # Errors
+/// [`Error::Config`] naming two files of different ones; else of reading a file.
+pub fn common_primaries<'a>(
+    paths: impl IntoIterator<Item = &'a Path>,
+    read: impl Fn(&Path) -> Result<Option<Primaries>>,
+) -> Result<Option<Primaries>> {
+    let mut paths = paths.into_iter();
+    let Some(first) = paths.next() else { return Ok(None) };
+    let common = read(first)?;
+    for path in paths {
+        let found = read(path)?;
+        if !Primaries::are_same(common, found) {
+            let reason = format!(
+                "{} is of {}, and {} of {}: make a dataset of each, or convert the scenes to one colour space",
+                first.display(),
+                Primaries::name_of(common),
+                path.display(),
+                Primaries::name_of(found)
+            );
+            return Err(Error::config("scenes", reason));
+        }
+    }
+    Ok(common)
+}
+
 fn source_of(provenance: Option<&Provenance>, id: &str) -> String {
     let panorama = provenance.and_then(|provenance| provenance.config.get("panorama")?.as_str());
     let by_name = || id.rsplit_once('_').map_or(id, |(source, _)| source);
@@ -195,6 +223,20 @@ mod tests {
         assert!(refused(&[Some(64), Some(32)], None).contains("with 32"));
         assert!(refused(&[Some(64), Some(0)], Some(64)).contains("with 0"));
         assert!(refused(&[Some(64), None], None).contains("does not say"));
+    }
+
+    #[test]
+    fn scenes_have_their_primaries_in_common_or_are_named() {
+        let found = |of: &[(&str, Option<Primaries>)]| {
+            let read = |path: &Path| Ok(of.iter().find(|(name, _)| Path::new(name) == path).unwrap().1);
+            common_primaries(of.iter().map(|(name, _)| Path::new(name)), read).map_err(|e| e.to_string())
+        };
+        let (p3, wide) = (Some(Primaries::DISPLAY_P3), Some(Primaries::BT2020));
+        assert_eq!(found(&[("a", None), ("b", None)]), Ok(None));
+        assert_eq!(found(&[("a", wide), ("b", wide)]), Ok(wide));
+        let said = found(&[("a.exr", wide), ("b.exr", p3)]).unwrap_err();
+        assert!(said.contains("a.exr is of BT.2020 primaries, and b.exr of Display P3 primaries"), "{said}");
+        assert!(found(&[("a.exr", None), ("b.exr", p3)]).unwrap_err().contains("a.exr is of sRGB primaries"));
     }
 
     #[test]

@@ -19,7 +19,7 @@ use super::degradations::{BankFile, Degradations};
 use super::existing::Existing;
 use super::kernels::{KernelSet, MemoryNeeds};
 use super::list::file_of;
-use super::scenes::{Division, Scene, common_margin, list_scenes};
+use super::scenes::{Division, Scene, common_margin, common_primaries, list_scenes};
 use super::sources::check_sources;
 
 /// A dataset that is to be made.
@@ -86,12 +86,14 @@ impl Synthesis {
     /// Plans a dataset of the scenes in `paths`.
     ///
     /// # Errors
-    /// Those of [`list_scenes`] and [`common_margin`]; [`Error::Io`] when the bank cannot be read.
+    /// Those of [`list_scenes`], [`common_margin`] and [`common_primaries`]; [`Error::Io`] when the bank cannot be read.
     pub fn plan(paths: Vec<PathBuf>, by: Degradations, config: SynthesisConfig) -> Result<Self> {
         let Degradations { bank, bank_file, field } = by;
         let scenes = list_scenes(paths, config.division, config.seed)?;
         let declared: Vec<_> = scenes.iter().map(|scene| (scene.path.as_path(), scene.margin)).collect();
         let margin = common_margin(&declared, config.margin)?;
+        let paths = scenes.iter().map(|scene| scene.path.as_path());
+        let scene_primaries = common_primaries(paths, io::read_primaries)?;
         let SynthesisConfig { shard, told, max_bytes, .. } = config;
         let config = DatasetConfig {
             format: FORMAT.to_owned(),
@@ -101,6 +103,7 @@ impl Synthesis {
             bank_sha256: io::bank_sha256_of(&bank_file.read()?),
             field_sha256: field.as_ref().map(PsfField::sha256),
             scene_domain: told.filter(|told| *told == DomainTag::Srgb).map(|told| told.name().to_owned()),
+            scene_primaries,
             seed: config.seed,
             division: config.division.to_string(),
             image_format: config.image_format.to_owned(),

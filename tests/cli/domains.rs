@@ -357,6 +357,44 @@ fn png_chunks_that_disagree_with_the_domain_are_named() {
 }
 
 #[test]
+fn a_reference_picture_of_another_curve_is_warned_of() {
+    let scratch = tempfile::tempdir().unwrap();
+    let image = LinearImage::from_planes(Array3::from_elem((3, 16, 16), 0.5)).unwrap();
+    io::write_image(&scratch.path().join("in.exr"), &image, &WriteOptions::default()).unwrap();
+    let plain = file("a.png");
+    fs::write(scratch.path().join("plain.png"), &plain).unwrap();
+    let linear = with_chunk(&plain, b"gAMA", &100_000u32.to_be_bytes());
+    fs::write(scratch.path().join("linear.png"), linear).unwrap();
+    let said = |reference: &str, output: &str| {
+        let output = udc(scratch.path(), &["finish", "in.exr", "--reference", reference, "-o", output]);
+        assert!(output.status.success());
+        String::from_utf8(output.stderr).unwrap()
+    };
+    assert!(!said("plain.png", "a.png").contains("plain.png: its"));
+    let warned = said("linear.png", "b.png");
+    assert!(warned.contains("linear.png: its gAMA chunk says a gamma of 1.000"), "{warned}");
+}
+
+/// Black at 16 and white at 235 of 255, as video has them.
+#[test]
+fn a_png_of_narrow_range_is_widened_and_says_so() {
+    let png = with_chunk(&file("a.png"), b"cICP", &[1, 13, 0, 0]);
+    let scratch = tempfile::tempdir().unwrap();
+    for (name, contents) in [("narrow.png", &png), ("full.png", &file("a.png"))] {
+        fs::write(scratch.path().join(name), contents).unwrap();
+    }
+    let read = |name: &str| io::inspect_image(&scratch.path().join(name)).unwrap();
+    let ((narrow, _), (full, encoding)) = (read("narrow.png"), read("full.png"));
+    let [unit, steps] = if encoding.sample_type == "uint8" { [1.0, 255.0] } else { [256.0, 65535.0] };
+    for (narrow, full) in narrow.planes.iter().zip(&full.planes) {
+        let expected: f32 = (full * steps - 16.0 * unit) / (219.0 * unit);
+        assert!((narrow - expected.clamp(0.0, 1.0)).abs() < 1e-5, "{narrow} instead of {expected}");
+    }
+    let said = succeed(scratch.path(), &["info", "narrow.png"]);
+    assert!(said.contains("narrow range"), "{said}");
+}
+
+#[test]
 fn icc_profiles_that_disagree_with_the_domain_are_named() {
     let embed = |profile: &[u8]| {
         let png = with_chunk(&file("a.png"), b"iCCP", &[b"name\0\0", &zlib(profile)[..]].concat());

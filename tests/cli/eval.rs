@@ -5,7 +5,10 @@ use std::path::Path;
 use ndarray::{Array3, ArrayD};
 use serde_json::{Value, json};
 use udc::codes::make_rotated_bank;
+use udc::core::capture::CaptureInfo;
 use udc::core::image::{LinearImage, ToneMappedImage};
+use udc::core::orientation::Orientation;
+use udc::core::primaries::Primaries;
 use udc::core::psf::Psf;
 use udc::dataset::{DatasetConfig, FORMAT, FormationConfig, VERSION};
 use udc::io::{self, WriteOptions};
@@ -91,6 +94,42 @@ fn never_averages_over_fewer_images_without_saying_so() {
     assert_eq!(excluded, ["c", "b"]);
 }
 
+/// Writes grey light with what is known of its capture.
+fn write_capture(path: &Path, capture: CaptureInfo) {
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let image = LinearImage::from_planes(Array3::from_elem((3, 16, 16), 0.5)).unwrap();
+    let options = WriteOptions { capture: Some(capture), ..WriteOptions::default() };
+    io::write_image(path, &image, &options).unwrap();
+}
+
+#[test]
+fn images_of_other_primaries_and_images_that_lie_otherwise_are_not_compared() {
+    let scratch = tempfile::tempdir().unwrap();
+    let turned = CaptureInfo { orientation: Orientation::from_exif(6), ..CaptureInfo::default() };
+    let wide = CaptureInfo::of_primaries(Primaries::BT2020);
+    write_capture(&scratch.path().join("wide/a.exr"), wide.clone());
+    write_capture(&scratch.path().join("same/a.exr"), wide);
+    write_capture(&scratch.path().join("turned/a.exr"), turned);
+    write_capture(&scratch.path().join("gt/a.exr"), CaptureInfo::default());
+    let eval = |restored, gt, output| ["eval", "--restored", restored, "--gt", gt, "-o", output];
+    let said = fail(scratch.path(), &eval("wide", "gt", "one"), 1);
+    assert!(said.contains("wide/a.exr is of BT.2020 primaries, and gt/a.exr of sRGB"), "{said}");
+    let said = fail(scratch.path(), &eval("gt", "turned", "two"), 1);
+    assert!(
+        said.contains("turned/a.exr is to be turned right") && said.contains("gt/a.exr is upright"),
+        "{said}"
+    );
+    succeed(scratch.path(), &eval("wide", "same", "three"));
+    write(&scratch.path().join("silent/a.npy"), 16, 0.5);
+    let output =
+        udc(scratch.path(), &[&eval("silent", "wide", "four")[..], &["--domain", "tone-mapped"]].concat());
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        output.status.success() && said.contains("silent/a.npy does not say its red, green and blue"),
+        "{said}"
+    );
+}
+
 #[test]
 fn names_an_image_that_holds_a_nan() {
     let scratch = tempfile::tempdir().unwrap();
@@ -159,6 +198,7 @@ fn write_dataset(root: &Path) {
         bank_sha256: io::bank_sha256(&bank_file).unwrap(),
         field_sha256: None,
         scene_domain: None,
+        scene_primaries: None,
         seed: 1,
         division: "test-fraction 0.5".to_owned(),
         image_format: "exr".to_owned(),

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use udc::io;
 use udc::network::{Architecture, Initialisation, Model, Origin, Parameters, weights::Weights};
 
 use super::common::{fail, succeed, udc};
@@ -250,7 +251,8 @@ fn a_tiff_of_several_pages_is_refused_and_one_with_a_preview_is_read() {
         let mut file = Tiff::new();
         let mut places = Vec::new();
         for kind in kinds {
-            let mut fields = file.image(2, &[7; 4 * 5 * 3], [4, 5]);
+            let value = 7 + 10 * u16::try_from(*kind).unwrap();
+            let mut fields = file.image(2, &[value; 4 * 5 * 3], [4, 5]);
             fields.push((254, Field::Longs(vec![*kind])));
             // The position of the next stands behind the fields.
             places.push((file.directory(fields) as usize, 2 + 12 * 10));
@@ -265,6 +267,13 @@ fn a_tiff_of_several_pages_is_refused_and_one_with_a_preview_is_read() {
     };
     write("preview.tif", &[0, 1]);
     succeed(folder.path(), &["convert", "preview.tif", "a.npy", "--domain", "linear"]);
+    // The preview comes first in files of some scanners and editors.
+    write("first.tif", &[1, 0]);
+    succeed(folder.path(), &["convert", "first.tif", "c.npy", "--domain", "linear"]);
+    for name in ["a.npy", "c.npy"] {
+        let planes = io::read_pixels(&folder.path().join(name)).unwrap().planes;
+        assert!(planes.iter().all(|value| (value * 65535.0 - 7.0).abs() < 1e-2), "{name}: {planes}");
+    }
     write("pages.tif", &[0, 1, 2]);
     let message = refused(folder.path(), &["convert", "pages.tif", "b.npy", "--domain", "linear"]);
     assert!(message.contains("2 pages"), "{message}");
@@ -462,11 +471,11 @@ fn completions_and_manual_pages_are_printed() {
 fn half_floats_are_clipped_where_that_is_asked_for() {
     let scratch = tempfile::tempdir().unwrap();
     let bright = ndarray::ArrayD::from_elem(vec![2, 2, 3], 1e6_f32);
-    udc::io::write_array(&scratch.path().join("bright.npy"), &bright, false).unwrap();
+    io::write_array(&scratch.path().join("bright.npy"), &bright, false).unwrap();
     let convert = ["convert", "bright.npy", "half.exr", "--half", "--domain", "linear"];
     assert!(fail(scratch.path(), &convert, 1).contains("65504"));
     succeed(scratch.path(), &[&convert[..], &["--clip"]].concat());
-    let found = udc::io::read_pixels(&scratch.path().join("half.exr")).unwrap().planes;
+    let found = io::read_pixels(&scratch.path().join("half.exr")).unwrap().planes;
     assert!(found.iter().all(|value| (value - 65504.0).abs() < 1.0));
     // A format without half floats clips as it does without them.
     succeed(

@@ -8,7 +8,9 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, SystemTime};
 
 use ndarray::Array3;
+use udc::core::capture::CaptureInfo;
 use udc::core::image::{Linear, LinearImage};
+use udc::core::primaries::Primaries;
 use udc::core::psf::Psf;
 use udc::dataset::{Dataset, NoiseConfig, Split};
 use udc::io::{self, WriteOptions};
@@ -42,6 +44,43 @@ pub(super) fn synth(folder: &Path, output: &str, more: &[&str]) -> String {
     let mut args = vec!["synth", "views", "--bank", "bank.safetensors", "-o", output];
     args.extend(more);
     succeed(folder, &args)
+}
+
+#[test]
+fn images_are_of_the_primaries_of_their_scenes_which_are_the_same_in_all() {
+    let folder = scratch();
+    let views = folder.path().join("views");
+    let write = |name: &str, primaries: Option<Primaries>| {
+        let image = io::read_image::<Linear>(&views.join(name).with_extension("npy")).unwrap();
+        fs::remove_file(views.join(name).with_extension("npy")).unwrap();
+        let capture = primaries.map(CaptureInfo::of_primaries);
+        let options = WriteOptions { capture, ..WriteOptions::default() };
+        io::write_image(&views.join(name), &image, &options).unwrap();
+    };
+    for name in ["park_01.exr", "park_02.exr", "park_03.exr", "hall_01.exr"] {
+        write(name, Some(Primaries::BT2020));
+    }
+    let args = ["synth", "views", "--bank", "bank.safetensors", "-o", "wide"];
+    let message = fail(folder.path(), &args, 1);
+    assert!(
+        message.contains("hall_01.exr is of BT.2020") && message.contains("hall_02.npy of sRGB"),
+        "{message}"
+    );
+    write("hall_02.exr", Some(Primaries::BT2020));
+    synth(folder.path(), "wide", &[]);
+    let images = files_below(&folder.path().join("wide"));
+    let images: Vec<_> = images.iter().filter(|path| path.extension().is_some_and(|e| e == "exr")).collect();
+    assert_eq!(images.len(), 20);
+    for path in images {
+        let found = io::read_primaries(path).unwrap().unwrap();
+        assert!(found.is_near(&Primaries::BT2020), "{}", path.display());
+    }
+    let dataset = Dataset::open(&folder.path().join("wide")).unwrap();
+    assert!(dataset.scene_primaries().unwrap().is_near(&Primaries::BT2020));
+    synth(folder.path(), "wide", &["--resume"]);
+    let said = udc(folder.path(), &["synth", "views", "--psf", "psf.npy", "--format", "npy", "-o", "npy"]);
+    let said = String::from_utf8_lossy(&said.stderr).into_owned();
+    assert!(said.contains("hall_01.npy cannot carry what is known of the capture"), "{said}");
 }
 
 fn files_below(folder: &Path) -> Vec<PathBuf> {

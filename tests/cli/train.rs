@@ -60,6 +60,7 @@ pub(crate) fn prepare(folder: &Path) {
         bank_sha256: io::bank_sha256(&root.join("kernels.safetensors")).expect("the bank is there"),
         field_sha256: None,
         scene_domain: None,
+        scene_primaries: None,
         seed: 0,
         division: "test-fraction 0.25".to_owned(),
         image_format: "npy".to_owned(),

@@ -7,7 +7,9 @@ use data_encoding::BASE64;
 use half::f16;
 use ndarray::Array3;
 use serde_json::Value;
+use udc::core::capture::CaptureInfo;
 use udc::core::image::{LinearImage, ToneMappedImage};
+use udc::core::primaries::Primaries;
 use udc::io::{self, Pixels, WriteOptions};
 
 use super::common::{fail, succeed, udc};
@@ -41,6 +43,27 @@ fn addresses(page: &str) -> Vec<&str> {
     let found =
         page.match_indices("://").map(|(at, _)| &page[at.saturating_sub(5)..(at + 22).min(page.len())]);
     found.filter(|found| !namespace.contains(found.trim_start_matches('"'))).collect()
+}
+
+/// A green of BT.2020 lies outside of sRGB: less than no red.
+#[test]
+fn light_of_other_primaries_is_shown_as_that_of_srgb() {
+    let scratch = tempfile::tempdir().unwrap();
+    let planes = Array3::from_shape_fn((3, 2, 2), |(c, _, _)| if c == 1 { 1.0 } else { 0.0 });
+    let image = LinearImage::from_planes(planes).unwrap();
+    let capture = Some(CaptureInfo::of_primaries(Primaries::BT2020));
+    let options = WriteOptions { capture, ..WriteOptions::default() };
+    io::write_image(&scratch.path().join("wide.exr"), &image, &options).unwrap();
+    succeed(scratch.path(), &["view", "wide.exr", "-o", "page.html"]);
+    let page = fs::read_to_string(scratch.path().join("page.html")).unwrap();
+    let picture = &data_of(&page)["scenes"][0]["pictures"][0];
+    let light = light_of(&page, &picture["half"]);
+    // ITU-R BT.2087, the inverse of its matrix.
+    for (found, expected) in light.iter().zip([-0.5876, 1.1329, -0.1006]) {
+        assert!((found - expected).abs() < 1e-3, "{light:?}");
+    }
+    let note = picture["note"].as_str().unwrap();
+    assert!(note.contains("converted from BT.2020 primaries"), "{note}");
 }
 
 #[test]

@@ -54,6 +54,7 @@ fn write_dataset(root: &Path, margin: usize) -> Dataset {
         bank_sha256: io::bank_sha256(&bank_file).unwrap(),
         field_sha256: None,
         scene_domain: None,
+        scene_primaries: None,
         seed: 1,
         division: "test-fraction 0.5".to_owned(),
         image_format: "exr".to_owned(),

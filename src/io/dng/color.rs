@@ -6,6 +6,8 @@ use crate::io::directory::Directory;
 
 const COLOR_MATRICES: [u16; 2] = [50721, 50722];
 const CALIBRATIONS: [u16; 2] = [50723, 50724];
+/// The light, calibration, colour and forward matrix that DNG 1.6 added.
+const THIRD_LIGHT: [u16; 4] = [52529, 52530, 52531, 52532];
 const ANALOG_BALANCE: u16 = 50727;
 const AS_SHOT_NEUTRAL: u16 = 50728;
 const AS_SHOT_WHITE: u16 = 50729;
@@ -27,6 +29,16 @@ impl Fields<'_> {
     fn matrix(&self, tag: u16) -> Option<Matrix3> {
         let values = self.reals::<9>(tag)?;
         Some([0, 1, 2].map(|row| [values[3 * row], values[3 * row + 1], values[3 * row + 2]]))
+    }
+
+    /// What to tell of a third light that the camera was calibrated for.
+    pub(super) fn doubt_of_third_light(&self) -> Option<String> {
+        let is_said = |tag: &u16| self.0.reals(*tag).is_some() || self.1.reals(*tag).is_some();
+        THIRD_LIGHT.iter().any(is_said).then(|| {
+            "its camera is calibrated for three lights (CalibrationIlluminant3), of which the first two are read: colours under the third \
+             may be off; say them with a colour matrix (`udc finish --ccm`)"
+                .to_owned()
+        })
     }
 
     /// The camera's colours; none where the file has no matrix of three colours.

@@ -17,7 +17,9 @@ use std::path::Path;
 
 use ndarray::{Array3, s};
 
-use super::directory::{BITS, COMPRESSION, Directory, GREY, PHOTOMETRIC, RGB, SAMPLES, WIDTH};
+use super::directory::{
+    BITS, COMPRESSION, Directory, GREY, PHOTOMETRIC, RGB, SAMPLES, SUB_DIRECTORIES, WIDTH,
+};
 use super::exif::Said;
 use super::format::{Encoding, Format};
 use super::pixels::doubt_of_shape;
@@ -30,7 +32,6 @@ use color::Fields;
 use opcodes::Corrections;
 
 const ORIENTATION: u16 = 274;
-pub(super) const SUB_DIRECTORIES: u16 = 330;
 const CFA_REPEAT: u16 = 33421;
 const CFA_PATTERN: u16 = 33422;
 const EXPOSURE_TIME: u16 = 33434;
@@ -103,7 +104,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8]) -> Result<(Pixels, Encoding)> {
         ..metadata
     });
     let (exposure_s, iso) = (in_exif(EXPOSURE_TIME), in_exif(ISO));
-    let doubts = scale.into_iter().collect();
+    let doubts = scale.into_iter().chain(fields.doubt_of_third_light()).collect();
     Ok((Pixels { exposure_s, iso, raw, doubts, ..Pixels::of_planes(planes) }, encoding))
 }
 

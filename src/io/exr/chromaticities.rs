@@ -4,6 +4,8 @@ use ::exr::math::Vec2;
 use ::exr::meta::attribute::Chromaticities;
 use ::exr::meta::header::Header;
 
+use ndarray::{Array3, Axis, azip};
+
 use crate::core::capture::CaptureInfo;
 use crate::core::primaries::Primaries;
 
@@ -29,6 +31,29 @@ pub(super) fn doubt(header: &Header) -> Option<String> {
         "its chromaticities span no colours; its red, green and blue are taken for those of Rec. 709"
             .to_owned()
     })
+}
+
+/// Turns planes of RY, Y and BY into red, green and blue.
+///
+/// # Equation
+/// `RY = (R − Y)/Y`, `BY = (B − Y)/Y` and `Y = w·(R, G, B)` with the luminances w of the file's primaries, else of those of Rec. 709
+/// (OpenEXR, `ImfRgbaYca.h`).
+///
+/// # Shapes
+/// `[3, height, width]`.
+pub(super) fn rgb_of_chroma(planes: &mut Array3<f32>, header: &Header) {
+    let declared = header.shared_attributes.chromaticities.map(|found| primaries_of(&found));
+    let to_xyz = declared.and_then(|primaries| primaries.to_xyz()).or_else(|| Primaries::SRGB.to_xyz());
+    let [_, luminances, _] = to_xyz.expect("the primaries of sRGB span its colours");
+    #[expect(clippy::cast_possible_truncation, reason = "images are f32")]
+    let [red, green, blue] = luminances.map(|luminance| luminance as f32);
+    let (mut first, rest) = planes.view_mut().split_at(Axis(0), 1);
+    let (mut second, mut third) = rest.split_at(Axis(0), 1);
+    azip!((r in &mut first, g in &mut second, b in &mut third) {
+        let luminance = *g;
+        (*r, *b) = ((*r + 1.0) * luminance, (*b + 1.0) * luminance);
+        *g = (luminance - red * *r - blue * *b) / green;
+    });
 }
 
 fn primaries_of(found: &Chromaticities) -> Primaries {

@@ -13,6 +13,9 @@ use super::layers::{Layer, all_names, choose_layer};
 /// The channel that says how much of each pixel its light covers.
 const ALPHA: &str = "A";
 
+/// Luminance Y, between what red and blue have more than it, as shares of it (OpenEXR's luminance/chroma images).
+const CHROMA: [&str; 3] = ["RY", "Y", "BY"];
+
 /// Something in an OpenEXR file that can be read as an image.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ImageLayer {
@@ -45,15 +48,18 @@ pub(super) struct Group {
 }
 
 impl Group {
-    /// The layer of these channels, if they are all there. Beside an X, a Y is a coordinate and no luminance.
+    /// The layer of these channels, if they are all there. Beside an X, a Y is a coordinate and no luminance; beside an RY and a BY
+    /// it comes with these.
     pub(super) fn pick(&self, wanted: &[&str]) -> Option<Layer> {
         if wanted == ["Y"] && self.channels.contains_key("X") {
             return None;
         }
+        let is_chroma = wanted == ["Y"] && CHROMA.iter().all(|name| self.channels.contains_key(*name));
+        let wanted = if is_chroma { &CHROMA[..] } else { wanted };
         let channels = wanted.iter().map(|name| self.channels.get(*name).copied()).collect::<Option<_>>()?;
         // Among the photosites of a mosaic, an A is one of them.
         let alpha = self.channels.get(ALPHA).filter(|_| !wanted.contains(&ALPHA)).copied();
-        Some(Layer { header: self.header, channels, alpha })
+        Some(Layer { header: self.header, channels, alpha, is_chroma })
     }
 
     /// The layer of the one channel, where there is one.

@@ -6,7 +6,7 @@ use super::groups::{Group, groups_of};
 use crate::core::bayer::BayerPattern;
 use crate::core::nearest::nearest;
 
-/// The channels of an image inside of a file: red, green, blue, or one alone.
+/// The channels of an image inside of a file: red, green, blue, or luminance with chroma, or one alone.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Layer {
     /// Index of the part.
@@ -15,12 +15,14 @@ pub(super) struct Layer {
     pub(super) channels: Vec<usize>,
     /// That of the alpha which stands beside colours or luminance.
     pub(super) alpha: Option<usize>,
+    /// Whether the channels are RY, Y and BY in place of red, green and blue.
+    pub(super) is_chroma: bool,
 }
 
 impl Layer {
     /// The layer of channels that have no alpha.
     pub(super) fn of_channels(header: usize, channels: Vec<usize>) -> Self {
-        Self { header, channels, alpha: None }
+        Self { header, channels, alpha: None, is_chroma: false }
     }
 }
 
@@ -29,7 +31,7 @@ const PICTURES: [&[&str]; 2] = [&["R", "G", "B"], &["Y"]];
 
 /// Chooses the image of a file: the layer of a name, or the one that is the image by itself.
 ///
-/// Without a name it is R, G, B, or Y where no layer has colours. A file of a single channel is that channel, whatever its
+/// Without a name it is R, G, B, or where no layer has these Y, with RY and BY beside it in colour. A file of a single channel is that channel, whatever its
 /// name: mosaics are stored so. Among several layers the one without a channel prefix is the image, as OpenEXR defines it,
 /// when there is only one such. With a pattern, four channels are the photosites of a packed mosaic.
 pub(super) fn choose_layer(

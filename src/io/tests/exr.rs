@@ -69,6 +69,30 @@ fn the_unprefixed_layer_of_several_is_the_image() {
     assert_eq!(decode(&file(vec![("a", both)])).unwrap(), full_resolution());
 }
 
+/// Orange light, of which RY and BY are told by the definition of OpenEXR.
+#[test]
+fn luminance_with_chroma_of_full_size_is_read_in_colour() {
+    let rgb = [0.8, 0.4, 0.1];
+    let luminance: f32 =
+        [0.212_639, 0.715_169, 0.072_192].iter().zip(rgb).map(|(weight, v)| weight * v).sum();
+    let values = [
+        ("BY", (rgb[2] - luminance) / luminance),
+        ("RY", (rgb[0] - luminance) / luminance),
+        ("Y", luminance),
+    ];
+    let channel = |(name, value): (&str, f32)| {
+        AnyChannel::new(name, Levels::Singular(FlatSamples::F32(vec![value; SIDE * SIDE])))
+    };
+    let bytes = file(vec![("a", AnyChannels::sort(values.into_iter().map(channel).collect()))]);
+    for name in ["a.exr", "a.exr:Y", "a.exr:a"] {
+        let (pixels, _) = decode_image(Path::new(name), &bytes, Format::Exr, None).unwrap();
+        assert_eq!(pixels.planes.dim(), (3, SIDE, SIDE), "{name}");
+        for (found, expected) in pixels.planes.slice(ndarray::s![.., 3, 4]).iter().zip(rgb) {
+            assert!((found - expected).abs() < 1e-4, "{name}: {found} instead of {expected}");
+        }
+    }
+}
+
 #[test]
 fn several_coloured_parts_are_refused_by_name() {
     let message = decode(&file(vec![("day", channels("", false)), ("night", channels("", false))]))
