@@ -208,9 +208,6 @@ impl Reader<'_> {
             let pixels = self.read(file)?;
             if !are_dark {
                 self.check_scene(file, &pixels)?;
-                if group.planes.is_empty() && self.told.levels.bayer.is_none() {
-                    self.warnings.extend(pixels.describe_mosaic(file));
-                }
             }
             group.planes.push(pixels.planes);
             group.shots.push(Shot { seconds: pixels.exposure_s, iso: pixels.iso });

@@ -51,6 +51,9 @@ const LEAST_DIFFERENCE: f64 = 0.05;
 const GREENS: f64 = 0.25;
 const SURE: f64 = 6.0;
 
+/// Cells with light without which nothing is told.
+const LEAST_CELLS: f64 = 64.0;
+
 /// Whether one plane seems to be a Bayer mosaic: its pixels differ by their place in cells of two by two, and those of one diagonal do
 /// not.
 pub fn looks_mosaicked(plane: ArrayView2<'_, f32>) -> bool {
@@ -68,7 +71,7 @@ pub fn looks_mosaicked(plane: ArrayView2<'_, f32>) -> bool {
         }
         cells += 1.0;
     }
-    if cells < 1.0 {
+    if cells < LEAST_CELLS {
         return false;
     }
     let shares = sums.map(|sum| sum / cells);

@@ -1,5 +1,6 @@
 //! Finds the light at which a capture saturates, where nobody says it, and the tone curve that suits its units.
 
+use ndarray::ArrayView2;
 use rayon::prelude::*;
 
 use super::plateau::{Plateau, Top};
@@ -20,6 +21,18 @@ const DIM: f32 = 8.0;
 /// if the α that suits it is less than this part of α.
 const DARK: f32 = 1.0 / 8.0;
 
+/// A capture is in larger units than networks know if the α that suits it is more than this multiple of α: its light is exposed ten times
+/// as much as that of the brighter ones of those.
+const BRIGHT: f32 = 10.0;
+
+/// Where the dark is noise, α is this multiple of its deviation at least, but no larger part of white: what a sensor does not see is
+/// no reason to flatten what it does.
+const OVER_NOISE: f32 = 24.0;
+const MOST_DARKNESS: f32 = 0.02;
+
+/// Pixels of which the median is taken, at most.
+const MOST_SAMPLES: usize = 1 << 20;
+
 /// How much brighter than a capture its restored scene may be, at least, where nothing says what saturates.
 const HEADROOM: f32 = 4.0;
 
@@ -32,16 +45,46 @@ const ALPHA_OVER_MEDIAN: f32 = 0.8;
 pub(super) fn suited_curve(curve: ToneCurve, image: &LinearImage) -> ToneCurve {
     let [least, most] = LEVELS;
     let white = image.max().min(curve.x_max);
-    let is_in_large_units = curve.x_max > most * curve.alpha;
-    if white <= 0.0 || (!is_in_large_units && white >= DIM * curve.alpha) {
+    if white <= 0.0 {
         return curve;
     }
-    let mut green: Vec<f32> = image.channel(1).iter().copied().collect();
-    let middle = green.len() / 2;
-    let (_, median, _) = green.select_nth_unstable_by(middle, f32::total_cmp);
-    let alpha = (ALPHA_OVER_MEDIAN * *median).clamp(white / most, white / least);
+    let green = image.channel(1);
+    let mut sampled: Vec<f32> = green.iter().step_by(green.len() / MOST_SAMPLES + 1).copied().collect();
+    let middle = sampled.len() / 2;
+    let (_, median, _) = sampled.select_nth_unstable_by(middle, f32::total_cmp);
+    let alpha = ALPHA_OVER_MEDIAN * *median;
+    let is_in_large_units = curve.x_max > most * curve.alpha || alpha > BRIGHT * curve.alpha;
+    if !is_in_large_units && white >= DIM * curve.alpha {
+        return curve;
+    }
+    let in_the_dark = (MOST_DARKNESS * white).min(OVER_NOISE * noise_in_the_dark(green, *median));
+    let alpha = alpha.max(in_the_dark).clamp(white / most, white / least);
     let is_in_small_units = white < DARKEST * curve.alpha || alpha < DARK * curve.alpha;
     if is_in_large_units || is_in_small_units { ToneCurve { alpha, ..curve } } else { curve }
+}
+
+/// The standard deviation of the noise of light up to this, at most: of neighbours' differences, or of the steps of which values are
+/// multiples.
+fn noise_in_the_dark(plane: ArrayView2<'_, f32>, most: f32) -> f32 {
+    /// The median of the modulus of the difference of two normal variables.
+    const OF_DIFFERENCE: f32 = 0.954;
+    let mut differences: Vec<f32> = plane
+        .rows()
+        .into_iter()
+        .flat_map(|row| row.into_iter().zip(row.into_iter().skip(1)))
+        .filter(|(a, b)| **a <= most && **b <= most)
+        .map(|(a, b)| (a - b).abs())
+        .collect();
+    let middle = differences.len() / 2;
+    if differences.is_empty() {
+        return 0.0;
+    }
+    // Where most of the dark is one value, the least difference of others is a step.
+    let step =
+        differences.iter().copied().filter(|difference| *difference > 0.0).fold(f32::INFINITY, f32::min);
+    let (_, median, _) = differences.select_nth_unstable_by(middle, f32::total_cmp);
+    let median = if *median > 0.0 || step.is_infinite() { *median } else { 0.5 * step };
+    median / OF_DIFFERENCE
 }
 
 /// Where light may saturate that nobody has told of, in a capture that shows nothing of it: as far above α as in the published
@@ -284,6 +327,37 @@ mod tests {
         assert!((curve.alpha / (ALPHA_OVER_MEDIAN * median) - 1.0).abs() < 0.1, "{curve:?}");
         let exposed = image.map_values(|value| (6.0 * value).min(1.0));
         assert_eq!(suited_curve(USUAL, &exposed), USUAL);
+    }
+
+    /// A night of 10 bits, in whose dark there is little but noise: what is bright is not flattened.
+    #[test]
+    fn where_the_dark_is_noise_alpha_is_above_it() {
+        let night = |noise: f32| {
+            let light = |(c, y, x): (usize, usize, usize)| {
+                let random = ((y * 64 + x + 7 * c) as f32 * 0.618_034).fract() - 0.5;
+                let dark = (1e-3 + noise * random).max(0.0);
+                if (20..30).contains(&y) && (10..40).contains(&x) { 0.5 + random } else { dark }
+            };
+            LinearImage::from_planes(Array3::from_shape_fn((3, 64, 64), light)).unwrap()
+        };
+        let alpha = |image: &LinearImage| suited_curve(ToneCurve::new(0.25, 1.0).unwrap(), image).alpha;
+        assert!(
+            (alpha(&night(1e-5)) / (ALPHA_OVER_MEDIAN * 1e-3) - 1.0).abs() < 0.1,
+            "{}",
+            alpha(&night(1e-5))
+        );
+        assert!((0.01..=0.021).contains(&alpha(&night(2e-3))), "{}", alpha(&night(2e-3)));
+        // Most of it zero, the rest steps.
+        let steps = night(2e-3).map_values(|value| (value * 1023.0 - 0.8).round().max(0.0) / 1023.0);
+        assert!((0.008..=0.021).contains(&alpha(&steps)), "{}", alpha(&steps));
+    }
+
+    /// Counts of 8 bits, which do not reach the usual x-max.
+    #[test]
+    fn bright_units_are_told_by_the_median() {
+        let image = scene(1.0).map_values(|value| 255.0 * value);
+        let curve = suited_curve(ToneCurve::new(0.25, 255.0).unwrap(), &image);
+        assert!((curve.alpha / (ALPHA_OVER_MEDIAN * 0.2 * 255.0) - 1.0).abs() < 0.1, "{curve:?}");
     }
 
     #[test]

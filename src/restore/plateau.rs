@@ -23,6 +23,16 @@ const MOST_OF: usize = 2;
 /// The next value below the brightest of coarsely quantised light, as a part of it: that far down, pixels are nearly as bright.
 const NEXT: f32 = 0.9;
 
+/// The same where they are exactly equal, and no others of the channel are, or where all channels end at a value that whites have.
+const LEAST_EQUAL: usize = 3;
+
+/// Pixels of a channel that are looked at to see whether such as are not saturated are equal, and of how many one may be.
+const LOOKED_AT: usize = 4096;
+const EQUAL_OF: usize = 100;
+
+/// Steps of a converter that a white is above darkness at least: what ends below is dim light in coarse steps.
+const LEAST_STEPS: usize = 48;
+
 /// Of so many pixels one may be above the plateau: hot pixels, and what compression makes of edges.
 const OUTLIERS_OF: usize = 10_000;
 
@@ -36,6 +46,10 @@ pub(super) struct Top {
     /// How many of them may be above a plateau.
     outliers: usize,
     pixels: usize,
+    /// Whether its brightest is many steps of a converter above darkness.
+    is_many_steps: bool,
+    /// Whether pixels are equal by chance alone, as of light that is not quantised.
+    are_unlike: bool,
 }
 
 /// Pixels that share the brightest value of a channel.
@@ -61,7 +75,13 @@ impl Top {
         let mut values: Vec<f32> =
             plane.iter().copied().filter(|value| *value >= least && *value > 0.0).collect();
         values.par_sort_unstable_by(|a, b| b.total_cmp(a));
-        Self { values, outliers, pixels }
+        Self {
+            values,
+            outliers,
+            pixels,
+            is_many_steps: is_many_steps(plane, brightest),
+            are_unlike: are_unlike(plane, brightest),
+        }
     }
 
     /// Its plateau, if it ends like a cut.
@@ -109,8 +129,45 @@ impl Top {
 impl Plateau {
     /// Whether it ends like a cut, if so many pixels are evidence of it.
     pub(super) fn is_cut(&self, top: &Top, evidence: usize) -> bool {
-        evidence >= LEAST_PIXELS && self.pixels >= self.cut * self.near && MOST_OF * self.pixels <= top.pixels
+        let is_one = self.brightest.total_cmp(&self.darkest).is_eq();
+        let is_sure = is_one && (top.are_unlike || (evidence > self.pixels && is_white(self.brightest)));
+        let least = if is_sure { LEAST_EQUAL } else { LEAST_PIXELS };
+        let is_flat = MOST_OF * self.pixels > top.pixels;
+        evidence >= least && top.is_many_steps && self.pixels >= self.cut * self.near && !is_flat
     }
+}
+
+/// Whether a light is many of the steps above darkness that a plane's values are multiples of.
+fn is_many_steps(plane: ArrayView2<'_, f32>, light: f32) -> bool {
+    let mut values: Vec<f32> = Vec::with_capacity(LEAST_STEPS);
+    let has_many = plane.iter().any(|value| {
+        if *value > 0.0 && !values.contains(value) {
+            values.push(*value);
+        }
+        values.len() >= LEAST_STEPS
+    });
+    values.push(0.0);
+    values.sort_unstable_by(f32::total_cmp);
+    let step = values.windows(2).map(|pair| pair[1] - pair[0]).fold(f32::INFINITY, f32::min);
+    #[expect(clippy::cast_precision_loss, reason = "some steps")]
+    let least = LEAST_STEPS as f32 * step;
+    has_many || light >= least
+}
+
+/// Whether hardly any two of a plane's pixels that are darker than its white and not black are equal.
+fn are_unlike(plane: ArrayView2<'_, f32>, white: f32) -> bool {
+    let step = (plane.len() / LOOKED_AT).max(1);
+    let darker = |value: &f32| *value > 0.0 && *value < NEXT * white;
+    let mut values: Vec<f32> = plane.iter().step_by(step).copied().filter(darker).collect();
+    values.sort_unstable_by(f32::total_cmp);
+    let equal = values.windows(2).filter(|pair| pair[0].total_cmp(&pair[1]).is_eq()).count();
+    values.len() > EQUAL_OF && EQUAL_OF * equal <= values.len()
+}
+
+/// Whether a value is one at which light is cut on purpose: a power of two, or the largest integer of some bits.
+fn is_white(value: f32) -> bool {
+    let is_power = |value: f32| value > 0.0 && value.log2().fract().abs() < f32::EPSILON;
+    is_power(value) || (value >= 255.0 && is_power(value + 1.0))
 }
 
 /// A value that no more than `count` values are above, to a 2000th of it; zero where fewer are positive.
@@ -196,6 +253,30 @@ mod tests {
             assert_eq!(found(&bell(width)), None, "{width}");
         }
         assert_eq!(found(&lamp(1e3)), None);
+    }
+
+    /// Three of 16 pixels that would be needed where light is quantised: no two are equal by chance where it is not.
+    #[test]
+    fn equal_pixels_among_unlike_ones_are_cut_off() {
+        let plane = |pixels: usize, steps: Option<f32>| {
+            Array2::from_shape_fn((SIDE, SIDE), |(y, x)| {
+                let light = 0.1 + 0.3 * ((y * SIDE + x) as f32 * 0.618_034).fract();
+                let light = steps.map_or(light, |steps| (light * steps).round() / steps);
+                if y == 50 && (70..70 + pixels).contains(&x) { 3.3 } else { light }
+            })
+        };
+        assert_eq!(found(&plane(3, None)).map(|found| (found.brightest, found.pixels)), Some((3.3, 3)));
+        assert_eq!(found(&plane(2, None)), None);
+        assert_eq!(found(&plane(3, Some(1023.0))), None);
+        assert!(found(&plane(16, Some(1023.0))).is_some());
+    }
+
+    /// Of 8 bits, in dim light: the scene ends after twelve steps, which many pixels reach.
+    #[test]
+    fn few_steps_above_darkness_there_is_no_white() {
+        let dim = |steps: f32, white: f32| lamp(white).map(|value| (value * steps).round() / steps);
+        assert_eq!(found(&dim(60.0, 0.2)), None);
+        assert!(found(&dim(60.0, 1.0)).is_some());
     }
 
     #[test]

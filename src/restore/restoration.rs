@@ -376,7 +376,8 @@ impl Restoration {
     /// file says, a user who tells less is believed.
     fn cut(&self, Capture { image, info }: Capture) -> Capture {
         let of_file = image.curve().map_or(f32::INFINITY, |own| own.x_max);
-        let most = if self.asks_for_levels { of_file } else { of_file.min(self.curve.x_max) };
+        let is_untold = self.guided.map_or(self.asks_for_levels, |guided| guided.finds_levels);
+        let most = if is_untold { of_file } else { of_file.min(self.curve.x_max) };
         Capture { image, info: info.map(|info| info.cut_at(most)) }
     }
 

@@ -112,7 +112,7 @@ fn a_packed_mosaic_of_every_format_is_the_mosaic() {
 fn a_mosaic_of_which_nobody_says_the_colours_is_warned_of() {
     let scratch = scratch();
     let told = ["--white", "1023/65535", "--black", "64/65535", "--bayer", "grbg"];
-    for (levels, is_warned) in [(&[][..], true), (&told[..4], true), (&told, false)] {
+    for (levels, is_warned) in [(&[][..], true), (&told, false)] {
         let call = ["restore", "mosaic.npy", "--overwrite", "-o", "restored.exr"];
         let output = udc(scratch.path(), &[&call[..], &HOW, levels].concat());
         let said = String::from_utf8(output.stderr).unwrap();

@@ -120,7 +120,7 @@ pub fn without_lamps_outside(
         let full = View::new(relieved.as_ref().map_or(image, |relieved| &relieved.image), psf, config);
         let Some(measured) = full.measure(config.alpha, progress)? else { break };
         let lamp = full.lamp(&measured);
-        if !would_saturate(&lamp, psf, config) {
+        if !would_outshine(&lamp, psf, (image, config)) {
             break;
         }
         let image = full.without(&full.flare(&measured)?, config)?;
@@ -131,12 +131,17 @@ pub fn without_lamps_outside(
     Ok(relieved)
 }
 
-/// Whether a lamp would saturate a pixel of the frame: dimmer light is found by any deconvolution as light around the frame, while what
-/// takes its flare away leaves more than it takes.
-fn would_saturate(lamp: &LampOutside, psf: &Psf, config: &DeconvolutionConfig) -> bool {
+/// Whether a lamp would saturate a pixel of the frame, or be brighter than all of it where nothing shows what saturates: dimmer light is
+/// found by any deconvolution as light around the frame, while what takes its flare away leaves more than it takes.
+fn would_outshine(
+    lamp: &LampOutside,
+    psf: &Psf,
+    (image, config): (&LinearImage, &DeconvolutionConfig),
+) -> bool {
     lamp.light.iter().enumerate().any(|(channel, light)| {
         let most = psf.channel(channel).iter().copied().fold(0.0, f32::max);
-        light * f64::from(most) >= f64::from(config.saturation[channel])
+        let brightest = image.channel(channel).iter().copied().fold(0.0, f32::max);
+        light * f64::from(most) >= f64::from(config.saturation[channel].min(brightest))
     })
 }
 

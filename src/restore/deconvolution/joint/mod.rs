@@ -53,7 +53,7 @@ use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
-use apart::noise_apart;
+use apart::{is_quantised, noise_apart};
 use channel::{Channel, Workspace};
 use coarse::Half;
 use frame::Frame;
@@ -144,8 +144,8 @@ fn noise_levels<'a>(
     let of_channels: Vec<_> = (0..CHANNELS).map(of_channel).collect::<Result<_>>()?;
     let (mut levels, left): (Vec<_>, Vec<_>) = of_channels.into_iter().unzip();
     if config.noise.is_none() {
-        if NoiseLevel::hide(&levels) {
-            // Detail may be as fine as noise.
+        if NoiseLevel::hide(&levels) && is_quantised(image) {
+            // The capture has noise, and detail as fine.
             let places = places_of(image, config.alpha, config.saturation.map(saturated_from));
             if let Some(apart) = noise_apart(&places, std::array::from_fn(|channel| left[channel])) {
                 levels.iter_mut().zip(apart).for_each(|(level, noise)| *level = NoiseLevel::even(noise));
