@@ -9,7 +9,6 @@ use serde_json::json;
 
 use udc::core::error::Error;
 use udc::core::shard::Shard;
-use udc::scenes::SceneSet;
 use udc::scenes::natural::NaturalKind;
 
 use super::choices::{FLOAT_FORMATS, SCENE_KINDS};
@@ -29,8 +28,9 @@ pub(crate) struct ScenesArgs {
     /// Folder for the scenes, <kind>-s<seed>-<number>.<format>
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Number of scenes: the first of the seed's endless sequence
-    #[arg(long, value_name = "N", value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
+    /// Number of scenes, up to 1000000: the first of the seed's endless sequence
+    #[arg(long, value_name = "N",
+        value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=MOST_SCENES as u64))]
     count: usize,
     /// Which sequence; those of two seeds have no scene in common
     #[arg(long, value_name = "S", default_value_t = 0)]

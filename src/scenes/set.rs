@@ -19,6 +19,9 @@ use crate::io::{self, WriteOptions};
 /// The largest side of a scene in pixels, margin included.
 pub const MOST_PIXELS: usize = 8192;
 
+/// The largest number of scenes of one set: another seed has others.
+pub const MOST_SCENES: usize = 1_000_000;
+
 /// Natural scenes of an endless sequence, and how their files are written.
 #[derive(Clone, Debug)]
 pub struct SceneSet {
