@@ -14,6 +14,7 @@ mod noise_floor;
 mod pairs;
 mod photograph;
 mod plan;
+mod reference;
 mod roll_off;
 mod style;
 

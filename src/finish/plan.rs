@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::pairs::Job;
-use super::{Companions, Curve, FinishInputs, Look, Photograph, Style, channel_means, read_color_matrix};
+use super::{Companions, Curve, FinishInputs, Look, Photograph, Style, read_color_matrix, reference};
 use crate::batch::{self, Destination, Selection, Stages, Watcher, timed};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
@@ -145,11 +145,7 @@ impl Finishing<'_> {
         }
         if let Some(path) = &job.reference {
             // Not light but a look: its values are compared with those that are shown.
-            let planes = read_pixels(path)?.planes;
-            if planes.dim().0 != 3 {
-                return Err(Error::format(path, "is grey; a reference picture has three channels"));
-            }
-            look.reference_means = Some(channel_means(&planes));
+            look.reference_means = Some(reference::means_of(path, &read_pixels(path)?.planes)?);
         }
         Ok(look)
     }
