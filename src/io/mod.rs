@@ -69,7 +69,9 @@ pub use machine::{available_memory_bytes, check_writable, free_disk_bytes};
 pub use made_folder::MadeFolder;
 pub use owned_folder::OwnedFolder;
 pub use pixels::{DomainTag, IgnoredOpcode, Pixels, RawMetadata};
-pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_bytes, sha256_of_file};
+pub use plain::{
+    list_folder, read_bytes, read_code, read_configuration, read_text, sha256_of_bytes, sha256_of_file,
+};
 pub use process::{core_seconds, core_seconds_of_children, peak_memory_bytes, scratch_folder};
 pub use psf::{PsfFaults, PsfMove, PsfOptions, PsfReading, inspect_psf, read_psf, show_shift, write_psf};
 pub use raster::GAIN_OFFSET;
