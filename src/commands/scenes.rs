@@ -10,6 +10,7 @@ use serde_json::json;
 use udc::core::error::Error;
 use udc::core::shard::Shard;
 use udc::scenes::natural::NaturalKind;
+use udc::scenes::{MOST_SCENES, SceneSet};
 
 use super::choices::{FLOAT_FORMATS, SCENE_KINDS};
 use super::{Session, text_of};
@@ -102,12 +103,11 @@ impl ScenesArgs {
         }
         let kept = set.run(&self.output, &session.progress)?;
         let ([height, width], count) = (set.size, set.numbers.len());
-        session.results_of(json!({ "output": text_of(&self.output), "scenes": count, "kept": kept }));
+        session.results_of(json!({ "output": text_of(&self.output), "scenes": count, "kept": kept.whole }));
         let margin = match self.margin {
             0 => String::new(),
             margin => format!(" and a margin of {margin} on each side"),
         };
-        let kept = if kept == 0 { String::new() } else { format!(", {kept} of them were there") };
         let folder = self.output.display();
         session.say(format_args!("{folder}: {count} scenes, {height} × {width} pixels{margin}{kept}"))
     }

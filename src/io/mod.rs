@@ -43,6 +43,7 @@ mod shared_input;
 mod size;
 mod tell;
 mod tiff;
+mod whole;
 mod write;
 mod written;
 
@@ -81,6 +82,7 @@ pub use read::{
 };
 pub use shared_input::SharedInput;
 pub use size::{read_any_image_size, read_image_size};
+pub use whole::is_whole;
 use write::Contents;
 pub use write::{
     PixelOptions, WriteOptions, check_display, encode_image, write_image, write_pixels, write_with_gains,
