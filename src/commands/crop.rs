@@ -91,7 +91,7 @@ impl CropArgs {
         }
         let panoramas = io::expand_inputs(&self.panoramas)?;
         if self.dry_run.dry_run {
-            let estimate = cut.estimate(panoramas, &self.output, PATIENCE)?;
+            let estimate = cut.estimate(panoramas, &self.output, PATIENCE, &session.progress)?;
             return self.dry_run.tell("crop", &estimate, session);
         }
         let CutCount { panoramas, views, kept } =
