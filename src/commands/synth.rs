@@ -22,7 +22,7 @@ use super::{Session, text_of};
 use options::{FormationArgs, KernelArgs, StorageArgs};
 
 /// The largest number that `dataset.toml` can hold.
-const MOST_SEED: u64 = i64::MAX.cast_unsigned();
+pub(super) const MOST_SEED: u64 = i64::MAX.cast_unsigned();
 
 /// Synthesise degraded images of clean scenes by the image formation model
 ///
