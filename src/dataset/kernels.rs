@@ -61,8 +61,22 @@ impl KernelChoice {
 }
 
 fn unknown(name: &str, known: &[String]) -> String {
-    let near = nearest(name, known).map(|near| format!("; did you mean {near}?")).unwrap_or_default();
+    // The letters of an angle say nothing of how near it is to others.
+    let angle_deg = angle_of(name.strip_prefix('r').unwrap_or(name));
+    let near = match angle_deg {
+        Some(angle_deg) => known.iter().map(String::as_str).find(|known| {
+            let turned = known.strip_prefix('r').and_then(angle_of);
+            turned.is_some_and(|turned| (turned - angle_deg).abs() < 1e-9)
+        }),
+        None => nearest(name, known),
+    };
+    let near = near.map(|near| format!("; did you mean {near}?")).unwrap_or_default();
     format!("there is no kernel {name}: there are {}{near}", known.join(", "))
+}
+
+/// The angle in degrees that a text is; none where it is no number.
+fn angle_of(text: &str) -> Option<f64> {
+    text.parse().ok().filter(|angle: &f64| angle.is_finite())
 }
 
 impl Dataset {
@@ -133,6 +147,11 @@ mod tests {
             message,
             "data.kernels: there is no kernel r00: there are r-03, r+00, r+03; did you mean r+00?"
         );
+        for (name, meant) in [("0", Some("r+00")), ("-3", Some("r-03")), ("7", None), ("r90", None)] {
+            let message = only(&[name]).indices("kernels", &known()).unwrap_err().to_string();
+            let meant = meant.map_or("r+03".to_owned(), |meant| format!("did you mean {meant}?"));
+            assert!(message.ends_with(&meant), "{message}");
+        }
         assert!(only(&[]).check("kernels").unwrap_err().to_string().contains("names no kernel"));
         assert!(only(&["a", "b", "a"]).check("kernels").unwrap_err().to_string().contains("a twice"));
     }

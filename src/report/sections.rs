@@ -50,9 +50,16 @@ pub fn training(name: &str, log: &str) -> Result<Vec<Block>> {
     let mut loss = Series { name: "loss".to_owned(), points: Vec::new() };
     let mut psnr = Series { name: "validation".to_owned(), points: Vec::new() };
     let mut rate = Series { name: "learning rate".to_owned(), points: Vec::new() };
+    let count = log.lines().count();
     for (index, line) in log.lines().enumerate() {
-        let line: LogLine = serde_json::from_str(line)
-            .map_err(|error| Error::config(format!("line {} of the log", index + 1), error.to_string()))?;
+        let line: LogLine = match serde_json::from_str(line) {
+            Ok(line) => line,
+            // A run that was killed, or goes on, ends within one.
+            Err(_) if index + 1 == count && !log.ends_with('\n') => break,
+            Err(error) => {
+                return Err(Error::config(format!("line {} of the log", index + 1), error.to_string()));
+            }
+        };
         let Some(iteration) = line.iteration else { continue };
         for (series, value) in
             [(&mut loss, line.loss), (&mut psnr, line.psnr), (&mut rate, line.learning_rate)]
@@ -176,6 +183,15 @@ mod tests {
         let mean = running_mean(&points);
         assert_eq!(mean.len(), 100);
         assert!(mean[20..80].iter().all(|point| (point.1 - 2.0).abs() < 0.1));
+    }
+
+    #[test]
+    fn a_log_that_ends_within_a_line_is_drawn_to_the_line_before() {
+        let whole = "{\"iteration\":1,\"loss\":0.5}\n{\"iteration\":2,\"loss\":0.25}\n";
+        let cut = format!("{whole}{{\"iteration\":3,\"lo");
+        assert_eq!(training("run", &cut).unwrap().len(), training("run", whole).unwrap().len());
+        let damaged = format!("{{\"iterat\n{whole}");
+        assert!(training("run", &damaged).unwrap_err().to_string().contains("line 1 of the log"));
     }
 
     #[test]
