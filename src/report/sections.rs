@@ -55,7 +55,7 @@ pub fn training(name: &str, log: &str) -> Result<Vec<Block>> {
         let line: LogLine = match serde_json::from_str(line) {
             Ok(line) => line,
             // A run that was killed, or goes on, ends within one.
-            Err(_) if index + 1 == count && !log.ends_with('\n') => break,
+            Err(error) if index + 1 == count && error.is_eof() => break,
             Err(error) => {
                 return Err(Error::config(format!("line {} of the log", index + 1), error.to_string()));
             }
