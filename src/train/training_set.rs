@@ -15,6 +15,7 @@ use crate::core::tone::ToneCurve;
 use crate::dataset::{CONFIG_FILE, Dataset, FormationConfig, KernelChoice, Split};
 use crate::examples::ExamplesFolder;
 use crate::io;
+use crate::network::{Architecture, Condition};
 
 /// Everything that samples are made of, opened once.
 pub enum TrainingSet {
@@ -95,14 +96,22 @@ impl TrainingSet {
         if needed == found {
             return Ok(());
         }
-        let reason = match found {
-            0 => format!(
+        let blind = Architecture { condition: Condition::Image, ..config.architecture.clone() };
+        let reason = match (found, blind.validate().is_ok()) {
+            (0, true) => format!(
                 "is {needed}, and the kernels have no codes; --set architecture.condition=image trains a network that needs none"
             ),
-            _ => format!(
+            (0, false) => format!(
+                "is {needed}, and the kernels have no codes, which this kind of network needs; make the data with a bank of `udc \
+                 codes`"
+            ),
+            (_, true) => format!(
                 "is {needed}, and the kernels have codes of {found} numbers; set it to {found}, or architecture.condition to \
                  image"
             ),
+            (_, false) => {
+                format!("is {needed}, and the kernels have codes of {found} numbers; set it to {found}")
+            }
         };
         Err(Error::config("architecture.code-dim", reason))
     }
@@ -237,6 +246,7 @@ mod tests {
     use crate::core::image::LinearImage;
     use crate::core::kernel_code::KernelBank;
     use crate::core::psf::Psf;
+    use crate::network::Kind;
     use ndarray::Array3;
 
     /// A folder of two clean images, and a bank of one kernel.
@@ -283,6 +293,9 @@ mod tests {
         let message = set.check_codes(&config).unwrap_err().to_string();
         assert!(message.contains("no codes; --set architecture.condition=image"), "{message}");
         assert!(!message.contains("set it to"), "{message}");
+        config.architecture = Architecture { kind: Kind::Sftmd, features: 8, ..Architecture::default() };
+        let message = set.check_codes(&config).unwrap_err().to_string();
+        assert!(message.contains("make the data with a bank") && !message.contains("condition"), "{message}");
         config.data.formation.margin = 4;
         assert!(refusal(&folder, Some(&bank), &config).contains("data.formation.margin with"));
     }
