@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn names_the_line_of_a_damaged_log() {
-        let message = training("run", "{\"iteration\":1,\"loss\":0.5}\n{").unwrap_err().to_string();
+        let message = training("run", "{\"iteration\":1,\"loss\":0.5}\n{,}").unwrap_err().to_string();
         assert!(message.contains("line 2"), "{message}");
     }
 }
