@@ -10,7 +10,7 @@ fn main() {
     let threads = rayon::current_num_threads();
     let peak = peak::measure(Isa::current()) * threads as f64;
     println!("{}, {threads} threads, peak {:.0} GFLOP/s", Isa::current().name(), peak / 1e9);
-    benchmark::run(&wanted, Duration::from_millis(300), |timing| {
+    benchmark::run(&wanted, Duration::from_millis(300), &|| false, |timing| {
         let speed = timing.operations / timing.seconds;
         println!(
             "{:44} {:9.2} ms {:7.0} GFLOP/s {:5.0} % of peak",

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 
 use crate::core::bytes::format_bytes;
+use crate::core::error::Result;
 use crate::core::progress::{Bar, Progress, Reporter, Status, Task};
 use crate::io;
 
@@ -202,9 +203,18 @@ impl Sampler {
         Self { seen: Arc::new(Mutex::new(seen)), stop: Arc::default(), patience }
     }
 
-    /// Where the work is to report.
-    pub fn progress(&self) -> Progress {
-        Progress::new(Some(Arc::new(self.clone())), Arc::clone(&self.stop))
+    /// Where the work is to report; it is stopped with `whole`, too, which it is a sample of.
+    pub fn progress(&self, whole: &Progress) -> Progress {
+        whole.part(Arc::new(self.clone()), Arc::clone(&self.stop))
+    }
+
+    /// Takes a sample's interrupt for its end, unless the user asked for it.
+    ///
+    /// # Errors
+    /// That of the sample, or of an interrupt by the user.
+    pub fn end<T>(&self, sampled: Result<T>, whole: &Progress) -> Result<()> {
+        whole.check()?;
+        sampled.map(|_| ()).or_else(|error| if error.is_interrupt() { Ok(()) } else { Err(error) })
     }
 
     /// How many steps were seen.
@@ -297,7 +307,9 @@ mod tests {
     #[test]
     fn work_is_stopped_when_enough_was_seen_of_it() {
         let sampler = Sampler::new(Duration::from_millis(20));
-        let progress = sampler.progress();
+        let interrupted = Arc::new(AtomicBool::new(false));
+        let whole = Progress::new(None, Arc::clone(&interrupted));
+        let progress = sampler.progress(&whole);
         assert_eq!(sampler.cost(), LinearCost::default());
         let bar = progress.bar(1_000_000, "images");
         while progress.check().is_ok() {
@@ -306,5 +318,8 @@ mod tests {
         }
         let cost = sampler.cost();
         assert!(sampler.steps() < 300 && cost.each.seconds > 0.0005, "{cost:?} after {}", sampler.steps());
+        sampler.end(progress.check(), &whole).unwrap();
+        interrupted.store(true, Ordering::Relaxed);
+        assert!(sampler.end(progress.check(), &whole).unwrap_err().is_interrupt());
     }
 }

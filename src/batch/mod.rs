@@ -15,7 +15,7 @@ pub use estimate::{
 };
 pub use others::tell_of_others;
 pub use queue::{Selection, Stages, run};
-pub use resume::is_made;
+pub use resume::{Kept, is_broken, is_made, write_or_keep};
 pub use tone_mapping::ToneMapping;
 #[cfg(test)]
 pub(crate) use watcher::testing;

@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use serde_json::{Map, Value};
 
 use super::Watcher;
-use super::resume::{is_done, remaining};
+use super::resume::{is_done, make_way, remaining};
 use crate::core::error::{Error, Result};
 use crate::core::shard::Shard;
 use crate::io::MadeFolder;
@@ -183,7 +183,13 @@ where
 {
     let mut failures = Vec::new();
     for (job, output) in outputs {
-        let written = output.and_then(|output| match stages.write(job, output) {
+        let write = |output| {
+            if resume {
+                make_way(stages.output(job))?;
+            }
+            stages.write(job, output)
+        };
+        let written = output.and_then(|output| match write(output) {
             // Another process, as a job that a cluster began again, has made the same meanwhile.
             Err(error) if resume && error.is_already_there() && is_done(stages, job)? => Ok(()),
             written => written,

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::{Destination, Selection, Stages, Watcher, run};
 use crate::core::capture::CaptureInfo;
-use crate::core::error::Result;
+use crate::core::error::{Error, Result};
 use crate::core::image::{Linear, LinearImage};
 use crate::core::provenance::Provenance;
 use crate::core::tone::{ToneCurve, ToneFlags};
@@ -111,6 +111,10 @@ impl Stages for Mapping<'_> {
             }
             return Ok(Mapped { image: AnyImage::Linear(image), info, curve });
         }
+        if pixels.domain == Some(DomainTag::Linear) {
+            let reason = "is linear already, as the file itself says: there is no tone mapping to invert";
+            return Err(Error::format(path, reason));
+        }
         let ImageReading { image, info, contradictions, .. } =
             any_image_of(path, pixels, told, self.how.tone)?;
         contradictions.iter().for_each(|contradiction| self.watcher.warn(contradiction));
@@ -201,7 +205,10 @@ mod tests {
             assert!((returned.max() / value - 1.0).abs() < 1e-5, "{}", returned.max());
         }
         assert_eq!(notes.take().len(), 4, "each file is told of");
-        assert!(how.run(&[light], &to(&mapped), &notes).is_err(), "nothing is replaced");
+        assert!(how.run(std::slice::from_ref(&light), &to(&mapped), &notes).is_err(), "nothing is replaced");
+        let again = scratch.path().join("again.exr");
+        let said = inverse.run(&[light.join("a.exr")], &to(&again), &notes).unwrap_err().in_full();
+        assert!(said.contains("a.exr: is linear already") && !said.contains("udc tonemap"), "{said}");
     }
 
     /// The half float nearest to φ(16) stands for 15.75, which is no longer saturated.

@@ -99,6 +99,7 @@ fn check_dim(dim: usize, psfs: &[Psf], eigenvalues: &[f64]) -> Result<()> {
         0 => "the PSFs of the set are all the same, so that no code can tell them apart; give PSFs that differ, \
               or other angles"
             .to_owned(),
+        _ if dim == 0 => format!("0 numbers make no code; choose 1 to {directions}"),
         _ => format!(
             "{dim} is out of range: {} PSFs that vary in {directions} directions allow 1 to {directions}; \
              choose fewer, or give more kernels",

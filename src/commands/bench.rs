@@ -71,7 +71,7 @@ impl BenchArgs {
         }
         let mut timings = Vec::new();
         for side in &self.size {
-            time_network(backend, *side as usize, self.patience, |timing| {
+            time_network(backend, *side as usize, self.patience, &session.progress, |timing| {
                 timings.push(json!({
                     "side": timing.side, "bf16": timing.has_bf16_products, "seconds": timing.seconds,
                     "operations": timing.operations, "bytes": timing.bytes,
@@ -91,7 +91,7 @@ impl BenchArgs {
             precisions.into_iter().filter(|precision| backend.check_training(*precision).is_ok());
         for precision in trained_in {
             for batch in &self.train {
-                let ms = time_step((backend, precision), *batch, self.patience)? * 1e3;
+                let ms = time_step((backend, precision), *batch, self.patience, &session.progress)? * 1e3;
                 let is_rounded = precision == Precision::Bf16;
                 timings.push(json!({ "batch": batch.to_string(), "bf16": is_rounded, "seconds": ms / 1e3 }));
                 let flag = if is_rounded { " --precision bf16" } else { "" };
@@ -111,7 +111,7 @@ impl BenchArgs {
         let patience = self.patience.max(LEAST_READING);
         for (reading, name) in [(Reading::Stored, "as stored"), (Reading::Decoded, "decoded")] {
             let ReadSpeed { files, bytes, seconds } =
-                time_reading(&dataset, reading, patience, READING_SEED)?;
+                time_reading(&dataset, reading, patience, READING_SEED, &session.progress)?;
             session.say(format_args!(
                 "{name}: {files} images of {} in {seconds:.2} s by {} threads, {:.0} images/s, {:.0} MiB/s",
                 format_bytes(bytes),
@@ -138,7 +138,8 @@ impl BenchArgs {
             "instruction-set": Isa::current().name(), "threads": threads, "peak-flops": peak,
         }));
         let (mut outcome, mut timings) = (Ok(()), Vec::new());
-        benchmark::run(&self.only, self.patience, |timing| {
+        let stops = || session.progress.check().is_err();
+        benchmark::run(&self.only, self.patience, &stops, |timing| {
             timings.push(json!({
                 "name": timing.name, "seconds": timing.seconds, "operations": timing.operations,
             }));
@@ -150,6 +151,7 @@ impl BenchArgs {
             }
         });
         outcome?;
+        session.progress.check()?;
         session.result("operations", timings);
         Ok(())
     }

@@ -91,7 +91,7 @@ impl CropArgs {
         }
         let panoramas = io::expand_inputs(&self.panoramas)?;
         if self.dry_run.dry_run {
-            let estimate = cut.estimate(panoramas, &self.output, PATIENCE)?;
+            let estimate = cut.estimate(panoramas, &self.output, PATIENCE, &session.progress)?;
             return self.dry_run.tell("crop", &estimate, session);
         }
         let CutCount { panoramas, views, kept } =
@@ -106,13 +106,12 @@ impl CropArgs {
                 }
             })?;
         session.results_of(
-            json!({ "output": text_of(&self.output), "panoramas": panoramas, "views": views, "kept": kept }),
+            json!({ "output": text_of(&self.output), "panoramas": panoramas, "views": views, "kept": kept.whole }),
         );
         let margin = match self.margin {
             0 => String::new(),
             margin => format!(" and a margin of {margin} on each side"),
         };
-        let kept = if kept == 0 { String::new() } else { format!(", {kept} of them were there") };
         session.say(format_args!(
             "{}: {views} views of {panoramas} panoramas, {} × {} pixels{margin}{kept}",
             self.output.display(),

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
-use clap::{Args, Parser as _};
+use clap::{Args, Parser as _, value_parser};
 
 use udc::dataset::{Dataset, Split};
 use udc::io::{self, DomainTag, OwnedFolder, WriteOptions};
@@ -11,6 +11,7 @@ use udc::network::GUIDED;
 use udc::scenes::point_source;
 
 use super::choices::LIGHT_DOMAINS;
+use super::synth::MOST_SEED;
 use super::{Cli, Session, is_broken_pipe, text_of};
 
 /// Run the whole pipeline on built-in scenes and write a page of results
@@ -29,7 +30,7 @@ pub(crate) struct DemoArgs {
     #[arg(long, value_name = "DOMAIN", value_parser = LIGHT_DOMAINS, requires = "hdri")]
     domain: Option<DomainTag>,
     /// Seed of the scenes, the noise and the training
-    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    #[arg(long, value_name = "SEED", default_value_t = 1, value_parser = value_parser!(u64).range(..=MOST_SEED))]
     seed: u64,
     /// Take few small scenes and training steps: shows in seconds that every step works, and restores poorly
     #[arg(long)]
@@ -95,7 +96,7 @@ impl DemoArgs {
         }
         let extent = if self.quick { QUICK } else { FULL };
         let demo = Demo { root: self.output, seed: self.seed, extent, session };
-        FOLDER.prepare(&demo.root, session.overwrite)?;
+        let _held = FOLDER.prepare(&demo.root, session.overwrite)?;
         demo.measure_the_panel()?;
         match &self.hdri {
             Some(panoramas) => demo.crop(panoramas, self.domain)?,

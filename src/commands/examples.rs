@@ -78,7 +78,7 @@ impl ExamplesArgs {
     }
 
     fn read_config(&self) -> Result<ExamplesConfig> {
-        let mut config = ExamplesConfig::from_toml(&io::read_text(&self.config)?)
+        let mut config = ExamplesConfig::from_toml(&io::read_configuration(&self.config)?)
             .with_context(|| format!("reading {}", self.config.display()))?;
         if !self.scenes.is_empty() {
             config.scenes.panoramas = io::expand_inputs(&self.scenes)?;

@@ -1,16 +1,18 @@
 //! `udc plan`.
 
 mod measure;
+mod process;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
 use clap::Args;
 use serde_json::json;
 
 use udc::experiment::markdown;
 use udc::io;
 use udc::plan::{Study, StudyPlan};
+use udc::train::TrainConfig;
 
 use super::Session;
 use measure::{Check, Laboratory};
@@ -51,6 +53,7 @@ impl PlanArgs {
         if let Some(shards) = self.shards {
             (study.shards.scenes, study.shards.synth, study.shards.eval) = (shards, shards, shards);
         }
+        check_trainings(&study, &self.study)?;
         let panoramas = match &study.scenes.panoramas[..] {
             [] => Vec::new(),
             named => io::expand_inputs(named)?,
@@ -128,4 +131,15 @@ impl PlanArgs {
         }
         Ok(())
     }
+}
+
+/// Refuses trainings that no step could be made of, before anything is measured for them.
+fn check_trainings(study: &Study, path: &Path) -> Result<()> {
+    for config in study.networks.values() {
+        let text = io::read_configuration(config)?;
+        TrainConfig::from_toml(&text, &study.training.set).with_context(|| {
+            format!("reading {} with the settings of [training] in {}", config.display(), path.display())
+        })?;
+    }
+    Ok(())
 }

@@ -6,10 +6,11 @@ use anyhow::{Context as _, Result, bail};
 use clap::{ArgGroup, Args};
 use serde_json::{Value, json};
 
+use udc::batch::check_kept;
 use udc::capture::Told;
 use udc::core::psf::Psf;
 use udc::core::tone::{ToneCurve, ToneFlags};
-use udc::io::{DomainTag, check_output, expand_inputs};
+use udc::io::{DomainTag, check_extension, check_output, expand_inputs};
 use udc::restore::{Capture, Pose, PoseConfig, PoseEstimate, find_pose, psf_seen, write_pose};
 
 use super::choices::DOMAINS;
@@ -33,7 +34,7 @@ pub(crate) struct PoseArgs {
     /// PSF of the panel
     #[arg(long, value_name = "PSF")]
     psf: PathBuf,
-    /// Pose to write
+    /// Pose to write (.toml)
     #[arg(short, long, value_name = "POSE")]
     output: PathBuf,
     #[command(flatten)]
@@ -55,7 +56,10 @@ impl PoseArgs {
     pub(crate) fn run(self, session: &Session) -> Result<()> {
         let curve = self.tone().over(ToneCurve::default())?;
         let files = expand_inputs(&self.inputs)?;
+        check_extension(&self.output, "toml")?;
         check_output(&self.output, session.overwrite)?;
+        let read: Vec<&PathBuf> = files.iter().chain([&self.psf]).collect();
+        check_kept(std::slice::from_ref(&self.output), &read)?;
         let psf = self.psf_file.read(&self.psf, session)?;
         let mut estimates = Vec::new();
         let count = if files.len() > 1 { files.len() as u64 } else { 0 };

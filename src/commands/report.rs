@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use clap::Args;
 
 use udc::io;
@@ -47,6 +47,13 @@ impl ReportArgs {
         let (mut psfs, mut sections, mut origins) = (Vec::new(), Vec::new(), Vec::new());
         for input in &self.inputs {
             session.progress.check()?;
+            if let Some(folder) = report::folder_of_results(input) {
+                bail!(
+                    "{}: is one file of its folder; name the folder, {}",
+                    input.display(),
+                    folder.display()
+                );
+            }
             let (name, reading) = (name_of(input), || format!("reading {}", input.display()));
             if input.is_dir() || report::is_bank(input) {
                 sections.push(report::gather(&name, input).with_context(reading)?);

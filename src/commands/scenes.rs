@@ -9,8 +9,8 @@ use serde_json::json;
 
 use udc::core::error::Error;
 use udc::core::shard::Shard;
-use udc::scenes::SceneSet;
 use udc::scenes::natural::NaturalKind;
+use udc::scenes::{MOST_SCENES, SceneSet};
 
 use super::choices::{FLOAT_FORMATS, SCENE_KINDS};
 use super::{Session, text_of};
@@ -29,8 +29,9 @@ pub(crate) struct ScenesArgs {
     /// Folder for the scenes, <kind>-s<seed>-<number>.<format>
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Number of scenes: the first of the seed's endless sequence
-    #[arg(long, value_name = "N", value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
+    /// Number of scenes, up to 1000000: the first of the seed's endless sequence
+    #[arg(long, value_name = "N",
+        value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=MOST_SCENES as u64))]
     count: usize,
     /// Which sequence; those of two seeds have no scene in common
     #[arg(long, value_name = "S", default_value_t = 0)]
@@ -102,12 +103,11 @@ impl ScenesArgs {
         }
         let kept = set.run(&self.output, &session.progress)?;
         let ([height, width], count) = (set.size, set.numbers.len());
-        session.results_of(json!({ "output": text_of(&self.output), "scenes": count, "kept": kept }));
+        session.results_of(json!({ "output": text_of(&self.output), "scenes": count, "kept": kept.whole }));
         let margin = match self.margin {
             0 => String::new(),
             margin => format!(" and a margin of {margin} on each side"),
         };
-        let kept = if kept == 0 { String::new() } else { format!(", {kept} of them were there") };
         let folder = self.output.display();
         session.say(format_args!("{folder}: {count} scenes, {height} × {width} pixels{margin}{kept}"))
     }

@@ -125,7 +125,7 @@ impl SweepArgs {
     fn entries(&self) -> Result<Vec<SweepEntry>> {
         let entry = |path: &PathBuf| {
             let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            Ok(SweepEntry { name, config: configure(&io::read_text(path)?, path, &self.set)? })
+            Ok(SweepEntry { name, config: configure(&io::read_configuration(path)?, path, &self.set)? })
         };
         self.configs.iter().map(entry).collect()
     }

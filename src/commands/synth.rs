@@ -23,7 +23,7 @@ use super::{Session, text_of};
 use options::{FormationArgs, KernelArgs, StorageArgs};
 
 /// The largest number that `dataset.toml` can hold.
-const MOST_SEED: u64 = i64::MAX.cast_unsigned();
+pub(super) const MOST_SEED: u64 = i64::MAX.cast_unsigned();
 
 /// Synthesise degraded images of clean scenes by the image formation model
 ///
@@ -103,7 +103,7 @@ impl SynthArgs {
         if self.dry_run.dry_run {
             return self.estimate(&synthesis, session);
         }
-        let needs = synthesis.needs().context("planning the synthesis")?;
+        let needs = synthesis.needs(&session.progress).context("planning the synthesis")?;
         let ([height, width], count) = (needs.size, synthesis.scenes.len());
         let formation = &synthesis.config.formation;
         let margin = match formation.margin {
@@ -155,12 +155,12 @@ impl SynthArgs {
     /// Says what the synthesis would take.
     fn estimate(&self, synthesis: &Synthesis, session: &Session) -> Result<()> {
         // Before a scene is sampled: a shard may have none.
-        synthesis.needs().context("planning the synthesis")?;
+        synthesis.needs(&session.progress).context("planning the synthesis")?;
         // As many as can be worked on in the time of a sample.
         let sample: Vec<PathBuf> =
             synthesis.scenes.iter().take(SAMPLED_SCENES).map(|scene| scene.path.clone()).collect();
         let sample = self.plan_scenes(sample, Shard::WHOLE, session)?;
-        let estimate = synthesis.estimate(&sample, &self.output, PATIENCE)?;
+        let estimate = synthesis.estimate(&sample, &self.output, PATIENCE, &session.progress)?;
         self.dry_run.tell("synth", &estimate, session)
     }
 

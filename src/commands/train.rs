@@ -144,7 +144,7 @@ impl TrainArgs {
 
     fn read_config(&self) -> Result<TrainConfig> {
         let (text, path) = match &self.config {
-            Some(path) => (io::read_text(path)?, path.clone()),
+            Some(path) => (io::read_configuration(path)?, path.clone()),
             None if self.resume => (train::read_config(&self.output)?, self.output.join("config.toml")),
             None => (ADAPTATION.to_owned(), PathBuf::from("configs/adapt.toml")),
         };
@@ -156,7 +156,7 @@ impl TrainArgs {
     fn make_examples(&self, psf: &Path, session: &Session) -> Result<PathBuf> {
         let folder = self.output.join(EXAMPLES);
         let mut config = match &self.config {
-            Some(path) => ExamplesConfig::from_toml(&io::read_text(path)?)?,
+            Some(path) => ExamplesConfig::from_toml(&io::read_configuration(path)?)?,
             None if self.resume && folder.join(EXAMPLES_FILE).is_file() => {
                 ExamplesFile::read(&folder)?.examples
             }

@@ -1,5 +1,6 @@
 //! The library's one error type: few variants, one for each kind of person who can fix it.
 
+use std::io::ErrorKind;
 use std::iter::successors;
 use std::path::{Path, PathBuf};
 
@@ -74,7 +75,7 @@ pub enum Error {
 impl Error {
     /// Wraps an operating-system error with what was tried on which path.
     pub fn io(action: &'static str, path: impl AsRef<Path>, source: std::io::Error) -> Self {
-        Self::Io { action, path: path.as_ref().to_owned(), source }
+        Self::Io { action, path: path.as_ref().to_owned(), source: explained(source) }
     }
 
     /// Describes a file whose contents are not what was expected.
@@ -121,7 +122,7 @@ impl Error {
 
     /// Whether a file could not be made because one of its name is there.
     pub fn is_already_there(&self) -> bool {
-        let exists = |error: &std::io::Error| error.kind() == std::io::ErrorKind::AlreadyExists;
+        let exists = |error: &std::io::Error| error.kind() == ErrorKind::AlreadyExists;
         self.chain().any(|cause| cause.downcast_ref().is_some_and(exists))
     }
 
@@ -129,6 +130,21 @@ impl Error {
     fn chain(&self) -> impl Iterator<Item = &(dyn std::error::Error + 'static)> {
         successors(Some(self as &(dyn std::error::Error + 'static)), |error| error.source())
     }
+}
+
+/// The system's reason with what to do, where that is known whatever was tried.
+fn explained(source: std::io::Error) -> std::io::Error {
+    let advice = match source.kind() {
+        // Errors of our own say it already.
+        _ if source.raw_os_error().is_none() => return source,
+        ErrorKind::IsADirectory => "it is a folder, and a file is needed; name one",
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
+            "there is no space left; what is finished is kept, and once there is space --resume goes on with it, in commands that \
+             have it"
+        }
+        _ => return source,
+    };
+    std::io::Error::new(source.kind(), advice)
 }
 
 #[cfg(test)]
@@ -144,13 +160,24 @@ mod tests {
         let source = error.source().and_then(|source| source.downcast_ref());
         assert!(matches!(source, Some(Error::Interrupted)), "{source:?}");
     }
+
+    /// The numbers are those of Linux.
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn reasons_of_the_system_say_what_to_do() {
+        let said = |number| Error::io("write", "a", std::io::Error::from_raw_os_error(number)).in_full();
+        assert!(said(21).starts_with("cannot write a: it is a folder"), "{}", said(21));
+        assert!(said(28).contains("--resume goes on"), "{}", said(28));
+        assert!(said(13).contains("os error 13"), "{}", said(13));
+    }
+
     #[test]
     fn an_error_in_full_says_its_causes_and_an_interrupt_stays_one() {
-        let missing = std::io::Error::new(std::io::ErrorKind::NotFound, "no such file");
+        let missing = std::io::Error::new(ErrorKind::NotFound, "no such file");
         let error = Error::io("read", "a.exr", missing).while_doing("restoring a.exr");
         assert_eq!(error.in_full(), "restoring a.exr: cannot read a.exr: no such file");
         assert!(!error.is_interrupt() && !error.is_already_there());
-        let exists = std::io::Error::from(std::io::ErrorKind::AlreadyExists);
+        let exists = std::io::Error::from(ErrorKind::AlreadyExists);
         assert!(Error::io("create", "a.exr", exists).while_doing("restoring a.exr").is_already_there());
         assert!(Error::Interrupted.while_doing("restoring a.exr").is_interrupt());
     }

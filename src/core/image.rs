@@ -153,7 +153,7 @@ fn into_standard_layout(planes: Array3<f32>) -> Array3<f32> {
     if planes.is_standard_layout() { planes } else { planes.as_standard_layout().into_owned() }
 }
 
-fn first_non_finite(planes: &Array3<f32>) -> Option<((usize, usize, usize), f32)> {
+pub(crate) fn first_non_finite(planes: &Array3<f32>) -> Option<((usize, usize, usize), f32)> {
     if planes.as_slice().is_some_and(all_finite) {
         return None;
     }

@@ -54,6 +54,8 @@ pub struct Status {
 pub struct Progress {
     reporter: Option<Arc<dyn Reporter>>,
     interrupted: Arc<AtomicBool>,
+    /// The flag of the work that this is a part of.
+    around: Option<Arc<AtomicBool>>,
 }
 
 /// The work that nobody sees.
@@ -74,12 +76,17 @@ impl Task for Unseen {}
 impl Progress {
     /// Reports to `reporter`, if there is one, and stops when `interrupted` is set.
     pub fn new(reporter: Option<Arc<dyn Reporter>>, interrupted: Arc<AtomicBool>) -> Self {
-        Self { reporter, interrupted }
+        Self { reporter, interrupted, around: None }
+    }
+
+    /// That of a part of the work, which reports to `reporter` and stops when `enough` is set too.
+    pub fn part(&self, reporter: Arc<dyn Reporter>, enough: Arc<AtomicBool>) -> Self {
+        Self { reporter: Some(reporter), interrupted: enough, around: Some(Arc::clone(&self.interrupted)) }
     }
 
     /// The same without bars: for work inside of work that has one.
     pub fn without_bars(&self) -> Self {
-        Self { reporter: None, interrupted: Arc::clone(&self.interrupted) }
+        Self { reporter: None, ..self.clone() }
     }
 
     /// Starts a bar of `length` steps, which `unit` names.
@@ -99,7 +106,9 @@ impl Progress {
     /// # Errors
     /// [`Error::Interrupted`] after an interrupt.
     pub fn check(&self) -> Result<()> {
-        if self.interrupted.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) }
+        let is_set = |flag: &Arc<AtomicBool>| flag.load(Ordering::Relaxed);
+        let stops = is_set(&self.interrupted) || self.around.as_ref().is_some_and(is_set);
+        if stops { Err(Error::Interrupted) } else { Ok(()) }
     }
 }
 
@@ -165,5 +174,19 @@ mod tests {
         inner.check().unwrap();
         interrupted.store(true, Ordering::Relaxed);
         assert!(matches!(inner.check(), Err(Error::Interrupted)));
+    }
+
+    #[test]
+    fn a_part_stops_by_itself_and_with_the_whole() {
+        let flags = [(); 2].map(|()| Arc::new(AtomicBool::new(false)));
+        let [whole, enough] = &flags;
+        let progress = Progress::new(None, Arc::clone(whole));
+        let part = || progress.part(Arc::new(Notes::default()), Arc::clone(enough)).without_bars();
+        part().check().unwrap();
+        enough.store(true, Ordering::Relaxed);
+        assert!(part().check().is_err() && progress.check().is_ok());
+        enough.store(false, Ordering::Relaxed);
+        whole.store(true, Ordering::Relaxed);
+        assert!(part().check().is_err());
     }
 }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use super::{Panorama, View, crop_with_margin};
-use crate::batch::{is_made, tell_of_others};
+use crate::batch::{Kept, is_broken, is_made, tell_of_others, write_or_keep};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::image::Linear;
@@ -71,7 +71,7 @@ pub struct CutCount {
     /// Views that were cut out of them, or are kept.
     pub views: usize,
     /// Those that were there.
-    pub kept: usize,
+    pub kept: Kept,
 }
 
 /// The views that one run cuts out of a panorama.
@@ -89,6 +89,8 @@ struct Todo {
     sha256: String,
     /// Indices, from 0.
     views: Vec<usize>,
+    /// The others.
+    kept: Kept,
 }
 
 /// What a view's provenance says.
@@ -132,10 +134,13 @@ impl Cut {
         let (panoramas, views) = (work.len(), work.iter().map(|panorama| panorama.views.len()).sum());
         let todo =
             work.into_iter().map(|panorama| self.todo(folder, panorama)).collect::<Result<Vec<_>>>()?;
-        let kept = views - todo.iter().map(|todo| todo.views.len()).sum::<usize>();
+        let kept = Kept {
+            whole: todo.iter().map(|todo| todo.kept.whole).sum(),
+            broken: todo.iter().map(|todo| todo.kept.broken).sum(),
+        };
         let bar = progress.bar(views as u64, "views");
-        bar.start_at(kept as u64);
-        for Todo { panorama: PanoramaViews { stem, path, .. }, sha256, views } in &todo {
+        bar.start_at(kept.whole as u64);
+        for Todo { panorama: PanoramaViews { stem, path, .. }, sha256, views, .. } in &todo {
             if views.is_empty() {
                 continue;
             }
@@ -152,10 +157,11 @@ impl Cut {
                 let started = Instant::now();
                 let image = crop_with_margin(&panorama, &self.views[index], self.margin);
                 on_report(CutReport::Rendered { panorama: stem, view: index + 1, time: started.elapsed() });
-                let provenance = Some(self.provenance((stem, sha256), index));
-                let (half, overwrite, capture) = (self.half, self.overwrite, capture.clone());
-                let options = WriteOptions { half, overwrite, provenance, capture };
-                io::write_image(&self.path(folder, stem, index + 1), &image, &options)?;
+                let (path, provenance) =
+                    (self.path(folder, stem, index + 1), self.provenance((stem, sha256), index));
+                let (half, overwrite, origin) = (self.half, self.overwrite, Some(provenance.clone()));
+                let options = WriteOptions { half, overwrite, provenance: origin, capture: capture.clone() };
+                write_or_keep(&path, self.resume, &provenance, || io::write_image(&path, &image, &options))?;
                 bar.inc(1);
             }
         }
@@ -167,18 +173,22 @@ impl Cut {
     fn todo(&self, folder: &Path, panorama: PanoramaViews) -> Result<Todo> {
         // Before the pixels, so that they are not older than it.
         let sha256 = io::sha256_of_file(&panorama.path)?;
-        let mut views = Vec::new();
+        let (mut views, mut kept) = (Vec::new(), Kept::default());
         for index in panorama.views.clone() {
             let path = self.path(folder, &panorama.stem, index + 1);
-            if self.resume && is_made(&path, &self.provenance((&panorama.stem, &sha256), index))? {
+            let is_broken = self.resume && is_broken(&path)?;
+            let wanted = self.provenance((&panorama.stem, &sha256), index);
+            if self.resume && !is_broken && is_made(&path, &wanted)? {
+                kept.whole += 1;
                 continue;
             }
+            kept.broken += usize::from(is_broken);
             if folder.exists() {
-                io::check_output(&path, self.overwrite)?;
+                io::check_output(&path, self.overwrite || is_broken)?;
             }
             views.push(index);
         }
-        Ok(Todo { panorama, sha256, views })
+        Ok(Todo { panorama, sha256, views, kept })
     }
 
     /// How the view of an index is made of a panorama of a name and a SHA-256.
@@ -309,7 +319,7 @@ mod tests {
                 CutReport::Rendered { panorama, view, .. } => format!("{panorama} {view}"),
             });
         });
-        assert_eq!(count.unwrap(), CutCount { panoramas: 2, views: 4, kept: 0 });
+        assert_eq!(count.unwrap(), CutCount { panoramas: 2, views: 4, kept: Kept::default() });
         assert_eq!(reports, ["beach", "beach 1", "beach 2", "street", "street 1", "street 2"]);
         let path = root.path().join("views/street_02.exr");
         assert_eq!(io::read_image::<Linear>(&path).unwrap().height(), 18);
@@ -323,8 +333,13 @@ mod tests {
         let resume = Cut { resume: true, ..cut };
         let folder = root.path().join("views");
         let again = |cut: &Cut| cut.run(vec![street.clone()], &folder, &Progress::default(), |_| {});
-        assert_eq!(again(&resume).unwrap(), CutCount { panoramas: 1, views: 2, kept: 1 });
+        let kept = Kept { whole: 1, broken: 0 };
+        assert_eq!(again(&resume).unwrap(), CutCount { panoramas: 1, views: 2, kept });
         assert!(path.is_file());
+        std::fs::write(&path, "").unwrap();
+        let kept = Kept { whole: 1, broken: 1 };
+        assert_eq!(again(&resume).unwrap(), CutCount { panoramas: 1, views: 2, kept });
+        assert_eq!(io::read_image::<Linear>(&path).unwrap().height(), 18);
         std::fs::rename(&other, &street).unwrap();
         let other = LinearImage::from_planes(Array3::from_elem((3, 8, 16), 0.25)).unwrap();
         io::write_image(&street, &other, &WriteOptions { overwrite: true, ..Default::default() }).unwrap();

@@ -8,6 +8,7 @@ use super::cut::name_by_stem;
 use crate::batch::{Estimate, HEADER_BYTES, PROCESS_BYTES, Sampler};
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, Linear};
+use crate::core::progress::Progress;
 use crate::core::shard::Shard;
 use crate::io;
 
@@ -23,11 +24,18 @@ impl Cut {
     ///
     /// # Errors
     /// As [`Cut::run`].
-    pub fn estimate(&self, panoramas: Vec<PathBuf>, folder: &Path, patience: Duration) -> Result<Estimate> {
+    pub fn estimate(
+        &self,
+        panoramas: Vec<PathBuf>,
+        folder: &Path,
+        patience: Duration,
+        progress: &Progress,
+    ) -> Result<Estimate> {
         self.check()?;
         let work = self.share(name_by_stem(panoramas)?)?;
         let mut largest = 0;
         for panorama in &work {
+            progress.check()?;
             let [height, width] = io::read_image_size::<Linear>(&panorama.path, self.told)?;
             largest = largest.max((height * width) as u64);
         }
@@ -39,8 +47,7 @@ impl Cut {
         let scratch = io::scratch_folder(folder)?;
         let sample = Self { shard: Shard::WHOLE, resume: false, ..self.clone() };
         let first: Vec<PathBuf> = work.first().map(|panorama| panorama.path.clone()).into_iter().collect();
-        let sampled = sample.run(first, scratch.path(), &sampler.progress(), |_| {});
-        sampled.map(|_| ()).or_else(|error| if error.is_interrupt() { Ok(()) } else { Err(error) })?;
+        sampler.end(sample.run(first, scratch.path(), &sampler.progress(progress), |_| {}), progress)?;
         let cost = sampler.cost();
         // Each panorama is read.
         let fixed = cost.fixed.times(work.len() as f64);

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::Dataset;
 use crate::core::error::Result;
 use crate::core::image::Linear;
+use crate::core::progress::Progress;
 use crate::core::rng;
 use crate::io;
 
@@ -37,8 +38,14 @@ pub enum Reading {
 /// What the system keeps of files in memory comes from there.
 ///
 /// # Errors
-/// Those of reading an image.
-pub fn time_reading(dataset: &Dataset, reading: Reading, patience: Duration, seed: u64) -> Result<ReadSpeed> {
+/// Those of reading an image; [`Error::Interrupted`](crate::core::error::Error::Interrupted) after an interrupt.
+pub fn time_reading(
+    dataset: &Dataset,
+    reading: Reading,
+    patience: Duration,
+    seed: u64,
+    progress: &Progress,
+) -> Result<ReadSpeed> {
     let named = dataset.triplets.iter().flat_map(|triplet| [&triplet.gt, &triplet.degraded]);
     let mut names: Vec<&String> = named.collect();
     names.sort_unstable();
@@ -47,6 +54,7 @@ pub fn time_reading(dataset: &Dataset, reading: Reading, patience: Duration, see
     let (files, bytes) = (AtomicUsize::new(0), AtomicU64::new(0));
     let started = Instant::now();
     names.par_iter().with_max_len(1).try_for_each(|name| {
+        progress.check()?;
         if started.elapsed() > patience {
             return Ok(());
         }

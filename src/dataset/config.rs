@@ -210,7 +210,7 @@ impl NoiseConfig {
             }
             Some(("sensor", file)) => {
                 let path = Path::new(file);
-                let sensor = parse_toml(&io::read_text(path)?);
+                let sensor = parse_toml(&io::read_configuration(path)?);
                 Self::Sensor(sensor.map_err(|reason| Error::format(path, reason))?)
             }
             _ => {

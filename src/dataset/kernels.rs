@@ -61,8 +61,29 @@ impl KernelChoice {
 }
 
 fn unknown(name: &str, known: &[String]) -> String {
-    let near = nearest(name, known).map(|near| format!("; did you mean {near}?")).unwrap_or_default();
+    // The letters of an angle say nothing of how near it is to others.
+    let near = match angle_of(name.strip_prefix('r').unwrap_or(name)) {
+        Some(angle_deg) => beside(angle_deg, known),
+        None => nearest(name, known),
+    };
+    let near = near.map(|near| format!("; did you mean {near}?")).unwrap_or_default();
     format!("there is no kernel {name}: there are {}{near}", known.join(", "))
+}
+
+/// Angles that differ by more are none that somebody took for each other.
+const BESIDE_DEG: f64 = 2.0;
+
+/// The kernel whose rotation is nearest to an angle, if it is near.
+fn beside(angle_deg: f64, known: &[String]) -> Option<&str> {
+    let distance = |name: &str| Some((angle_of(name.strip_prefix('r')?)? - angle_deg).abs());
+    let distances = known.iter().filter_map(|name| Some((distance(name)?, name.as_str())));
+    let near = distances.filter(|(distance, _)| *distance <= BESIDE_DEG);
+    near.min_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, name)| name)
+}
+
+/// The angle in degrees that a text is; none where it is no number.
+fn angle_of(text: &str) -> Option<f64> {
+    text.parse().ok().filter(|angle: &f64| angle.is_finite())
 }
 
 impl Dataset {
@@ -133,6 +154,15 @@ mod tests {
             message,
             "data.kernels: there is no kernel r00: there are r-03, r+00, r+03; did you mean r+00?"
         );
+        for (name, meant) in [("0", "r+00"), ("-3", "r-03"), ("r+02", "r+03"), ("7", ""), ("r90", "")] {
+            let message = only(&[name]).indices("kernels", &known()).unwrap_err().to_string();
+            let meant = if meant.is_empty() {
+                "r-03, r+00, r+03".to_owned()
+            } else {
+                format!("did you mean {meant}?")
+            };
+            assert!(message.ends_with(&meant), "{message}");
+        }
         assert!(only(&[]).check("kernels").unwrap_err().to_string().contains("names no kernel"));
         assert!(only(&["a", "b", "a"]).check("kernels").unwrap_err().to_string().contains("a twice"));
     }

@@ -155,6 +155,11 @@ impl Dataset {
         self.config.as_ref()?.scene_primaries
     }
 
+    /// Whether a folder is meant to be a dataset, ours or the published one.
+    pub fn is_one(root: &Path) -> bool {
+        root.join(CONFIG_FILE).is_file() || root.join(published::SYNTHETIC).is_dir()
+    }
+
     /// Opens a dataset folder of which images may be missing.
     ///
     /// # Errors
@@ -362,6 +367,8 @@ fn not_a_dataset(root: &Path) -> String {
              published dataset has it)",
             published::SYNTHETIC
         )
+    } else if root.exists() {
+        "is a file; name the folder of a dataset".to_owned()
     } else {
         "no such dataset folder".to_owned()
     }

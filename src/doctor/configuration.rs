@@ -7,13 +7,13 @@ use serde_json::Value;
 use super::dataset::tell_of_unfinished;
 use super::{Findings, Role};
 use crate::core::metrics::Metric;
-use crate::io::{list_folder, read_text};
+use crate::io::{list_folder, read_configuration, read_text};
 use crate::train::TrainConfig;
 
 /// Looks at a configuration, and returns it where it can be read.
 pub(super) fn look(path: &Path, findings: &mut Findings) -> Option<TrainConfig> {
     let about = path.display();
-    let config = match read_text(path).and_then(|text| TrainConfig::from_toml(&text, &[])) {
+    let config = match read_configuration(path).and_then(|text| TrainConfig::from_toml(&text, &[])) {
         Ok(config) => config,
         Err(error) => {
             let mend = "mend the key that the text names; `udc train --help` and configs/ have examples";

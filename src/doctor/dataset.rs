@@ -11,7 +11,7 @@ use super::Findings;
 use super::images::{Fault, Faults, Sizes, exceeds, read};
 use crate::core::error::{Error, Result};
 use crate::core::progress::Progress;
-use crate::dataset::{CONFIG_FILE, Dataset, Split, Triplet};
+use crate::dataset::{Dataset, Split, Triplet};
 use crate::io::{is_hidden, list_folder, list_unfinished, read_provenance, sha256_of_file};
 
 /// Names that are told of several files.
@@ -19,7 +19,7 @@ const NAMED: usize = 3;
 
 /// Whether a folder is meant to be a dataset.
 pub(super) fn is_one(folder: &Path) -> bool {
-    folder.join(CONFIG_FILE).is_file() || folder.join("synthetic_data").is_dir()
+    Dataset::is_one(folder)
 }
 
 /// Looks at a dataset, and returns it with the sizes of the images looked at where it can be opened; of its triplets at most

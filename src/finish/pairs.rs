@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use crate::batch::{Destination, Watcher};
+use crate::batch::{Destination, Watcher, check_kept};
 use crate::core::error::{Error, Result};
 use crate::io::{expand_inputs, is_hidden, list_folder, sha256_of_input, stem_of_input, without_repeats};
 
@@ -67,6 +67,8 @@ impl FinishInputs {
         let companions = [Companion::of(ccm.as_deref())?, Companion::of(reference.as_deref())?];
         let [ccms, references] = pair(&files, &companions, watcher)?;
         let outputs = destination.place_files(&files, &inputs)?;
+        let belonging: Vec<&PathBuf> = ccms.iter().chain(&references).flatten().collect();
+        check_kept(&outputs, &belonging)?;
         let with_companions = files.into_iter().zip(ccms).zip(references).zip(outputs);
         let job = |(((input, ccm), reference), output)| Job {
             input,
@@ -238,6 +240,29 @@ mod tests {
         std::fs::remove_file(ccm.join("a_2.txt")).unwrap();
         let refused = jobs(scratch.path(), &inputs, &notes).err().unwrap().to_string();
         assert!(refused.contains("a_2 has no file in"), "{refused}");
+    }
+
+    #[test]
+    fn what_belongs_to_images_is_not_written_over() {
+        let scratch = tempfile::tempdir().unwrap();
+        let root = scratch.path();
+        let images = folder_of(root, "in", &["a.exr"]);
+        let references = folder_of(root, "out", &["a.png"]);
+        let inputs = FinishInputs {
+            images: vec![images],
+            reference: Companions::At(references),
+            ..FinishInputs::default()
+        };
+        let path = root.join("out");
+        let destination = Destination {
+            path: &path,
+            extension: "png",
+            is_asked: false,
+            accepts_existing: true,
+            shard: Shard::WHOLE,
+        };
+        let refused = inputs.jobs(&destination, &Notes::default()).err().unwrap().to_string();
+        assert!(refused.contains("out/a.png would be read and written over"), "{refused}");
     }
 
     #[test]

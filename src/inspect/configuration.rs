@@ -10,7 +10,7 @@ use super::model::NetworkDescription;
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
 use crate::dataset::SensorConfig;
-use crate::io::{read_field, read_text};
+use crate::io::{read_configuration, read_field};
 use crate::network::Architecture;
 use crate::plan::Study;
 use crate::psf::DisplayConfig;
@@ -92,7 +92,7 @@ const SENSOR_KEYS: [&str; 8] = [
 
 /// Looks at a configuration file.
 pub(super) fn inspect_configuration(file: &Path) -> Result<Inspection> {
-    let text = read_text(file)?;
+    let text = read_configuration(file)?;
     // What is no TOML at all is told as what most of these files are.
     let table: toml::Table = parse_toml(&text).unwrap_or_default();
     let has = |keys: &[&str]| keys.iter().any(|key| table.contains_key(*key));

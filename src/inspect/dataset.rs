@@ -7,7 +7,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::core::error::Result;
-use crate::dataset::{CONFIG_FILE, Dataset, FormationConfig, Split};
+use crate::dataset::{Dataset, FormationConfig, Split};
 
 /// What a dataset holds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -42,7 +42,7 @@ pub struct SplitDescription {
 
 /// Whether a folder is a dataset, ours or the published one.
 pub(super) fn is_dataset(folder: &Path) -> bool {
-    folder.join(CONFIG_FILE).is_file() || folder.join("synthetic_data").is_dir()
+    Dataset::is_one(folder)
 }
 
 impl DatasetDescription {

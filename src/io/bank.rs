@@ -17,7 +17,7 @@ use super::atomic::check_output;
 use super::container::{
     FloatWidth, TensorData, encode_safetensors, floats, le_bytes, metadata_of, write_safetensors,
 };
-use super::format::read_all;
+use super::format::{Format, read_all};
 use super::plain::sha256_of_file;
 use super::{WriteOptions, write_psf};
 use crate::core::error::{Error, Result};
@@ -32,6 +32,9 @@ const VERSION: &str = "1";
 const ORIGIN: &str = "origin";
 const SIGN_RULE: &str = "the first kernel has non-negative coefficients";
 
+/// What an image, or anything else, is that is taken for a bank.
+const NO_BANK: &str = "is no kernel bank; `udc codes` makes one of a PSF";
+
 /// Reads a kernel bank (`*.safetensors`).
 ///
 /// # Errors
@@ -39,6 +42,9 @@ const SIGN_RULE: &str = "the first kernel has non-negative coefficients";
 /// version, or its parts do not fit together.
 pub fn read_bank(path: &Path) -> Result<KernelBank> {
     let bytes = read_all(path)?;
+    if Format::of_contents(&bytes).is_some() {
+        return Err(Error::format(path, NO_BANK));
+    }
     parse(&bytes).map_err(|reason| Error::format(path, reason))
 }
 
@@ -155,7 +161,7 @@ impl Head {
         file.read_exact(&mut length).map_err(unreadable)?;
         let declared = u64::from_le_bytes(length);
         if declared > LONGEST_HEADER {
-            return Err("is no kernel bank: its header is too long".into());
+            return Err(format!("{NO_BANK}: its header is too long"));
         }
         let mut header = length.to_vec();
         file.by_ref().take(declared).read_to_end(&mut header).map_err(unreadable)?;

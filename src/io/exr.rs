@@ -9,6 +9,7 @@ mod chromaticities;
 mod groups;
 mod layers;
 mod limits;
+mod tables;
 mod window;
 mod write;
 
@@ -31,6 +32,7 @@ use crate::core::error::{Error, Result};
 use crate::core::provenance::Provenance;
 
 pub use groups::ImageLayer;
+pub(super) use tables::{BlockTable, block_table_of_head};
 pub(super) use write::Encoder;
 
 /// The attribute that says the domain of an image.

@@ -43,6 +43,7 @@ mod shared_input;
 mod size;
 mod tell;
 mod tiff;
+mod whole;
 mod write;
 mod written;
 
@@ -69,7 +70,9 @@ pub use machine::{available_memory_bytes, check_writable, free_disk_bytes};
 pub use made_folder::MadeFolder;
 pub use owned_folder::OwnedFolder;
 pub use pixels::{DomainTag, IgnoredOpcode, Pixels, RawMetadata};
-pub use plain::{list_folder, read_bytes, read_code, read_text, sha256_of_bytes, sha256_of_file};
+pub use plain::{
+    list_folder, read_bytes, read_code, read_configuration, read_text, sha256_of_bytes, sha256_of_file,
+};
 pub use process::{core_seconds, core_seconds_of_children, peak_memory_bytes, scratch_folder};
 pub use psf::{PsfFaults, PsfMove, PsfOptions, PsfReading, inspect_psf, read_psf, show_shift, write_psf};
 pub use raster::GAIN_OFFSET;
@@ -79,6 +82,7 @@ pub use read::{
 };
 pub use shared_input::SharedInput;
 pub use size::{read_any_image_size, read_image_size};
+pub use whole::is_whole;
 use write::Contents;
 pub use write::{
     PixelOptions, WriteOptions, check_display, encode_image, write_image, write_pixels, write_with_gains,

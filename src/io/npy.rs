@@ -224,6 +224,16 @@ pub(super) fn size_of_head(bytes: &[u8]) -> Option<([usize; 2], bool)> {
     [1, 3].contains(&channels).then_some(([height, width], element.is_image_integer()))
 }
 
+/// The bytes of the whole file that starts with `bytes`, as its header says; none where the header is not whole.
+pub(super) fn length_of_head(bytes: &[u8]) -> Option<u64> {
+    let (text, data) = split_header(bytes).ok()?;
+    let (element, _) = Element::parse(quoted(entry(text, "descr").ok()?)?)?;
+    let shape = parse_shape(entry(text, "shape").ok()?).ok()?;
+    let elements =
+        shape.iter().try_fold(element.bytes() as u64, |bytes, &side| bytes.checked_mul(side as u64))?;
+    elements.checked_add((bytes.len() - data.len()) as u64)
+}
+
 /// Where an image array keeps its channels, rows and columns.
 struct Layout {
     /// Channels, height, width.

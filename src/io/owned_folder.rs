@@ -1,8 +1,9 @@
 //! A folder whose entries a command makes, and makes anew: what else stands in it is somebody else's.
 
+use std::fs::File;
 use std::path::Path;
 
-use super::{create_folder, list_folder, read_text, remove, write_atomically};
+use super::{create_folder, list_folder, read_text, remove, try_lock_folder, write_atomically};
 use crate::core::error::{Error, Result};
 
 /// The layout of a folder that one command fills.
@@ -19,13 +20,16 @@ pub struct OwnedFolder<'a> {
 }
 
 impl OwnedFolder<'_> {
-    /// Makes the folder, or removes what an earlier run wrote to it; what else it holds stays.
+    /// Makes the folder, or removes what an earlier run wrote to it; what else it holds stays. The folder is held until the
+    /// returned file is dropped, where folders can be locked.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] when the folder holds anything and may not be replaced, or is not known again; [`Error::Io`]
-    /// when it cannot be written.
-    pub fn prepare(&self, root: &Path, overwrite: bool) -> Result<()> {
-        if root.exists() && !list_folder(root)?.is_empty() {
+    /// [`Error::Format`] when another process holds the folder; [`Error::Unsupported`] when it holds anything and may not be
+    /// replaced, or is not known again; [`Error::Io`] when it cannot be written.
+    pub fn prepare(&self, root: &Path, overwrite: bool) -> Result<Option<File>> {
+        create_folder(root)?;
+        let held = try_lock_folder(root)?;
+        if !list_folder(root)?.is_empty() {
             self.check_replaceable(root, overwrite)?;
             let marks = self.marks.iter().map(|(name, _)| name);
             let entries = marks.chain(self.folders).chain(self.results);
@@ -34,7 +38,8 @@ impl OwnedFolder<'_> {
         self.folders.iter().try_for_each(|folder| create_folder(&root.join(folder)))?;
         self.marks.iter().try_for_each(|(name, text)| {
             write_atomically(&root.join(name), true, |file| file.write_all(text.as_bytes()))
-        })
+        })?;
+        Ok(held)
     }
 
     fn check_replaceable(&self, root: &Path, overwrite: bool) -> Result<()> {
@@ -85,8 +90,11 @@ mod tests {
         std::fs::remove_file(scratch.path().join("panel.toml")).unwrap();
         std::fs::remove_file(scratch.path().join("training.toml")).unwrap();
 
-        prepare(false).unwrap();
+        let held = prepare(false).unwrap();
         assert!(is_there("panel.toml") && is_there("scenes"));
+        #[cfg(unix)]
+        assert!(prepare(true).unwrap_err().to_string().contains("another process is writing there"));
+        drop(held);
         for name in ["notes.txt", "mine/a.exr", "results/metrics.json", "report.html", "psf/a.exr"] {
             write(name);
         }

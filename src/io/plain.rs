@@ -33,6 +33,22 @@ pub fn read_text(path: &Path) -> Result<String> {
     Ok(text)
 }
 
+/// Reads a configuration file, as [`read_text`] does, and refuses one without any key: it would stand for its defaults, and
+/// is mostly a file that was never written, or another one than is meant.
+///
+/// # Errors
+/// As [`read_text`]; [`Error::Format`] when the file holds nothing, or nothing but comments.
+pub fn read_configuration(path: &Path) -> Result<String> {
+    let text = read_text(path)?;
+    let says_something = |line: &str| !matches!(line.trim_start().chars().next(), None | Some('#'));
+    if text.lines().any(says_something) {
+        return Ok(text);
+    }
+    let reason = "is empty, and is not taken for a configuration of nothing but defaults: name the file that is meant, or \
+                  write one of its keys into it, as the files in configs/ have them";
+    Err(Error::format(path, reason))
+}
+
 /// Reads a whole file that is carried along as it is.
 ///
 /// # Errors
@@ -118,6 +134,19 @@ mod tests {
 
     use super::*;
     use crate::io::write_array;
+
+    #[test]
+    fn a_configuration_holds_a_key() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("panel.toml");
+        for text in ["", " \n\t\n", "# a = 1\n\n  # b\n", "\u{feff}"] {
+            fs::write(&path, text).unwrap();
+            let message = read_configuration(&path).unwrap_err().to_string();
+            assert!(message.contains("panel.toml: is empty"), "{text}: {message}");
+        }
+        fs::write(&path, "# c\na = 1\n").unwrap();
+        assert_eq!(read_configuration(&path).unwrap(), "# c\na = 1\n");
+    }
 
     #[test]
     fn reads_vectors_and_refuses_images() {

@@ -17,11 +17,12 @@ pub struct Timing {
     pub seconds: f64,
 }
 
-/// Times every operation whose name contains `wanted` for about `patience` each, handing each result out.
-pub fn run(wanted: &str, patience: Duration, mut report: impl FnMut(Timing)) {
+/// Times every operation whose name contains `wanted` for about `patience` each, handing each result out, until `stops` says
+/// that nobody waits for the rest.
+pub fn run(wanted: &str, patience: Duration, stops: &dyn Fn() -> bool, mut report: impl FnMut(Timing)) {
     let mut time = |name: String, operations: f64, prepare: Prepare<'_>| {
-        if name.contains(wanted) {
-            report(Timing { name, operations, seconds: best_time(patience, prepare()) });
+        if name.contains(wanted) && !stops() {
+            report(Timing { name, operations, seconds: best_time(patience, stops, prepare()) });
         }
     };
     for (channels, side) in [(32, 800), (64, 400), (128, 200)] {
@@ -49,12 +50,12 @@ pub fn run(wanted: &str, patience: Duration, mut report: impl FnMut(Timing)) {
     }
 }
 
-/// The best of several calls, after one that is not counted.
-pub fn best_time(patience: Duration, mut call: impl FnMut()) -> f64 {
+/// The best of several calls, after one that is not counted; of one, once `stops` says so.
+pub fn best_time(patience: Duration, stops: &dyn Fn() -> bool, mut call: impl FnMut()) -> f64 {
     call();
     let begun = Instant::now();
     let mut best = f64::INFINITY;
-    while begun.elapsed() < patience || best.is_infinite() {
+    while (begun.elapsed() < patience && !stops()) || best.is_infinite() {
         let start = Instant::now();
         call();
         best = best.min(start.elapsed().as_secs_f64());
@@ -137,4 +138,23 @@ fn backward(time: Time<'_>, geometry: Geometry, side: usize) {
         let (input, gradient) = (values(shape.len()), gradient());
         Box::new(move || drop(weight_gradient(geometry, &input, shape, &gradient)))
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+
+    #[test]
+    fn what_nobody_waits_for_is_not_timed() {
+        let (asked, mut told) = (Cell::new(0), 0);
+        let stops = || {
+            asked.set(asked.get() + 1);
+            asked.get() > 2
+        };
+        run("3×3 last", Duration::from_secs(3600), &stops, |_| told += 1);
+        assert_eq!(told, 1, "the one that was begun");
+        run("", Duration::from_secs(3600), &|| true, |timing| panic!("{} was timed", timing.name));
+    }
 }

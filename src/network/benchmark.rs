@@ -7,9 +7,10 @@ use ndarray::Array3;
 
 use super::weights::Weights;
 use super::{Architecture, Backend, Initialisation, Inputs, Model, Origin, Parameters};
-use crate::core::error::Result;
+use crate::core::error::Error;
 use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
+use crate::core::progress::Progress;
 use crate::kernels::benchmark::best_time;
 
 /// A network's best time for one image.
@@ -31,14 +32,15 @@ pub struct NetworkTiming {
 /// where the processor has them. Each timing is handed out as it is known.
 ///
 /// # Errors
-/// Those of [`Model::restore`], and of `report`, which end it.
+/// Those of [`Model::restore`], and of `report`, which end it; [`Error::Interrupted`] after an interrupt.
 ///
 /// # Panics
 /// Never: the same image was restored before.
-pub fn time_network<E: From<crate::core::error::Error>>(
+pub fn time_network<E: From<Error>>(
     backend: Backend,
     side: usize,
     patience: Duration,
+    progress: &Progress,
     mut report: impl FnMut(NetworkTiming) -> Result<(), E>,
 ) -> Result<(), E> {
     let architecture = Architecture::default();
@@ -50,10 +52,13 @@ pub fn time_network<E: From<crate::core::error::Error>>(
     let image = ToneMappedImage::from_planes(Array3::from_elem((3, side, side), 0.5))?;
     let rounded = model.with_bf16_products();
     for model in std::iter::once(model).chain(rounded) {
+        progress.check()?;
         model.restore(&Inputs::new(&image, Some(&code)))?;
-        let seconds = best_time(patience, || {
+        progress.check()?;
+        let seconds = best_time(patience, &|| progress.check().is_err(), || {
             model.restore(&Inputs::new(&image, Some(&code))).expect("the same image was restored before");
         });
+        progress.check()?;
         let (has_bf16_products, bytes) = (model.has_bf16_products(), model.working_bytes(side, side));
         report(NetworkTiming { side, has_bf16_products, operations, seconds, bytes })?;
     }
@@ -77,7 +82,6 @@ impl fmt::Display for NetworkTiming {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::error::Error;
 
     #[test]
     fn timings_are_told_in_the_units_of_operations() {
@@ -99,7 +103,7 @@ mod tests {
             told += 1;
             Err(Error::Interrupted)
         };
-        assert!(time_network(Backend::default(), 4, Duration::ZERO, refuse).is_err());
+        assert!(time_network(Backend::default(), 4, Duration::ZERO, &Progress::default(), refuse).is_err());
         assert_eq!(told, 1);
     }
 }

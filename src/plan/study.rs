@@ -10,6 +10,7 @@ use crate::core::bytes::parse_bytes;
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
 use crate::io;
+use crate::scenes::MOST_SCENES;
 
 /// A study, as `study.toml` holds it: every panel with every noise is a dataset, on which every network is trained and
 /// everything is measured.
@@ -163,6 +164,7 @@ impl Study {
         }
         let faults = [
             (*painted == 0 && panoramas.is_empty(), "[scenes] has neither painted scenes nor panoramas"),
+            (*painted > MOST_SCENES, "[scenes] painted is more than 1000000"),
             (*size < 16, "[scenes] size is less than 16 pixels"),
             (!(0.0..=1.0).contains(test_fraction), "[scenes] test-fraction is no share between 0 and 1"),
             (self.panels.is_empty(), "[panels] names none"),
@@ -221,6 +223,7 @@ mod tests {
         for (from, to, expected) in [
             ("painted = 3", "", "neither painted scenes nor panoramas"),
             ("painted", "paintd", "unknown field `paintd`"),
+            ("painted = 3", "painted = 1000000000000", "painted is more than 1000000"),
             ("painted", "tar = \"big\"\npainted", "[scenes] tar"),
             ("a = \"a.toml\"", "", "[panels] names none"),
             ("dim = 1", "dim = 2", "less than the number of angles"),

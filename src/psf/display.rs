@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
-use crate::io::{read_text, write_atomically};
+use crate::io::{read_configuration, write_atomically};
 
 use super::shape::ShapeKind;
 
@@ -365,7 +365,7 @@ impl DisplayConfig {
     /// # Errors
     /// [`Error::Io`] when the file cannot be read; those of [`parse`](Self::parse).
     pub fn read(path: &Path, size_px: Option<usize>) -> Result<Self> {
-        let mut config = Self::parse(&read_text(path)?, path)?;
+        let mut config = Self::parse(&read_configuration(path)?, path)?;
         if let Some(size_px) = size_px {
             config.sensor.size_px = size_px;
         }

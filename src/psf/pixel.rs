@@ -30,9 +30,14 @@ pub struct PixelIntegral {
 }
 
 impl PixelIntegral {
+    /// s for pixels of side `pitch_m` under light of frequencies up to `highest_per_m`, however many those are.
+    pub fn samples_wanted(pitch_m: f64, highest_per_m: f64) -> f64 {
+        (pitch_m * highest_per_m / HIGHEST_FREQUENCY).ceil()
+    }
+
     /// Chooses the samples for pixels of side `pitch_m` under light of frequencies up to `highest_per_m`.
     pub fn new(pitch_m: f64, highest_per_m: f64) -> Self {
-        let wanted = (pitch_m * highest_per_m / HIGHEST_FREQUENCY).ceil().clamp(1.0, 1e6);
+        let wanted = Self::samples_wanted(pitch_m, highest_per_m).clamp(1.0, 1e6);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
         let samples_per_pixel = wanted as usize;
         let reach = REACH + samples_per_pixel.div_ceil(2);

@@ -47,6 +47,12 @@ pub struct ChannelLight {
     pub outside: f64,
 }
 
+/// The most samples of the light within a pixel, on each side: pixels of 100 µm at f/1 need some 600.
+const MOST_SAMPLES_PER_PIXEL: f64 = 1000.0;
+
+/// The most samples of the light across the window: the work grows with their square, to some minutes for each wavelength.
+const MOST_SAMPLES: usize = 1 << 16;
+
 /// More than this is refused before it is allocated.
 const MEMORY_LIMIT_BYTES: usize = 2 << 30;
 
@@ -61,7 +67,8 @@ const MEMORY_LIMIT_BYTES: usize = 2 << 30;
 ///
 /// # Errors
 /// [`Error::Config`] for values out of range, grids that alias and panels that pass no light; what reading a layout picture
-/// meets; [`Error::Unsupported`] when the window sees no light or the work would not fit in memory.
+/// meets; [`Error::Unsupported`] when the window sees no light or the work would not fit in memory, or would take hours;
+/// [`Error::Interrupted`] after an interrupt.
 pub fn simulate_psf(config: &DisplayConfig, progress: &Progress) -> Result<SimulatedPsf> {
     config.check()?;
     let bench = Bench::new(config)?;
@@ -70,8 +77,7 @@ pub fn simulate_psf(config: &DisplayConfig, progress: &Progress) -> Result<Simul
     let size = config.sensor.size_px;
     let mut channels = [0, 1, 2].map(|_| ChannelSum::new(size));
     for (wavelength_nm, weights) in lines {
-        progress.check()?;
-        let (image, through) = bench.image(wavelength_nm * 1e-9);
+        let (image, through) = bench.image(wavelength_nm * 1e-9, progress)?;
         channels.iter_mut().zip(weights).for_each(|(channel, weight)| channel.add(weight, &image, through));
         bar.inc(1);
     }
@@ -162,8 +168,10 @@ impl Bench {
         let shortest_m = config.spectrum.shortest_m();
         let pixel_pitch_m = config.sensor.pixel_pitch_um * 1e-6;
         let highest_per_m = optics.aperture_m / (shortest_m * optics.sensor_distance_m);
+        check_pixels(config, PixelIntegral::samples_wanted(pixel_pitch_m, highest_per_m))?;
         let integral = PixelIntegral::new(pixel_pitch_m, highest_per_m);
         let size_px = config.sensor.size_px;
+        check_samples(integral.samples(size_px))?;
         let margin_px = integral.reach() as f64 / integral.samples_per_pixel as f64;
         let window_m = (size_px as f64 / 2.0 + margin_px) * pixel_pitch_m;
         let grid = Grid::new(&config.sampling, &optics, &Bandwidth::new(&optics, shortest_m, window_m))?;
@@ -216,7 +224,8 @@ impl Bench {
     }
 
     /// The light on each pixel for one wavelength, and all light that passes the pupil, in the same unit.
-    fn image(&self, wavelength_m: f64) -> (Array2<f64>, f64) {
+    fn image(&self, wavelength_m: f64, progress: &Progress) -> Result<(Array2<f64>, f64)> {
+        progress.check()?;
         let band = Bandwidth::new(&self.optics, wavelength_m, self.window_m).display_band(&self.grid);
         let (sin, cos) = self.angle;
         let limit = band * self.optics.magnification;
@@ -226,9 +235,14 @@ impl Bench {
         });
         let beyond = (self.mean_power - orders.power()).max(0.0) * self.pupil_area_m2;
         let field = orders.propagate(wavelength_m, self.optics.reduced_gap_m).field();
+        progress.check()?;
         let (pupil_field, through) = self.pupil_field(&field, wavelength_m);
         drop(field);
-        (self.to_sensor(&pupil_field, wavelength_m), through + beyond)
+        progress.check()?;
+        let light = self.to_sensor(&pupil_field, wavelength_m, progress);
+        // What was interrupted is not whole.
+        progress.check()?;
+        Ok((light, through + beyond))
     }
 
     /// P(x) · V(x/M) · exp(iπεx²/λ) on the grid, and the light it carries: ∫ P |V|² dx.
@@ -259,8 +273,14 @@ impl Bench {
         (pupil_field, light.iter().sum::<f64>() * self.grid.pitch_m.powi(2))
     }
 
-    /// Transforms the field over the pupil to the sensor, and integrates its light over the pixels.
-    fn to_sensor(&self, pupil_field: &Array2<Complex64>, wavelength_m: f64) -> Array2<f64> {
+    /// Transforms the field over the pupil to the sensor, and integrates its light over the pixels; of what is left to do at
+    /// an interrupt nothing is done.
+    fn to_sensor(
+        &self,
+        pupil_field: &Array2<Complex64>,
+        wavelength_m: f64,
+        progress: &Progress,
+    ) -> Array2<f64> {
         let scale = wavelength_m * self.optics.sensor_distance_m;
         let per_pixel = self.integral.samples_per_pixel;
         let sample_m = self.pixel_pitch_m / per_pixel as f64;
@@ -270,7 +290,7 @@ impl Bench {
             zero: self.integral.reach() + self.size_px / 2 * per_pixel,
         };
         let zoom = ChirpZ::new(over_pupil, on_sensor, sample_m * self.grid.pitch_m / scale);
-        let across = zoom_rows(pupil_field, &zoom);
+        let across = zoom_rows(pupil_field, &zoom, progress);
         // |1/(λz₂) · Δ² · Σ|², times the pixel's area: the light per pixel.
         let unit = (self.grid.pitch_m.powi(2) / scale * self.pixel_pitch_m).powi(2);
         let mut down = Array2::<f64>::zeros((on_sensor.count, self.size_px));
@@ -278,6 +298,9 @@ impl Bench {
         lines.for_each_init(
             || (zoom.workspace(), vec![0.0; on_sensor.count]),
             |(workspace, light), (mut pixels, column)| {
+                if progress.check().is_err() {
+                    return;
+                }
                 let spectrum = zoom.process(column.iter().copied(), workspace);
                 light.iter_mut().zip(spectrum).for_each(|(light, field)| *light = field.norm_sqr() * unit);
                 self.integral.apply(light, pixels.as_slice_mut().expect("rows are contiguous"));
@@ -299,17 +322,44 @@ impl Bench {
     }
 }
 
-/// Zooms into each row of the field.
-fn zoom_rows(field: &Array2<Complex64>, zoom: &ChirpZ) -> Array2<Complex64> {
+/// Zooms into each row of the field, until an interrupt.
+fn zoom_rows(field: &Array2<Complex64>, zoom: &ChirpZ, progress: &Progress) -> Array2<Complex64> {
     let mut rows = Array2::<Complex64>::zeros((field.nrows(), zoom.frequencies()));
     rows.axis_iter_mut(Axis(0)).into_par_iter().zip(field.axis_iter(Axis(0))).for_each_init(
         || zoom.workspace(),
         |workspace, (mut row, line)| {
+            if progress.check().is_err() {
+                return;
+            }
             let spectrum = zoom.process(line.iter().copied(), workspace);
             row.as_slice_mut().expect("rows are contiguous").copy_from_slice(spectrum);
         },
     );
     rows
+}
+
+/// Refuses pixels that are so wide, or an aperture that is so large, that light has next to endless detail within a pixel.
+fn check_pixels(config: &DisplayConfig, samples_per_pixel: f64) -> Result<()> {
+    if samples_per_pixel <= MOST_SAMPLES_PER_PIXEL {
+        return Ok(());
+    }
+    Err(Error::Unsupported(format!(
+        "light that passes an aperture of {} mm has detail that takes {samples_per_pixel:.0} samples across a pixel of {} µm, more \
+         than {MOST_SAMPLES_PER_PIXEL}; look at the units of optics.aperture-mm, sensor.pixel-pitch-um and the distances of \
+         [optics]",
+        config.optics.aperture_mm, config.sensor.pixel_pitch_um
+    )))
+}
+
+/// Refuses a window of so many samples on a side that they would take hours.
+fn check_samples(samples: usize) -> Result<()> {
+    if samples <= MOST_SAMPLES {
+        return Ok(());
+    }
+    Err(Error::Unsupported(format!(
+        "the window takes {samples} samples of the light on a side, more than {MOST_SAMPLES}; reduce sensor.size-px, \
+         sensor.pixel-pitch-um or optics.aperture-mm"
+    )))
 }
 
 /// The arrays that exist at once at the peak: pupil and field, one zoom, and the light on its way to pixels.
@@ -326,4 +376,67 @@ fn check_memory(needed: usize, what: impl FnOnce() -> String) -> Result<()> {
     }
     let gibibytes = needed as f64 / f64::from(1 << 30);
     Err(Error::Unsupported(format!("the propagation needs {gibibytes:.1} GiB for {}", what())))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+    use super::*;
+
+    /// Each takes years, or more memory than there is, where it is not refused.
+    #[test]
+    fn absurd_sizes_are_refused_before_the_work() {
+        let refusal = |change: fn(&mut DisplayConfig)| {
+            let mut config = DisplayConfig::default();
+            change(&mut config);
+            simulate_psf(&config, &Progress::default()).unwrap_err().to_string()
+        };
+        let said = refusal(|config| config.optics.aperture_mm = 1e6);
+        assert!(said.contains("aperture of 1000000 mm") && said.contains("look at the units"), "{said}");
+        let said = refusal(|config| config.sensor.pixel_pitch_um = 1e9);
+        assert!(said.contains("a pixel of 1000000000 µm"), "{said}");
+        let said = refusal(|config| config.sensor.pixel_pitch_um = 100.0);
+        assert!(said.contains("samples of the light on a side, more than 65536"), "{said}");
+    }
+
+    /// Sets the flag at the first wavelength that is done.
+    #[derive(Clone, Debug, Default)]
+    struct StopAtFirst(Arc<AtomicBool>, Arc<AtomicU32>);
+
+    impl crate::core::progress::Reporter for StopAtFirst {
+        fn bar(&self, _: u64, _: &'static str) -> Box<dyn crate::core::progress::Bar> {
+            Box::new(self.clone())
+        }
+
+        fn task(&self, _: String) -> Box<dyn crate::core::progress::Task> {
+            Box::new(self.clone())
+        }
+    }
+
+    impl crate::core::progress::Task for StopAtFirst {}
+
+    impl crate::core::progress::Bar for StopAtFirst {
+        fn inc(&self, _: u64) {
+            self.0.store(true, Ordering::Relaxed);
+            self.1.fetch_add(1, Ordering::Relaxed);
+        }
+
+        fn start_at(&self, _: u64) {}
+
+        fn show(&self, _: crate::core::progress::Status) {}
+
+        fn finish_and_clear(&self) {}
+    }
+
+    #[test]
+    fn an_interrupt_ends_the_work_and_gives_nothing_half_done() {
+        let mut config = DisplayConfig::default();
+        config.sensor.size_px = 15;
+        let stop = StopAtFirst::default();
+        let progress = Progress::new(Some(Arc::new(stop.clone())), Arc::clone(&stop.0));
+        assert!(simulate_psf(&config, &progress).unwrap_err().is_interrupt());
+        assert_eq!(stop.1.load(Ordering::Relaxed), 1);
+    }
 }

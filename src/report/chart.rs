@@ -250,10 +250,13 @@ impl Frame {
     }
 }
 
+/// Ranges narrower than this share of their numbers hold one number but for rounding: a sum of light that is 1, say.
+const NARROWEST: f64 = 1e-12;
+
 /// Adds a share of the range on both sides, and width to a range that has none.
 pub(super) fn widen((low, high): (f64, f64), share: f64) -> (f64, f64) {
     let width = high - low;
-    if width > 0.0 {
+    if width > NARROWEST * low.abs().max(high.abs()) {
         (low - share * width, high + share * width)
     } else {
         let half = low.abs().max(1.0) * 0.5;
@@ -261,18 +264,23 @@ pub(super) fn widen((low, high): (f64, f64), share: f64) -> (f64, f64) {
     }
 }
 
-/// Between four and ten round numbers within a range.
+/// More ticks than any range asks for: steps are a fifth of it or more.
+const MOST_TICKS: u8 = 8;
+
+/// Between three and six round numbers within a range; fewer where its numbers are too large to differ.
 pub(super) fn ticks((low, high): (f64, f64)) -> Vec<f64> {
     let rough = (high - low) / 5.0;
     let decade = 10f64.powf(rough.log10().floor());
     let step =
         [1.0, 2.0, 5.0, 10.0].map(|m| m * decade).into_iter().find(|step| *step >= rough).unwrap_or(rough);
-    let mut tick = (low / step).ceil() * step;
-    let mut ticks = Vec::new();
-    while tick <= high + 1e-9 * step {
-        ticks.push(if tick.abs() < 1e-9 * step { 0.0 } else { tick });
-        tick += step;
-    }
+    // Counted and not added up, which makes no progress where a step is less than a number's last digit.
+    let first = (low / step).ceil();
+    let ticks = (0..MOST_TICKS).map(|index| (first + f64::from(index)) * step);
+    let mut ticks: Vec<f64> = ticks
+        .take_while(|tick| *tick <= high + 1e-9 * step)
+        .map(|tick| if tick.abs() < 1e-9 * step { 0.0 } else { tick })
+        .collect();
+    ticks.dedup();
     ticks
 }
 
@@ -316,6 +324,18 @@ mod tests {
     fn ticks_are_round_and_inside() {
         assert_eq!(ticks((0.0, 1.0)), vec![0.0, 0.2, 0.4, 0.6000000000000001, 0.8, 1.0]);
         assert!(ticks((3.1, 97.0)).iter().all(|t| (3.1..=97.0).contains(t) && t % 20.0 == 0.0));
+    }
+
+    /// As the encircled energy of a PSF of a single pixel is, whose sum rounds to the number beside 1.
+    #[test]
+    fn a_range_of_one_rounding_has_a_few_ticks() {
+        let below = 1f64.next_down();
+        for range in [(below, 1.0), (1e15, 1e15 + 0.125), (0.0, f64::MIN_POSITIVE), (f64::MIN, f64::MAX)] {
+            assert!(ticks(range).len() <= usize::from(MOST_TICKS), "{range:?}");
+        }
+        let points = vec![(0.0, below), (1.0, 1.0)];
+        let svg = line_chart(&[Series { name: "a".to_owned(), points }], &axes(false));
+        assert!(svg.contains(">1</text>") && svg.len() < 5000, "{svg}");
     }
 
     #[test]

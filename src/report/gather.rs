@@ -18,6 +18,15 @@ pub fn is_bank(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "safetensors")
 }
 
+/// The folder that a file of results belongs to: a page shows the folder as a whole.
+pub fn folder_of_results(input: &Path) -> Option<&Path> {
+    let [results, ..] = RESULTS;
+    let names = [results, LOG, CONFIG_FILE];
+    let is_one = input.file_name().is_some_and(|name| names.iter().any(|known| name == *known));
+    let folder = input.parent().filter(|_| is_one && input.is_file())?;
+    Some(if folder.as_os_str().is_empty() { Path::new(".") } else { folder })
+}
+
 /// What a page says of one input.
 #[derive(Clone, Debug)]
 pub struct Section {

@@ -17,7 +17,7 @@ pub mod sections;
 mod view;
 pub mod viewer;
 
-pub use gather::{Section, gather, is_bank, told_apart};
+pub use gather::{Section, folder_of_results, gather, is_bank, told_apart};
 pub use kept::KeptScenes;
 pub use origins::{Origin, origins};
 pub use plots::{mismatch_plots, plots};

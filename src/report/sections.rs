@@ -50,9 +50,16 @@ pub fn training(name: &str, log: &str) -> Result<Vec<Block>> {
     let mut loss = Series { name: "loss".to_owned(), points: Vec::new() };
     let mut psnr = Series { name: "validation".to_owned(), points: Vec::new() };
     let mut rate = Series { name: "learning rate".to_owned(), points: Vec::new() };
+    let count = log.lines().count();
     for (index, line) in log.lines().enumerate() {
-        let line: LogLine = serde_json::from_str(line)
-            .map_err(|error| Error::config(format!("line {} of the log", index + 1), error.to_string()))?;
+        let line: LogLine = match serde_json::from_str(line) {
+            Ok(line) => line,
+            // A run that was killed, or goes on, ends within one.
+            Err(error) if index + 1 == count && error.is_eof() => break,
+            Err(error) => {
+                return Err(Error::config(format!("line {} of the log", index + 1), error.to_string()));
+            }
+        };
         let Some(iteration) = line.iteration else { continue };
         for (series, value) in
             [(&mut loss, line.loss), (&mut psnr, line.psnr), (&mut rate, line.learning_rate)]
@@ -179,6 +186,15 @@ mod tests {
     }
 
     #[test]
+    fn a_log_that_ends_within_a_line_is_drawn_to_the_line_before() {
+        let whole = "{\"iteration\":1,\"loss\":0.5}\n{\"iteration\":2,\"loss\":0.25}\n";
+        let cut = format!("{whole}{{\"iteration\":3,\"lo");
+        assert_eq!(training("run", &cut).unwrap().len(), training("run", whole).unwrap().len());
+        let damaged = format!("{{\"iterat\n{whole}");
+        assert!(training("run", &damaged).unwrap_err().to_string().contains("line 1 of the log"));
+    }
+
+    #[test]
     fn tables_every_method_and_orders_kernels_by_angle() {
         let method = |name: &str, psnr: f64| {
             json!({"name": name, "baseline": false, "count": 2, "mean": {"psnr": psnr}, "images": [],
@@ -204,7 +220,7 @@ mod tests {
 
     #[test]
     fn names_the_line_of_a_damaged_log() {
-        let message = training("run", "{\"iteration\":1,\"loss\":0.5}\n{").unwrap_err().to_string();
+        let message = training("run", "{\"iteration\":1,\"loss\":0.5}\n{,}").unwrap_err().to_string();
         assert!(message.contains("line 2"), "{message}");
     }
 }

@@ -71,6 +71,23 @@ enum Light {
     Pictures(Box<Pictures>, String),
 }
 
+/// The brightest light of a capture: its square is far below the largest number of 32 bits still.
+const BRIGHTEST: f32 = 1e18;
+
+/// Refuses light that no number could be computed with.
+fn check_brightness(file: &Path, image: &AnyImage) -> Result<()> {
+    match image {
+        AnyImage::Linear(image) if image.max() > BRIGHTEST => Err(Error::format(
+            file,
+            format!(
+                "holds light of {:e}, more than {BRIGHTEST:e}: replace such pixels by light of the scene's range before using it",
+                image.max()
+            ),
+        )),
+        _ => Ok(()),
+    }
+}
+
 impl Capture {
     /// Reads a capture from one file, an image of light or a raw picture, with what the user should look at.
     ///
@@ -103,6 +120,7 @@ impl CaptureReading {
                     .collect();
                 let ImageReading { image, info, contradictions, .. } =
                     any_image_of(file, pixels, told.domain, told.tone)?;
+                check_brightness(file, &image)?;
                 let light = Light::Image(Box::new(Capture { image, info }));
                 warnings.extend(contradictions);
                 return Ok(Self { warnings, light });

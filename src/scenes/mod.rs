@@ -4,4 +4,4 @@ pub mod natural;
 pub mod point_source;
 mod set;
 
-pub use set::{MOST_PIXELS, SceneSet, scene_seed};
+pub use set::{MOST_PIXELS, MOST_SCENES, SceneSet, scene_seed};

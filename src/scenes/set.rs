@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::natural::{NaturalKind, paint_natural};
-use crate::batch::{is_made, tell_of_others};
+use crate::batch::{Kept, is_broken, is_made, tell_of_others, write_or_keep};
 use crate::core::error::{Error, Result};
 use crate::core::image::LinearImage;
 use crate::core::progress::Progress;
@@ -18,6 +18,9 @@ use crate::io::{self, WriteOptions};
 
 /// The largest side of a scene in pixels, margin included.
 pub const MOST_PIXELS: usize = 8192;
+
+/// The largest number of scenes of one set: another seed has others.
+pub const MOST_SCENES: usize = 1_000_000;
 
 /// Natural scenes of an endless sequence, and how their files are written.
 #[derive(Clone, Debug)]
@@ -66,29 +69,31 @@ pub fn scene_seed(seed: u64, number: usize) -> u64 {
 }
 
 impl SceneSet {
-    /// Paints all scenes into `folder`, several at a time, as `<kind>-s<seed>-<number>.<format>`. Returns how many were there and
-    /// are kept.
+    /// Paints all scenes into `folder`, several at a time, as `<kind>-s<seed>-<number>.<format>`. Returns how many were there.
     ///
     /// # Errors
     /// Those of [`check`](Self::check) and [`is_made`]; [`Error::Interrupted`] after an interrupt; [`Error::Io`] when a file exists
     /// or cannot be written.
-    pub fn run(&self, folder: &Path, progress: &Progress) -> Result<usize> {
+    pub fn run(&self, folder: &Path, progress: &Progress) -> Result<Kept> {
         self.check()?;
-        let mut todo = Vec::new();
+        let (mut todo, mut kept) = (Vec::new(), Kept::default());
         for &number in &self.numbers {
+            progress.check()?;
             let path = self.path(folder, number);
-            if self.resume && is_made(&path, &self.provenance(number))? {
+            let is_broken = self.resume && is_broken(&path)?;
+            if self.resume && !is_broken && is_made(&path, &self.provenance(number))? {
+                kept.whole += 1;
                 continue;
             }
+            kept.broken += usize::from(is_broken);
             if folder.exists() {
-                io::check_output(&path, self.overwrite)?;
+                io::check_output(&path, self.overwrite || is_broken)?;
             }
             todo.push(number);
         }
         io::create_folder(folder)?;
-        let kept = self.numbers.len() - todo.len();
         let bar = progress.bar(self.numbers.len() as u64, "scenes");
-        bar.start_at(kept as u64);
+        bar.start_at(kept.whole as u64);
         todo.par_iter().try_for_each(|&number| {
             progress.check()?;
             self.write(folder, number)?;
@@ -131,10 +136,11 @@ impl SceneSet {
     fn write(&self, folder: &Path, number: usize) -> Result<()> {
         let size = self.size.map(|side| side + 2 * self.margin);
         let image = paint_natural(self.kind(number), scene_seed(self.seed, number), size)?.image;
-        let provenance = Some(self.provenance(number));
-        let (half, overwrite) = (self.half, self.overwrite);
-        let options = WriteOptions { half, overwrite, provenance, ..WriteOptions::default() };
-        io::write_image(&self.path(folder, number), &self.fit(image), &options)
+        let (path, provenance) = (self.path(folder, number), self.provenance(number));
+        let (half, overwrite, origin) = (self.half, self.overwrite, Some(provenance.clone()));
+        let options = WriteOptions { half, overwrite, provenance: origin, ..WriteOptions::default() };
+        let image = self.fit(image);
+        write_or_keep(&path, self.resume, &provenance, || io::write_image(&path, &image, &options))
     }
 
     /// How a scene is made.
@@ -208,12 +214,29 @@ mod tests {
             let set = SceneSet { resume: true, size, ..set(numbers, false) };
             set.run(root.path(), &Progress::default())
         };
-        assert_eq!(run(0..2, [24, 32]).unwrap(), 0);
+        assert_eq!(run(0..2, [24, 32]).unwrap(), Kept::default());
         let first = set(0..1, false).path(root.path(), 0);
         let before = std::fs::metadata(&first).unwrap().modified().unwrap();
-        assert_eq!(run(0..3, [24, 32]).unwrap(), 2);
+        assert_eq!(run(0..3, [24, 32]).unwrap(), Kept { whole: 2, broken: 0 });
         assert_eq!(std::fs::metadata(&first).unwrap().modified().unwrap(), before);
+        let whole = std::fs::read(&first).unwrap();
+        std::fs::write(&first, &whole[..whole.len() / 2]).unwrap();
+        assert_eq!(run(0..3, [24, 32]).unwrap(), Kept { whole: 2, broken: 1 });
+        assert_eq!(std::fs::read(&first).unwrap(), whole);
         assert!(run(0..3, [24, 33]).unwrap_err().to_string().contains("made with other settings"));
+    }
+
+    /// As where two runs go on with one folder, and both have looked before either has painted.
+    #[test]
+    fn a_scene_that_another_run_has_painted_meanwhile_is_kept() {
+        let root = tempfile::tempdir().unwrap();
+        let resuming = SceneSet { resume: true, ..set(0..1, false) };
+        io::create_folder(root.path()).unwrap();
+        resuming.write(root.path(), 0).unwrap();
+        resuming.write(root.path(), 0).unwrap();
+        let said = SceneSet { margin: 5, ..resuming }.write(root.path(), 0).unwrap_err().to_string();
+        assert!(said.contains("made with other settings"), "{said}");
+        assert!(set(0..1, false).write(root.path(), 0).is_err(), "without --resume nothing is kept");
     }
 
     #[test]

@@ -10,6 +10,7 @@ use crate::core::error::{Error, Result};
 use crate::core::field::PsfField;
 use crate::core::image::{CHANNELS, Linear};
 use crate::core::kernel_code::KernelBank;
+use crate::core::progress::Progress;
 use crate::core::shard::Shard;
 use crate::dataset::{BANK_FILE, DatasetConfig, FORMAT, FormationConfig, VERSION};
 use crate::io::{self, DomainTag};
@@ -118,10 +119,11 @@ impl Synthesis {
     ///
     /// # Errors
     /// [`Error::Config`] when the memory does not suffice for the largest scene; [`Error::Io`] or [`Error::Format`]
-    /// when a scene cannot be read.
-    pub fn needs(&self) -> Result<Needs> {
+    /// when a scene cannot be read; [`Error::Interrupted`] after an interrupt.
+    pub fn needs(&self, progress: &Progress) -> Result<Needs> {
         let mut counts = BTreeMap::new();
         for scene in &self.scenes {
+            progress.check()?;
             *counts.entry(io::read_image_size::<Linear>(&scene.path, self.told)?).or_insert(0) += 1;
         }
         // The largest first: it is the one to be refused.
@@ -149,16 +151,24 @@ impl Synthesis {
     ///
     /// # Errors
     /// As [`Self::needs`] and [`Self::run`].
-    pub fn estimate(&self, sample: &Self, folder: &Path, patience: Duration) -> Result<Estimate> {
+    pub fn estimate(
+        &self,
+        sample: &Self,
+        folder: &Path,
+        patience: Duration,
+        progress: &Progress,
+    ) -> Result<Estimate> {
         check_sources(folder, self)?;
-        let needs = self.needs()?;
+        let needs = self.needs(progress)?;
         let sampler = Sampler::new(patience);
         let scratch = io::scratch_folder(folder)?;
-        let sampled = sample.run(scratch.path(), Existing::Overwrite, &sampler.progress(), |_| {});
-        sampled.or_else(|error| if error.is_interrupt() { Ok(()) } else { Err(error) })?;
+        let sampled = sample.run(scratch.path(), Existing::Overwrite, &sampler.progress(progress), |_| {});
+        sampler.end(sampled, progress)?;
         let pixels = |synthesis: &Self| -> Result<f64> {
-            let sizes =
-                synthesis.scenes.iter().map(|scene| io::read_image_size::<Linear>(&scene.path, self.told));
+            let sizes = synthesis.scenes.iter().map(|scene| {
+                progress.check()?;
+                io::read_image_size::<Linear>(&scene.path, self.told)
+            });
             sizes.map(|size| size.map(|[height, width]| (height * width) as f64)).sum()
         };
         let cost = sampler.cost();

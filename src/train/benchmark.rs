@@ -10,6 +10,7 @@ use super::{InMemory, Patch, TrainConfig, Trainer, TrainingData as _};
 use crate::core::error::Result;
 use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
+use crate::core::progress::Progress;
 use crate::kernels::benchmark::best_time;
 use crate::kernels::keep_freed_memory;
 use crate::network::{Backend, Planes, Precision};
@@ -55,12 +56,15 @@ impl fmt::Display for BatchShape {
 /// The best time in seconds, within about `patience`, of a step that trains the published network on such a batch.
 ///
 /// # Errors
-/// Those of [`Trainer::new`] and [`Trainer::step`].
+/// Those of [`Trainer::new`] and [`Trainer::step`]; [`Error::Interrupted`](crate::core::error::Error::Interrupted) after an
+/// interrupt.
 pub fn time_step(
     (backend, precision): (Backend, Precision),
     BatchShape { crops, side }: BatchShape,
     patience: Duration,
+    progress: &Progress,
 ) -> Result<f64> {
+    progress.check()?;
     let mut config = TrainConfig { precision, ..TrainConfig::default() };
     (config.data.batch, config.data.accumulate, config.data.crop) = (crops, 1, side);
     let image = |value| ToneMappedImage::from_planes(Array3::from_elem((3, side, side), value));
@@ -74,12 +78,12 @@ pub fn time_step(
     keep_freed_memory();
     let mut trainer = Trainer::new(&config, None, data.len(), backend)?;
     let mut outcome = Ok(());
-    let seconds = best_time(patience, || {
+    let seconds = best_time(patience, &|| progress.check().is_err(), || {
         if outcome.is_ok() {
-            outcome = trainer.step(&data).map(|_| ());
+            outcome = progress.check().and_then(|()| trainer.step(&data)).map(|_| ());
         }
     });
-    outcome.map(|()| seconds)
+    outcome.and_then(|()| progress.check()).map(|()| seconds)
 }
 
 #[cfg(test)]

@@ -60,7 +60,7 @@ pub fn estimate(
         disk_bytes: disk_bytes(config, weights),
         memory_bytes: memory.before
             + memory.each * config.data.batch as u64
-            + ((config.data.cache_mib as u64) << 20),
+            + ((config.data.cache_mib as u64) << 20).min(data.kept_bytes()?),
         cost: cost.of(config.data.batch as f64).times(steps).and(validation),
         fixed: Spent::default(),
         threads: rayon::current_num_threads(),

@@ -15,6 +15,7 @@ mod exchange;
 mod identity;
 mod instruction_sets;
 mod live;
+mod log;
 mod loss;
 mod on_device;
 mod optimizer;

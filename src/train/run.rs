@@ -16,6 +16,7 @@ use super::data::TrainingData;
 use super::identity::DataIdentity;
 use super::instruction_sets::InstructionSets;
 use super::live::LiveView;
+use super::log::{last_logged, open_log};
 use super::tensorboard::{self, EventLog};
 use super::trainer::{ADVICE, Step, Trainer};
 use super::validation::{Validation, ValidationScore, Validator};
@@ -215,6 +216,7 @@ impl Job<'_> {
         }
         remove_unfinished(folder)?;
         let Some(checkpoint) = checkpoints.latest(&self.config.architecture, self.warn)? else {
+            self.refuse_lost_checkpoints(folder)?;
             return Ok(None);
         };
         self.identity.check_same(&checkpoint.data)?;
@@ -224,6 +226,26 @@ impl Job<'_> {
             return Err(Error::config("iterations", reason));
         }
         Ok(Some(checkpoint))
+    }
+
+    /// Refuses to begin a run anew that has come past its first checkpoint, which is gone: its model would be lost.
+    fn refuse_lost_checkpoints(&self, folder: &Path) -> Result<()> {
+        let model = folder.join(MODEL_FILE);
+        let every = self.config.checkpoint.every;
+        // The model is written after a checkpoint, as are the lines of later steps.
+        let has_passed = every > 0 && last_logged(&folder.join(LOG_FILE))? > every;
+        if !has_passed && !model.exists() {
+            return Ok(());
+        }
+        let checkpoints = folder.join(CHECKPOINTS);
+        Err(Error::format(
+            checkpoints,
+            format!(
+                "holds no checkpoint to go on from, though the run has kept one: put the folder back; or begin another run with \
+                 --init {}, or this one anew with --overwrite and without --resume",
+                model.display()
+            ),
+        ))
     }
 
     /// Refuses to resume a run under another configuration than its own.
@@ -320,20 +342,6 @@ fn remove_run(folder: &Path) -> Result<()> {
     let names = [CONFIG_FILE, LOG_FILE, CHECKPOINTS, MODEL_FILE, BEST_FILE, PREVIEWS];
     names.iter().try_for_each(|name| io::remove(&folder.join(name)))?;
     tensorboard::remove_all(folder)
-}
-
-/// Opens the log at the line after `iteration`: what a killed process wrote past its checkpoint will be
-/// written again.
-fn open_log(path: &Path, iteration: u64) -> Result<LineLog> {
-    let text = if path.is_file() { io::read_text(path)? } else { String::new() };
-    let is_done = |line: &&str| {
-        let value: Option<Value> = serde_json::from_str(line).ok();
-        value.and_then(|value| value["iteration"].as_u64()).is_some_and(|found| found <= iteration)
-    };
-    let kept: String = text.lines().take_while(is_done).map(|line| format!("{line}\n")).collect();
-    // Where folders cannot be locked, as on network file systems, files may be.
-    LineLog::open(path)?.try_lock()?;
-    LineLog::replace(path, &kept)
 }
 
 /// A run between two steps.

@@ -15,6 +15,7 @@ use crate::core::tone::ToneCurve;
 use crate::dataset::{CONFIG_FILE, Dataset, FormationConfig, KernelChoice, Split};
 use crate::examples::ExamplesFolder;
 use crate::io;
+use crate::network::{Architecture, Condition};
 
 /// Everything that samples are made of, opened once.
 pub enum TrainingSet {
@@ -48,6 +49,11 @@ impl TrainingSet {
                 "data.formation goes with a folder of clean images and --bank; a dataset says itself how its \
                  images were formed",
             ),
+            None if on_the_fly && data.is_dir() && !Dataset::is_one(data) => Err(Error::format(
+                data,
+                "is no dataset, which has a kernel bank of its own: add --bank with the kernels that clean images are to be \
+                 degraded by",
+            )),
             None => {
                 let dataset =
                     Dataset::open(data).map_err(|error| error.while_doing("opening the dataset"))?;
@@ -87,14 +93,27 @@ impl TrainingSet {
             Self::Examples(_) => 0,
         };
         let needed = config.architecture.code_len().unwrap_or(found);
-        if needed != found {
-            let reason = format!(
-                "is {needed}, and the kernels have codes of {found} numbers; set it to {found}, or \
-                 architecture.condition to image"
-            );
-            return Err(Error::config("architecture.code-dim", reason));
+        if needed == found {
+            return Ok(());
         }
-        Ok(())
+        let blind = Architecture { condition: Condition::Image, ..config.architecture.clone() };
+        let reason = match (found, blind.validate().is_ok()) {
+            (0, true) => format!(
+                "is {needed}, and the kernels have no codes; --set architecture.condition=image trains a network that needs none"
+            ),
+            (0, false) => format!(
+                "is {needed}, and the kernels have no codes, which this kind of network needs; make the data with a bank of `udc \
+                 codes`"
+            ),
+            (_, true) => format!(
+                "is {needed}, and the kernels have codes of {found} numbers; set it to {found}, or architecture.condition to \
+                 image"
+            ),
+            (_, false) => {
+                format!("is {needed}, and the kernels have codes of {found} numbers; set it to {found}")
+            }
+        };
+        Err(Error::config("architecture.code-dim", reason))
     }
 
     /// What is wrong between the data and how they are degraded, and need not be.
@@ -227,6 +246,7 @@ mod tests {
     use crate::core::image::LinearImage;
     use crate::core::kernel_code::KernelBank;
     use crate::core::psf::Psf;
+    use crate::network::Kind;
     use ndarray::Array3;
 
     /// A folder of two clean images, and a bank of one kernel.
@@ -261,7 +281,9 @@ mod tests {
         let (folder, bank) = clean_images(root.path());
         let stored = TrainConfig::default();
         assert!(refusal(&folder, Some(&bank), &stored).contains("--bank goes with a folder of clean images"));
-        assert_eq!(refusal(&folder, None, &on_the_fly()), "opening the dataset");
+        assert!(refusal(&folder, None, &on_the_fly()).contains("views: is no dataset"));
+        assert!(refusal(&folder, None, &on_the_fly()).contains("add --bank"));
+        assert_eq!(refusal(&folder.join("absent"), None, &on_the_fly()), "opening the dataset");
         let mut config = on_the_fly();
         config.data.formation.x_max = 16.0;
         assert!(refusal(&folder, None, &config).contains("data.formation goes with a folder"));
@@ -269,7 +291,11 @@ mod tests {
         assert!(set.dataset().is_none() && set.validation(&config).unwrap().is_none());
         assert_eq!(set.samples(&config, &|_| {}).unwrap().len(), 2);
         let message = set.check_codes(&config).unwrap_err().to_string();
-        assert!(message.contains("codes of 0 numbers"), "{message}");
+        assert!(message.contains("no codes; --set architecture.condition=image"), "{message}");
+        assert!(!message.contains("set it to"), "{message}");
+        config.architecture = Architecture { kind: Kind::Sftmd, features: 8, ..Architecture::default() };
+        let message = set.check_codes(&config).unwrap_err().to_string();
+        assert!(message.contains("make the data with a bank") && !message.contains("condition"), "{message}");
         config.data.formation.margin = 4;
         assert!(refusal(&folder, Some(&bank), &config).contains("data.formation.margin with"));
     }

@@ -8,6 +8,15 @@ use super::json_events::events;
 /// The steps that the demo prints before it runs them, in their order.
 const STEPS: [&str; 9] = ["psf", "fuse", "codes", "synth", "restore", "train", "eval", "report", "The page"];
 
+/// The largest that a training's configuration can hold.
+#[test]
+fn refuses_a_seed_that_a_later_step_could_not_take() {
+    let scratch = tempfile::tempdir().unwrap();
+    let said = fail(scratch.path(), &["demo", "--quick", "--seed", "18446744073709551615", "-o", "demo"], 2);
+    assert!(said.contains("9223372036854775807"), "{said}");
+    assert!(!scratch.path().join("demo").exists());
+}
+
 #[test]
 fn the_demo_goes_through_the_whole_pipeline_to_its_page() {
     let scratch = tempfile::tempdir().unwrap();

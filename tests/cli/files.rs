@@ -518,3 +518,65 @@ fn a_pattern_of_all_folders_below_finds_their_images() {
         assert!(text.contains("gl/in/deep/c.png") && !text.contains("hidden"), "{text}");
     }
 }
+
+#[test]
+fn an_empty_configuration_is_not_taken_for_one_of_defaults() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("empty.toml"), "# size-px = 9\n\n").unwrap();
+    for args in [
+        &["psf", "--display", "empty.toml", "-o", "psf.exr"][..],
+        &["train", "empty.toml", "--data", "dataset", "-o", "run"],
+        &["info", "empty.toml"],
+    ] {
+        let message = refused(folder, args);
+        assert!(message.contains("empty.toml: is empty"), "{message}");
+    }
+    let said =
+        fail(folder, &["synth", "a.exr", "--noise", "sensor:empty.toml", "--psf", "b.exr", "-o", "d"], 2);
+    assert!(said.contains("empty.toml: is empty"), "{said}");
+    let found = udc(folder, &["doctor", "empty.toml"]);
+    assert!(String::from_utf8_lossy(&found.stdout).contains("is empty"), "{found:?}");
+}
+
+#[test]
+fn a_folder_or_another_file_than_is_needed_is_said_to_be_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::create_dir(folder.join("results")).unwrap();
+    std::fs::write(folder.join("results/metrics.json"), "{}").unwrap();
+    for (args, expected) in [
+        (&["psf", "--display", "results", "-o", "psf.exr"][..], "it is a folder, and a file is needed"),
+        (&["plan", "results"], "it is a folder, and a file is needed"),
+        (&["report", "results/metrics.json", "-o", "page.html"], "name the folder, results"),
+        (&["eval", "results/metrics.json", "-o", "measured"], "is a file; name the folder"),
+    ] {
+        let message = fail(folder, args, 1);
+        assert!(message.contains(expected), "{message}");
+    }
+}
+
+#[test]
+fn light_and_models_that_nothing_can_be_computed_with_are_refused_with_their_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let write = |name: &str, brightest: f32| {
+        let planes =
+            ndarray::Array3::from_shape_fn(
+                (3, 16, 16),
+                |(_, y, x)| {
+                    if (y, x) == (8, 8) { brightest } else { 0.3 }
+                },
+            );
+        let image = udc::core::image::LinearImage::from_planes(planes).unwrap();
+        udc::io::write_image(&folder.join(name), &image, &udc::io::WriteOptions::default()).unwrap();
+    };
+    write("psf.exr", 90.0);
+    write("bright.exr", 1e38);
+    let message = fail(folder, &["restore", "bright.exr", "--psf", "psf.exr", "-o", "out.exr"], 1);
+    assert!(message.contains("bright.exr: holds light of 1e38"), "{message}");
+    std::fs::create_dir(folder.join("models")).unwrap();
+    let restore = ["restore", "psf.exr", "--psf", "psf.exr", "--model", "models", "-o", "out.exr"];
+    let message = fail(folder, &restore, 1);
+    assert!(message.contains("is a folder; name a file of weights, as a .safetensors or .pth"), "{message}");
+}

@@ -98,18 +98,75 @@ fn a_training_says_beforehand_how_many_steps_it_makes() {
     assert!(most >= found, "at most {most} bytes, and there are {found}");
 }
 
-/// Times of a busy machine in a test say nothing: what is counted is checked.
+/// A cache of a hundred gibibytes, of which eight small images take next to nothing.
 #[test]
-fn a_study_is_planned_from_a_little_of_it() {
+fn a_training_needs_no_more_memory_than_there_are_images_to_keep() {
     let scratch = tempfile::tempdir().unwrap();
+    prepare(scratch.path());
+    let train = ["train", "config.toml", "--data", "dataset", "-o", "run", "--set", "data.cache-mib=102400"];
+    let memory = told(scratch.path(), &train)["memory-bytes"].as_u64().unwrap();
+    assert!(memory < 8 << 30, "{memory} bytes");
+}
+
+/// Copies a small study and what it needs.
+fn write_study(folder: &Path) {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     for (from, to) in [
         ("tests/cluster/study.toml", "study.toml"),
         ("tests/cluster/network.toml", "network.toml"),
         ("src/commands/demo/panel.toml", "panel.toml"),
     ] {
-        fs::copy(root.join(from), scratch.path().join(to)).unwrap();
+        fs::copy(root.join(from), folder.join(to)).unwrap();
     }
+}
+
+#[test]
+fn settings_of_a_study_are_checked_before_anything_is_measured() {
+    let scratch = tempfile::tempdir().unwrap();
+    write_study(scratch.path());
+    let study = scratch.path().join("study.toml");
+    let text = fs::read_to_string(&study).unwrap();
+    fs::write(&study, format!("{text}\n[training]\nset = [\"iterations=abc\"]\n")).unwrap();
+    let said = fail(scratch.path(), &["plan", "study.toml", "-v"], 1);
+    assert!(said.contains("network.toml") && said.contains("iterations"), "{said}");
+    assert!(!said.contains("udc scenes"), "nothing was tried: {said}");
+}
+
+/// Sent to it alone, as by a scheduler: a terminal sends it to the commands that are tried as well.
+#[test]
+#[cfg(unix)]
+fn a_plan_that_is_stopped_leaves_nothing() {
+    use std::process::{Command, Stdio};
+    use std::time::{Duration, Instant};
+
+    let scratch = tempfile::tempdir().unwrap();
+    write_study(scratch.path());
+    let before = names(scratch.path());
+    let mut plan = Command::new(env!("CARGO_BIN_EXE_udc"))
+        .args(["plan", "study.toml"])
+        .current_dir(scratch.path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let (begun, patience) = (Instant::now(), Duration::from_secs(120));
+    while names(scratch.path()) == before && begun.elapsed() < patience {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    std::thread::sleep(Duration::from_millis(100));
+    let pid = plan.id().to_string();
+    assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
+    let asked = Instant::now();
+    assert!(!plan.wait().unwrap().success());
+    assert!(asked.elapsed() < patience / 4, "{:?}", asked.elapsed());
+    assert_eq!(names(scratch.path()), before);
+}
+
+/// Times of a busy machine in a test say nothing: what is counted is checked.
+#[test]
+fn a_study_is_planned_from_a_little_of_it() {
+    let scratch = tempfile::tempdir().unwrap();
+    write_study(scratch.path());
     let before = names(scratch.path());
     let said = succeed(scratch.path(), &["plan", "study.toml", "--workers", "1,8,1000", "--json"]);
     assert_eq!(names(scratch.path()), before, "nothing stays");

@@ -76,6 +76,23 @@ fn says_when_no_capture_tells_the_pose() {
     assert!(!fs::exists(folder.join("pose.toml")).unwrap());
 }
 
+#[test]
+fn refuses_to_write_over_what_it_reads_and_what_is_no_pose() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    write_inputs(folder);
+    let pose = |psf: &str, output: &str| {
+        fail(folder, &["pose", "lamps.exr", "--psf", psf, "-o", output, "--overwrite"], 1)
+    };
+    let before = fs::read(folder.join("psf.exr")).unwrap();
+    let said = pose("psf.exr", "psf.exr");
+    assert!(said.contains("psf.exr") && said.contains(".toml"), "{said}");
+    fs::copy(folder.join("psf.exr"), folder.join("psf.toml")).unwrap();
+    let said = pose("psf.toml", "psf.toml");
+    assert!(said.contains("psf.toml would be read and written over"), "{said}");
+    assert_eq!(fs::read(folder.join("psf.exr")).unwrap(), before);
+}
+
 /// A grey file is seen through all colours of the PSF at once, by their shares in luminance.
 #[test]
 fn the_pose_of_a_grey_capture_is_told_by_the_psf_of_grey_light() {

@@ -83,3 +83,27 @@ fn shows_what_is_asked_for_in_turn() {
     let refused = fail(scratch.path(), &[&paint[..], &["--kinds", "day"]].concat(), 2);
     assert!(refused.contains("lit-leaves"), "{refused}");
 }
+
+/// Where the list of all scenes would take more memory than there is.
+#[test]
+fn refuses_more_scenes_than_any_set_has() {
+    let scratch = tempfile::tempdir().unwrap();
+    let said = fail(scratch.path(), &["scenes", "--count", "1000000000000", "--size", "16", "-o", "s"], 2);
+    assert!(said.contains("1..=1000000"), "{said}");
+    assert!(!scratch.path().join("s").exists());
+}
+
+#[test]
+fn going_on_makes_scenes_anew_that_were_cut_off() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    let paint = ["scenes", "--count", "3", "--size", "24", "--format", "npy", "-o", "s"];
+    succeed(folder, &paint);
+    let painted = files(&folder.join("s"));
+    let whole: Vec<_> = painted.iter().map(|path| std::fs::read(path).unwrap()).collect();
+    std::fs::write(&painted[0], "").unwrap();
+    std::fs::write(&painted[2], &whole[2][..200]).unwrap();
+    let said = succeed(folder, &[&paint[..], &["--resume"]].concat());
+    assert!(said.contains("1 of them were there, 2 were not written to their end"), "{said}");
+    assert!(painted.iter().zip(whole).all(|(path, bytes)| std::fs::read(path).unwrap() == bytes));
+}

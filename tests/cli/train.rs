@@ -665,3 +665,28 @@ fn a_model_that_has_diverged_is_blamed_and_not_the_capture() {
     let said = fail(folder, &[&["eval", "dataset", "-o", "report"][..], &model].concat(), 1);
     assert!(said.contains("weights have diverged"), "{said}");
 }
+
+/// Its model would be written over by that of a run that begins anew.
+#[test]
+fn a_run_whose_checkpoints_are_gone_is_not_begun_anew_in_its_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    prepare(folder);
+    train(folder, "run", &["--set", "iterations=6"]);
+    let model = fs::read(folder.join("run/model.safetensors")).unwrap();
+    fs::remove_dir_all(folder.join("run/checkpoints")).unwrap();
+    let resume = ["train", "--data", "dataset", "-o", "run", "--resume"];
+    let said = fail(folder, &resume, 1);
+    assert!(said.contains("holds no checkpoint") && said.contains("--init run/model.safetensors"), "{said}");
+    assert_eq!(fs::read(folder.join("run/model.safetensors")).unwrap(), model);
+    fs::remove_file(folder.join("run/model.safetensors")).unwrap();
+    assert!(
+        fail(folder, &resume, 1).contains("holds no checkpoint"),
+        "the log has more steps than one checkpoint"
+    );
+    // A run that was killed before its first checkpoint begins at its beginning.
+    let log = folder.join("run/metrics.jsonl");
+    let first = fs::read_to_string(&log).unwrap().lines().next().unwrap().to_owned();
+    fs::write(&log, first + "\n").unwrap();
+    succeed(folder, &resume);
+}

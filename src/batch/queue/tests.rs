@@ -134,3 +134,23 @@ fn resuming_keeps_what_was_made_in_the_same_way() {
     write_image(&folder.join("5.exr"), &image, &WriteOptions::default()).unwrap();
     assert!(refused(&Greys::with(1), jobs(folder, &[5])).contains("is not of this program"));
 }
+
+/// As after a crash, or on a disk that was full.
+#[test]
+fn resuming_makes_anew_what_was_not_written_to_its_end() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (folder, notes) = (scratch.path(), Notes::default());
+    run(&Greys::with(1), jobs(folder, &[1, 2, 3]), Selection::default(), &notes).unwrap();
+    let path = |grey: u8| folder.join(format!("{grey}.exr"));
+    let whole = std::fs::read(path(2)).unwrap();
+    std::fs::write(path(1), "").unwrap();
+    std::fs::write(path(2), &whole[..whole.len() - 1]).unwrap();
+    notes.take();
+    run(&Greys::with(1), jobs(folder, &[1, 2, 3]), RESUME, &notes).unwrap();
+    let [first, second] = [1, 2].map(|grey| path(grey).display().to_string());
+    let said = |name: &str| format!("warning: {name} was not written to its end, and is made anew");
+    let expected = [said(&first), said(&second), "1 of 3 images are there".to_owned(), first, second];
+    assert_eq!(notes.take(), expected);
+    assert_eq!(std::fs::read(path(2)).unwrap(), whole);
+    assert_eq!(read_image::<crate::core::image::Linear>(&path(1)).unwrap().max(), 1.0);
+}

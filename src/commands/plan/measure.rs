@@ -12,6 +12,7 @@ use udc::batch::{LinearCost, Spent};
 use udc::io;
 use udc::plan::{Stage, Study};
 
+use super::process::output_of;
 use crate::commands::{Session, text_of};
 
 /// Scenes that are painted to see how long it takes: few, and then more.
@@ -105,15 +106,16 @@ impl<'a> Laboratory<'a> {
         let program = std::env::current_exe().context("finding this program")?;
         let (begun, cores) = (Instant::now(), io::core_seconds_of_children());
         let threads = rayon::current_num_threads().to_string();
-        let output = Command::new(program)
-            .args(args)
-            .args((args.len() > 1).then_some(["--threads", &threads]).into_iter().flatten())
-            .output()
-            .with_context(|| format!("starting udc {}", args.join(" ")))?;
+        let mut command = Command::new(program);
+        command.args(args).args((args.len() > 1).then_some(["--threads", &threads]).into_iter().flatten());
+        let output = output_of(&mut command, &self.session.progress)
+            .with_context(|| format!("running udc {}", args.join(" ")))?;
         let seconds = begun.elapsed().as_secs_f64();
         let spent = cores.zip(io::core_seconds_of_children()).map(|(before, now)| now - before);
         let core_seconds = spent.unwrap_or(seconds * rayon::current_num_threads() as f64);
         if !output.status.success() {
+            // A terminal's Ctrl-C reaches both.
+            self.session.progress.check()?;
             let said = String::from_utf8_lossy(&output.stderr);
             let said = said.trim().trim_start_matches("error: ");
             bail!("udc {}: {said}", args.join(" "));

@@ -78,6 +78,17 @@ fn codes_of_a_cut_or_foreign_file_are_an_error() {
 }
 
 #[test]
+fn an_image_is_told_from_a_bank_and_what_makes_one_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("psf.exr");
+    write_psf(&path, &bank().psfs[0], &WriteOptions::default()).unwrap();
+    for message in [read_bank(&path).map(|_| ()), bank_sha256(&path).map(|_| ())] {
+        let message = message.unwrap_err().to_string();
+        assert!(message.contains("psf.exr: is no kernel bank; `udc codes` makes one"), "{message}");
+    }
+}
+
+#[test]
 fn a_set_without_angles_has_none_when_it_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.safetensors");

@@ -65,11 +65,10 @@ pub fn read_tensors(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<BTreeM
 
 fn read_file(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<TensorFile> {
     if path.is_dir() {
-        let model = path.join("model.safetensors");
-        return Err(Error::format(
-            path,
-            format!("is a folder; name a file of weights, as {}", model.display()),
-        ));
+        let there = ["best.safetensors", "model.safetensors"].map(|name| path.join(name));
+        let there = there.iter().find(|model| model.is_file());
+        let one = there.map_or("a .safetensors or .pth".to_owned(), |model| model.display().to_string());
+        return Err(Error::format(path, format!("is a folder; name a file of weights, as {one}")));
     }
     let is_safetensors =
         path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("safetensors"));

@@ -87,6 +87,13 @@ impl TrainingData for ExampleData<'_> {
         })
     }
 
+    /// All of an example's tensors, in half precision.
+    fn kept_bytes(&self) -> Result<u64> {
+        let images = 2 + self.folder.file.planes.len();
+        let side = self.folder.file.examples.side_px;
+        Ok((self.items.len() * images * CHANNELS * side * side * size_of::<f16>()) as u64)
+    }
+
     fn check_size(&self, side: usize) -> Result<()> {
         let doing = |error: Error| error.while_doing(format!("checking {}", self.folder.root.display()));
         Window::check_fits(side, [self.folder.file.examples.side_px; 2]).map_err(doing)

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use rayon::prelude::*;
 
 use crate::core::error::{Error, Result};
-use crate::core::image::{Domain, Image, Linear, ToneMappedImage};
+use crate::core::image::{CHANNELS, Domain, Image, Linear, ToneMappedImage};
 use crate::core::kernel_code::KernelCode;
 use crate::core::rng::Rng;
 use crate::io;
@@ -57,6 +57,12 @@ pub trait TrainingData: Sync {
     /// # Errors
     /// As [`patch`](Self::patch), naming the first such item.
     fn check_size(&self, side: usize) -> Result<()>;
+
+    /// Bytes of all that the data would keep in memory, were there room for it.
+    ///
+    /// # Errors
+    /// When a file cannot be read.
+    fn kept_bytes(&self) -> Result<u64>;
 
     /// What a validation scores item `item` by, beside all items together.
     fn tags(&self, _item: usize) -> &[String] {
@@ -127,10 +133,24 @@ impl TrainingData for InMemory {
         })
     }
 
+    /// Of nothing but what is there.
+    fn kept_bytes(&self) -> Result<u64> {
+        Ok(0)
+    }
+
     fn check_size(&self, side: usize) -> Result<()> {
         let size = |patch: &Patch| [patch.degraded.height(), patch.degraded.width()];
         self.0.iter().try_for_each(|patch| Window::check_fits(side, size(patch)))
     }
+}
+
+/// Bytes of the pixels of files' images, in memory.
+fn pixel_bytes(files: &[PathBuf]) -> Result<u64> {
+    let bytes = |path: &PathBuf| -> Result<u64> {
+        let [height, width] = io::read_image_size::<Linear>(path, None)?;
+        Ok((CHANNELS * height * width * size_of::<f32>()) as u64)
+    };
+    files.par_iter().map(bytes).sum()
 }
 
 /// Refuses files whose images, without a margin on each side, are smaller than squares of `side` pixels.

@@ -6,7 +6,7 @@ use rand::RngExt as _;
 
 use super::super::config::KERNELS_KEY;
 use super::cache::Cache;
-use super::{Patch, TrainingData, Window, check_files};
+use super::{Patch, TrainingData, Window, check_files, pixel_bytes};
 use crate::core::error::Result;
 use crate::core::image::LinearImage;
 use crate::core::kernel_code::KernelBank;
@@ -106,6 +106,10 @@ impl TrainingData for OnTheFlyData<'_> {
             code: Some(self.bank.code(kernel).to_owned()),
             planes,
         })
+    }
+
+    fn kept_bytes(&self) -> Result<u64> {
+        pixel_bytes(&self.scenes)
     }
 
     fn check_size(&self, side: usize) -> Result<()> {

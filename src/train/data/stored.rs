@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use super::super::config::KERNELS_KEY;
 use super::cache::Cache;
-use super::{Patch, TrainingData, Window, check_files};
+use super::{Patch, TrainingData, Window, check_files, pixel_bytes};
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
@@ -79,6 +79,12 @@ impl<'a> StoredData<'a> {
 }
 
 impl StoredData<'_> {
+    /// The files of clean images, each once.
+    fn clean_files(&self) -> Vec<PathBuf> {
+        let clean: BTreeSet<&String> = self.items.iter().map(|(triplet, _)| &triplet.gt).collect();
+        clean.into_iter().map(|gt| self.dataset.root.join(gt)).collect()
+    }
+
     /// The part of a plane of a degraded image that lies in a window.
     fn cut_plane(&self, plane: Plane, triplet: &Triplet, window: Window) -> Result<(Plane, ToneMappedImage)> {
         let whole = self.cache.get(&format!("{}#{}", triplet.degraded, plane.name()), || {
@@ -129,8 +135,13 @@ impl TrainingData for StoredData<'_> {
 
     /// Of the clean images alone: those that are degraded have the same sizes.
     fn check_size(&self, side: usize) -> Result<()> {
-        let clean: BTreeSet<&String> = self.items.iter().map(|(triplet, _)| &triplet.gt).collect();
-        let files: Vec<PathBuf> = clean.into_iter().map(|gt| self.dataset.root.join(gt)).collect();
-        check_files(&files, 0, side)
+        check_files(&self.clean_files(), 0, side)
+    }
+
+    /// Clean images, degraded ones and their planes, all of about one size.
+    fn kept_bytes(&self) -> Result<u64> {
+        let clean = self.clean_files();
+        let images = clean.len() + self.items.len() * (1 + self.planes.len());
+        Ok(pixel_bytes(&clean)? / clean.len().max(1) as u64 * images as u64)
     }
 }

@@ -57,6 +57,10 @@ impl TrainingData for Counted {
     fn check_size(&self, side: usize) -> Result<()> {
         self.data.check_size(side)
     }
+
+    fn kept_bytes(&self) -> Result<u64> {
+        self.data.kept_bytes()
+    }
 }
 
 fn counted(broken: usize) -> Counted {
