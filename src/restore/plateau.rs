@@ -260,7 +260,7 @@ mod tests {
     fn equal_pixels_among_unlike_ones_are_cut_off() {
         let plane = |pixels: usize, steps: Option<f32>| {
             Array2::from_shape_fn((SIDE, SIDE), |(y, x)| {
-                let light = 0.1 + 0.3 * ((y * SIDE + x) as f32 * 0.618_034).fract();
+                let light = 0.1 + 0.3 * ((y * SIDE + x) as f64 * 0.618_033_988_75).fract() as f32;
                 let light = steps.map_or(light, |steps| (light * steps).round() / steps);
                 if y == 50 && (70..70 + pixels).contains(&x) { 3.3 } else { light }
             })

@@ -35,6 +35,9 @@ const SPREAD_CREDIT: f64 = 1.03;
 /// time, four of 8 megapixels 0.6 dB in 0.8 of it; views of 224 × 224 pixels up to 0.1 dB worse.
 const LARGE_SAMPLES: usize = 700_000;
 
+/// The part of a PSF's light that is flare at least.
+const LEAST_FLARE: f32 = 1e-4;
+
 /// The part of the largest curvature that a lamp's pixel has at least; 10⁻¹² restores the same.
 const LEAST_CURVATURE: f32 = 1e-9;
 
@@ -90,6 +93,19 @@ pub(super) struct Presumed {
     pub(super) smoothness: Option<f32>,
 }
 
+/// Whether a PSF throws light beyond the pixels next to its peak, by which lamps could be measured: of rounding's the light of a lamp would
+/// be 10⁵ times what saturates.
+fn throws_flare(psf: ArrayView2<'_, f32>) -> bool {
+    let peak = psf
+        .indexed_iter()
+        .fold(((0, 0), 0.0f32), |most, (at, value)| if *value > most.1 { (at, *value) } else { most })
+        .0;
+    let beyond = |((y, x), value): ((usize, usize), &f32)| {
+        if y.abs_diff(peak.0) > 1 || x.abs_diff(peak.1) > 1 { *value } else { 0.0 }
+    };
+    psf.indexed_iter().map(beyond).sum::<f32>() > LEAST_FLARE * psf.sum()
+}
+
 /// The light of saturated pixels, which is all that is kept of them until that of all channels is found.
 pub(super) struct Light {
     of_pixels: OfMembers,
@@ -117,7 +133,7 @@ impl Saturated<'_> {
         let Self { frame, capture, psf, pixels, .. } = *self;
         let count = pixels.iter().filter(|saturated| **saturated).count();
         let most = if is_reduced { MOST_MEASURED_REDUCED } else { MOST_MEASURED };
-        let is_measured = count as f64 <= most * pixels.len() as f64;
+        let is_measured = throws_flare(psf) && count as f64 <= most * pixels.len() as f64;
         let coarse = coarse.map(|scene| coarse::light(scene, pixels, capture));
         let windows = match frame.repeats() {
             true => vec![Window::whole(frame.size())],
@@ -162,7 +178,8 @@ impl Saturated<'_> {
                 let is_better = clipped.misfit(&light) < allowed * clipped.misfit(&measured);
                 (if is_better { light } else { measured }, is_better)
             }
-            Some(light) => (light, true),
+            Some(light) if throws_flare(psf) => (light, true),
+            Some(_) => (clipped.at_level(), false),
             None => (measured()?.light, false),
         })
     }
@@ -318,6 +335,18 @@ mod tests {
     use crate::restore::deconvolution::Border;
 
     const LEVEL: f32 = 16.0;
+
+    #[test]
+    fn a_psf_of_few_pixels_throws_no_flare() {
+        let square = |side: usize, middle: usize| {
+            Array2::from_shape_fn((33, 33), |(y, x)| {
+                let is_core = y.abs_diff(16) <= middle && x.abs_diff(16) <= middle;
+                if is_core && y < side && x < side { 1.0 } else { 0.0 }
+            })
+        };
+        assert!(!throws_flare(square(33, 0).view()) && !throws_flare(square(17, 1).view()));
+        assert!(throws_flare(panel_psf(33).view()));
+    }
 
     /// The light of the lamp is that at which it saturates either way; what is around it is nearer to the scene.
     #[test]

@@ -160,9 +160,11 @@ fn takes_nothing_away_where_no_lamp_beyond_the_border_is_told_by_its_flare() {
         let [lit, alone, scene] = wall_and_sun_outside(3000.0, sigma);
         assert!(of(&alone, Border::Smooth).is_none());
         assert!(of(&scene, Border::Smooth).is_none());
-        // What would saturate nothing, were it in the frame, is no lamp.
+        // What would be no brighter than the frame, were it there, is no lamp; what would, is one, though nothing saturates there.
+        let [dim, ..] = wall_and_sun_outside(1.0, sigma);
+        assert!(of(&dim, Border::Smooth).is_none());
         let bright = config(Method::Joint, Border::Smooth, 1e5);
-        assert!(without_lamps_outside(&lit, &psf(), &bright, &Progress::default()).unwrap().is_none());
+        assert!(without_lamps_outside(&lit, &psf(), &bright, &Progress::default()).unwrap().is_some());
         // Beyond that border it is dark.
         assert!(of(&lit, Border::Zero).is_none());
         assert!(of(&capture(&room(3000.0), sigma, 16.0), Border::Smooth).is_none());
