@@ -569,7 +569,7 @@ fn light_and_models_that_nothing_can_be_computed_with_are_refused_with_their_nam
                 },
             );
         let image = udc::core::image::LinearImage::from_planes(planes).unwrap();
-        udc::io::write_image(&folder.join(name), &image, &udc::io::WriteOptions::default()).unwrap();
+        io::write_image(&folder.join(name), &image, &io::WriteOptions::default()).unwrap();
     };
     write("psf.exr", 90.0);
     write("bright.exr", 1e38);
