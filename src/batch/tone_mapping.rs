@@ -172,6 +172,16 @@ mod tests {
     use crate::io::{read_capture_info, read_image, write_image};
     use ndarray::Array3;
 
+    /// The mapping by a curve.
+    fn by(tone: ToneFlags) -> ToneMapping {
+        ToneMapping { tone, inverse: false, domain: None, half: false, overwrite: false }
+    }
+
+    fn to(path: &Path) -> Destination<'_> {
+        let extension = "exr";
+        Destination { path, extension, is_asked: false, accepts_existing: false, shard: Shard::WHOLE }
+    }
+
     #[test]
     fn files_return_from_their_tone_mapping() {
         let scratch = tempfile::tempdir().unwrap();
@@ -182,20 +192,7 @@ mod tests {
             write_image(&light.join(name), &image(value), &WriteOptions::default()).unwrap();
         }
         let (mapped, notes) = (scratch.path().join("mapped/"), Notes::default());
-        let how = ToneMapping {
-            tone: ToneFlags { alpha: Some(0.1), x_max: None },
-            inverse: false,
-            domain: None,
-            half: false,
-            overwrite: false,
-        };
-        let to = |path| Destination {
-            path,
-            extension: "exr",
-            is_asked: false,
-            accepts_existing: false,
-            shard: Shard::WHOLE,
-        };
+        let how = by(ToneFlags { alpha: Some(0.1), x_max: None });
         how.run(std::slice::from_ref(&light), &to(&mapped), &notes).unwrap();
         // By the curve that they say themselves.
         let inverse = ToneMapping { inverse: true, tone: ToneFlags::default(), ..how };
@@ -219,20 +216,7 @@ mod tests {
         let image = Array3::from_shape_fn((3, 1, 3), |(.., x)| [0.5, 15.0, 20.0][x]);
         let image = LinearImage::from_planes(image).unwrap();
         write_image(&light, &image, &WriteOptions::default()).unwrap();
-        let how = ToneMapping {
-            tone: ToneFlags { alpha: None, x_max: Some(16.0) },
-            inverse: false,
-            domain: None,
-            half: true,
-            overwrite: false,
-        };
-        let to = |path| Destination {
-            path,
-            extension: "exr",
-            is_asked: false,
-            accepts_existing: false,
-            shard: Shard::WHOLE,
-        };
+        let how = ToneMapping { half: true, ..by(ToneFlags { alpha: None, x_max: Some(16.0) }) };
         how.run(std::slice::from_ref(&light), &to(&mapped), &Notes::default()).unwrap();
         let inverse = ToneMapping { inverse: true, tone: ToneFlags::default(), half: false, ..how };
         inverse.run(std::slice::from_ref(&mapped), &to(&back), &Notes::default()).unwrap();
@@ -251,21 +235,8 @@ mod tests {
         let info = CaptureInfo { saturation: Some([16.0, 3.0, 16.0]), ..CaptureInfo::default() };
         write_image(&light, &image, &WriteOptions { capture: Some(info), ..WriteOptions::default() })
             .unwrap();
-        let how = ToneMapping {
-            tone: ToneFlags { alpha: None, x_max: Some(4.0) },
-            inverse: false,
-            domain: None,
-            half: false,
-            overwrite: false,
-        };
-        let to = Destination {
-            path: &mapped,
-            extension: "exr",
-            is_asked: false,
-            accepts_existing: false,
-            shard: Shard::WHOLE,
-        };
-        how.run(&[light], &to, &Notes::default()).unwrap();
+        let how = by(ToneFlags { alpha: None, x_max: Some(4.0) });
+        how.run(&[light], &to(&mapped), &Notes::default()).unwrap();
         let info = read_capture_info(&mapped).unwrap().unwrap();
         assert_eq!(info.saturation, Some([4.0, 3.0, 4.0]));
     }

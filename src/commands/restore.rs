@@ -143,7 +143,7 @@ pub(crate) struct RestoreArgs {
     half: bool,
     /// Irradiance that the tone mapping maps to one half; captures that are tone-mapped and say theirs are mapped back by that, unless
     /// this is given [default: that of the model's training, else 0.25; without a method, and
-    /// for joint, of captures in much larger or smaller units, as counts of a sensor, about twice the median of their green light]
+    /// for joint, of captures in much larger or smaller units, as counts of a sensor, what suits the median of their green light]
     #[arg(long, value_name = "A")]
     alpha: Option<f32>,
     /// Irradiance at which the capture, fused of all its exposures, saturates [default: what its file says; for the guided network

@@ -191,38 +191,31 @@ fn floats_have_the_white_level_that_the_negative_says() {
     }
 }
 
-#[test]
-fn a_third_light_that_is_not_read_is_warned_of() {
+/// What is said of a small RGGB negative of this version of the format, with another field.
+fn said_of(version: [u8; 2], field: (u16, Field)) -> String {
     let scratch = tempfile::tempdir().unwrap();
     let mut file = Tiff::new();
     let mut fields = file.image(32803, &[1000; 16 * 16], [16, 16]);
     fields.extend([
         (33421, Field::Shorts(vec![2, 2])),
         (33422, Field::Bytes(vec![0, 1, 1, 2])),
-        (50706, Field::Bytes(vec![1, 6, 0, 0])),
-        (52529, Field::Shorts(vec![20])),
+        (50706, Field::Bytes(vec![version[0], version[1], 0, 0])),
+        field,
     ]);
     let first = file.directory(fields);
     fs::write(scratch.path().join("a.dng"), file.finish(first)).unwrap();
     let output = udc(scratch.path(), &["fuse", "a.dng", "-o", "a.exr"]);
-    let said = String::from_utf8(output.stderr).unwrap();
+    String::from_utf8(output.stderr).unwrap()
+}
+
+#[test]
+fn a_third_light_that_is_not_read_is_warned_of() {
+    let said = said_of([1, 6], (52529, Field::Shorts(vec![20])));
     assert!(said.contains("calibrated for three lights"), "{said}");
 }
 
 #[test]
 fn a_negative_whose_pixels_are_not_square_is_warned_of() {
-    let scratch = tempfile::tempdir().unwrap();
-    let mut file = Tiff::new();
-    let mut fields = file.image(32803, &[1000; 16 * 16], [16, 16]);
-    fields.extend([
-        (33421, Field::Shorts(vec![2, 2])),
-        (33422, Field::Bytes(vec![0, 1, 1, 2])),
-        (50706, Field::Bytes(vec![1, 4, 0, 0])),
-        (50718, Field::Rationals(vec![(1, 1), (2, 1)])),
-    ]);
-    let first = file.directory(fields);
-    fs::write(scratch.path().join("a.dng"), file.finish(first)).unwrap();
-    let output = udc(scratch.path(), &["fuse", "a.dng", "-o", "a.exr"]);
-    let said = String::from_utf8(output.stderr).unwrap();
+    let said = said_of([1, 4], (50718, Field::Rationals(vec![(1, 1), (2, 1)])));
     assert!(said.contains("0.500 times as wide as high (DefaultScale)"), "{said}");
 }

@@ -6,7 +6,7 @@ use ndarray::{Array2, ArrayView2, Axis, Zip};
 use rustfft::num_complex::Complex64;
 
 /// The median of the modulus of a standard normal variable.
-const MEDIAN_OF_NORMAL: f64 = 0.6745;
+pub(super) const MEDIAN_OF_NORMAL: f64 = 0.6745;
 
 /// Taps, along rows and along columns, of a band of diagonal detail: none answers to a gradient.
 pub(super) struct Band(&'static [f32]);

@@ -9,15 +9,12 @@ use std::array;
 use half::f16;
 
 use super::super::noise::{BANDS, Detail, of_details};
-use super::noise_level::{NOISE_FREE, median};
+use super::noise_level::{NOISE_FREE, variance_of};
 use super::places::Place;
 use crate::core::image::{CHANNELS, LinearImage};
 
 /// Pixels without which nothing is told.
 const LEAST_PLACES: usize = 400;
-
-/// The median of the modulus of a standard normal variable.
-const MEDIAN_OF_NORMAL: f64 = 0.6745;
 
 /// The correlation of two colours below which they share nothing that could be divided by.
 const LEAST_CORRELATION: f64 = 0.05;
@@ -48,9 +45,9 @@ pub(super) fn is_quantised(image: &LinearImage) -> bool {
 /// detail that the PSF leaves in each band of each channel.
 ///
 /// # Method
-/// With detail `dᵢ = nᵢ + aᵢ·s`, n independent and s shared, the covariances are `Cᵢⱼ = aᵢ·aⱼ·Var s`, so that `Cᵢⱼ·Cᵢₖ / Cⱼₖ` is the
-/// variance of what i shares. Covariances are robust: `Cᵢⱼ = σᵢ·σⱼ·(m²(dᵢ/σᵢ + dⱼ/σⱼ) − m²(dᵢ/σᵢ − dⱼ/σⱼ)) / 4`, m being the median
-/// modulus over that of a normal variable.
+/// With detail `dᵢ = nᵢ + aᵢ·s`, n independent and s shared, the covariances are `Cᵢⱼ = aᵢ·aⱼ·Var s`, so that
+/// `Cᵢⱼ·Cᵢₖ / Cⱼₖ` is the variance of what i shares. Covariances are robust:
+/// `Cᵢⱼ = σᵢ·σⱼ·(m²(dᵢ/σᵢ + dⱼ/σⱼ) − m²(dᵢ/σᵢ − dⱼ/σⱼ)) / 4`, m being the median modulus over that of a normal variable.
 pub(super) fn noise_apart(places: &[Place], left: [[f64; BANDS.len()]; CHANNELS]) -> Option<[f32; CHANNELS]> {
     if places.len() < LEAST_PLACES {
         return None;
@@ -72,7 +69,7 @@ fn variances_apart(places: &[Place], band: usize) -> [f64; CHANNELS] {
     let mut variance = |of: &dyn Fn(&[f32; CHANNELS]) -> f32| {
         moduli.clear();
         moduli.extend(places.iter().map(|place| of(&place.details[band]).abs()));
-        (f64::from(median(&mut moduli).unwrap_or(0.0)) / MEDIAN_OF_NORMAL).powi(2)
+        variance_of(&mut moduli)
     };
     let whole: [f64; CHANNELS] = array::from_fn(|channel| variance(&|details| details[channel]));
     #[expect(clippy::cast_possible_truncation, reason = "planes are of 32 bits")]
@@ -99,22 +96,20 @@ mod tests {
 
     use super::super::places::places_of;
     use super::*;
-    use crate::core::image::LinearImage;
     use crate::core::rng;
 
     const ALPHA: f32 = 0.25;
     const DETAIL: f32 = 0.04;
 
-    /// Brightness that differs from pixel to pixel, alike in all colours to the part `shared`, and noise of each colour.
-    fn capture(shared: f32, noise: [f32; CHANNELS]) -> LinearImage {
+    /// Brightness that differs from pixel to pixel, alike in all colours, and noise of each colour.
+    fn capture(noise: [f32; CHANNELS]) -> LinearImage {
         let mut rng = rng::stream(7, "noise apart");
         let mut normal = move || -> f32 { StandardNormal.sample(&mut rng) };
         let mut planes = Array3::<f32>::zeros((CHANNELS, 128, 160));
         for y in 0..128 {
             for x in 0..160 {
-                let of_all = normal();
+                let detail = DETAIL * normal();
                 for channel in 0..CHANNELS {
-                    let detail = DETAIL * (shared * of_all + (1.0 - shared * shared).sqrt() * normal());
                     let error = noise[channel] * normal();
                     planes[[channel, y, x]] =
                         (0.3 + ALPHA + 0.1 * channel as f32) * (detail + error).exp() - ALPHA;
@@ -132,14 +127,14 @@ mod tests {
     #[test]
     fn noise_below_detail_that_colours_share_is_told() {
         let noise = [0.01, 0.02, 0.015];
-        for (found, expected) in found(&capture(1.0, noise)).unwrap().into_iter().zip(noise) {
+        for (found, expected) in found(&capture(noise)).unwrap().into_iter().zip(noise) {
             assert!((found / expected - 1.0).abs() < 0.2, "{found} {expected}");
         }
     }
 
     #[test]
     fn steps_of_a_converter_are_told_from_light_and_from_its_rounding() {
-        let light = capture(1.0, [0.01; CHANNELS]);
+        let light = capture([0.01; CHANNELS]);
         let steps = |of_white: f32| light.map_values(move |value| (value * of_white).round() / of_white);
         assert!(is_quantised(&steps(1023.0)) && is_quantised(&steps(4095.0)));
         assert!(is_quantised(&light.map_values(|value| (1023.0 * value).round())));
@@ -149,7 +144,7 @@ mod tests {
 
     #[test]
     fn without_noise_or_pixels_nothing_is_told() {
-        assert_eq!(found(&capture(1.0, [0.0; CHANNELS])), None);
+        assert_eq!(found(&capture([0.0; CHANNELS])), None);
         assert_eq!(found(&LinearImage::from_planes(Array3::zeros((CHANNELS, 64, 64))).unwrap()), None);
         assert_eq!(found(&LinearImage::from_planes(Array3::from_elem((CHANNELS, 5, 5), 0.3)).unwrap()), None);
     }

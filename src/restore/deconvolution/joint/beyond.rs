@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use super::super::{Border, DeconvolutionConfig};
 use super::coarse::Half;
-use super::fit::{Fit, Places, grown};
+use super::fit::{Fit, Places, grown, largest};
 use super::frame::{Blur, Frame};
 use super::known::NEAR_PX;
 use super::smooth::{local_mean, paint};
@@ -139,8 +139,8 @@ fn would_outshine(
     (image, config): (&LinearImage, &DeconvolutionConfig),
 ) -> bool {
     lamp.light.iter().enumerate().any(|(channel, light)| {
-        let most = psf.channel(channel).iter().copied().fold(0.0, f32::max);
-        let brightest = image.channel(channel).iter().copied().fold(0.0, f32::max);
+        let most = largest(psf.channel(channel));
+        let brightest = largest(image.channel(channel));
         light * f64::from(most) >= f64::from(config.saturation[channel].min(brightest))
     })
 }

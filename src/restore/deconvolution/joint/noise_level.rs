@@ -5,7 +5,7 @@ use std::ops::Range;
 use ndarray::{Array2, ArrayView2, s};
 use rayon::prelude::*;
 
-use super::super::noise::{BANDS, Detail, of_details};
+use super::super::noise::{BANDS, Detail, MEDIAN_OF_NORMAL, of_details};
 
 /// Classes of brightness, each of as many pixels: photon and read noise change over stops, not within one.
 const CLASSES: usize = 6;
@@ -136,16 +136,10 @@ impl NoiseLevel {
     }
 }
 
-/// The median of the modulus of a standard normal variable.
-const MEDIAN_OF_NORMAL: f64 = 0.6745;
-
 /// The deviation of the noise of pixels that have these details, which are put in another order, in each band.
 fn deviation(details: &mut [Vec<f32>; 3], left: [f64; 3]) -> f32 {
-    let variance = |details: &mut Vec<f32>| {
-        median(details).map_or(0.0, |median| (f64::from(median) / MEDIAN_OF_NORMAL).powi(2))
-    };
     let details =
-        std::array::from_fn(|band| Detail { variance: variance(&mut details[band]), left: left[band] });
+        std::array::from_fn(|band| Detail { variance: variance_of(&mut details[band]), left: left[band] });
     narrow(of_details(details)).max(LEAST)
 }
 
@@ -193,6 +187,11 @@ fn steadied(knots: Vec<(f32, f32)>) -> Vec<(f32, f32)> {
         near[1]
     };
     (0..knots.len()).map(|i| (knots[i].0, around(i))).collect()
+}
+
+/// The robust variance of detail of which these are the moduli; zero of none.
+pub(super) fn variance_of(moduli: &mut [f32]) -> f64 {
+    median(moduli).map_or(0.0, |median| (f64::from(median) / MEDIAN_OF_NORMAL).powi(2))
 }
 
 pub(super) fn median(values: &mut [f32]) -> Option<f32> {
