@@ -1,8 +1,8 @@
 //! Reads the directories of TIFF files, of digital negatives and of EXIF: fields of a tag, a type, a count, and values or their
 //! position.
 //!
-//! The file: byte order, 42, the position of the first directory (TIFF 6.0, section 2). Nothing is believed that lies
-//! beyond the end of the file.
+//! The file: byte order, 42, the position of the first directory (TIFF 6.0, section 2). A BigTIFF says 43 and 8, and has counts
+//! and positions of 8 bytes. Nothing is believed that lies beyond the end of the file.
 
 /// What kind of image a directory is of: bits of the newer tag, a number of the older.
 const NEW_SUBFILE_TYPE: u16 = 254;
@@ -24,11 +24,12 @@ const DNG_VERSION: u16 = 50706;
 pub(super) const GREY: u16 = 1;
 pub(super) const RGB: u16 = 2;
 
-/// Where the position of the first directory stands.
-const FIRST: usize = 4;
+/// The number of BigTIFF, and the bytes of its positions, which it says behind that.
+const BIG: u16 = 43;
+const BIG_POSITION: usize = 8;
 
 /// The types of numbers: bytes, 16 and 32 bits, fractions with and without sign, positions of directories; and of text and
-/// data without a type.
+/// data without a type. The last two are of BigTIFF, of 64 bits.
 const BYTE: u16 = 1;
 const ASCII: u16 = 2;
 const UNDEFINED: u16 = 7;
@@ -37,6 +38,8 @@ const LONG: u16 = 4;
 const RATIONAL: u16 = 5;
 const SRATIONAL: u16 = 10;
 const IFD: u16 = 13;
+const LONG8: u16 = 16;
+const IFD8: u16 = 18;
 
 /// The most directories of a field that are looked at: files have a raw image and a few previews.
 const MAX_DIRECTORIES: usize = 32;
@@ -47,6 +50,8 @@ pub(super) struct Directory<'a> {
     /// Its position in the file.
     start: usize,
     big_endian: bool,
+    /// Bytes of a position: 4, or 8 in a BigTIFF. The position of the first directory stands behind as many.
+    position_bytes: usize,
     /// Tag, type, count and the place of the value or of its position.
     fields: Vec<(u16, u16, usize, usize)>,
 }
@@ -54,20 +59,23 @@ pub(super) struct Directory<'a> {
 impl<'a> Directory<'a> {
     /// The first directory of a file.
     pub(super) fn first(bytes: &'a [u8]) -> Option<Self> {
-        let file = Self { bytes, start: 0, big_endian: bytes.starts_with(b"MM"), fields: Vec::new() };
-        file.at(file.u32(FIRST)?)
+        let big_endian = bytes.starts_with(b"MM");
+        let mut file = Self { bytes, start: 0, big_endian, position_bytes: 4, fields: Vec::new() };
+        if file.u16(2)? == BIG {
+            file.position_bytes = file.u16(4).map(usize::from).filter(|bytes| *bytes == BIG_POSITION)?;
+        }
+        file.at(file.position(file.position_bytes)?)
     }
 
     /// Another directory of the same file.
     fn at(&self, start: usize) -> Option<Self> {
         let mut directory = Self { start, fields: Vec::new(), ..*self };
-        let count = usize::from(directory.u16(start)?);
-        for index in 0..count {
-            let place = start.checked_add(2 + 12 * index)?;
-            directory.slice(place, 12)?;
-            let field =
-                (directory.u16(place)?, directory.u16(place + 2)?, directory.u32(place + 4)?, place + 8);
-            directory.fields.push(field);
+        let width = self.position_bytes;
+        for index in 0..directory.count()? {
+            let place = directory.place_of(index)?;
+            directory.slice(place, 4 + 2 * width)?;
+            let (tag, kind) = (directory.u16(place)?, directory.u16(place + 2)?);
+            directory.fields.push((tag, kind, directory.position(place + 4)?, place + 4 + width));
         }
         Some(directory)
     }
@@ -80,8 +88,7 @@ impl<'a> Directory<'a> {
 
     /// The directory behind this one.
     fn next(&self) -> Option<Self> {
-        let count = usize::from(self.u16(self.start)?);
-        let next = self.u32(self.start.checked_add(2 + 12 * count)?).filter(|next| *next > 0)?;
+        let next = self.position(self.place_of(self.count()?)?).filter(|next| *next > 0)?;
         self.at(next)
     }
 
@@ -127,6 +134,26 @@ impl<'a> Directory<'a> {
         self.bytes.len()
     }
 
+    /// Number of the fields.
+    fn count(&self) -> Option<usize> {
+        if self.is_big() { self.position(self.start) } else { self.u16(self.start).map(usize::from) }
+    }
+
+    /// Where the field of an index begins, or what stands behind the last.
+    fn place_of(&self, index: usize) -> Option<usize> {
+        let count_bytes = if self.is_big() { BIG_POSITION } else { 2 };
+        index.checked_mul(4 + 2 * self.position_bytes)?.checked_add(count_bytes)?.checked_add(self.start)
+    }
+
+    fn is_big(&self) -> bool {
+        self.position_bytes == BIG_POSITION
+    }
+
+    /// A position or a count.
+    fn position(&self, place: usize) -> Option<usize> {
+        if self.is_big() { self.u64(place) } else { self.u32(place) }
+    }
+
     fn u16(&self, place: usize) -> Option<u16> {
         let bytes = *self.bytes.get(place..)?.first_chunk::<2>()?;
         Some(if self.big_endian { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) })
@@ -135,6 +162,12 @@ impl<'a> Directory<'a> {
     fn u32(&self, place: usize) -> Option<usize> {
         let bytes = *self.bytes.get(place..)?.first_chunk::<4>()?;
         let value = if self.big_endian { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) };
+        usize::try_from(value).ok()
+    }
+
+    fn u64(&self, place: usize) -> Option<usize> {
+        let bytes = *self.bytes.get(place..)?.first_chunk::<8>()?;
+        let value = if self.big_endian { u64::from_be_bytes(bytes) } else { u64::from_le_bytes(bytes) };
         usize::try_from(value).ok()
     }
 
@@ -147,7 +180,7 @@ impl<'a> Directory<'a> {
     fn values(&self, tag: u16, size_of: impl Fn(u16) -> Option<usize>) -> Option<(u16, usize, usize)> {
         let &(_, kind, count, place) = self.fields.iter().find(|field| field.0 == tag)?;
         let length = count.checked_mul(size_of(kind)?)?;
-        let start = if length <= 4 { place } else { self.u32(place)? };
+        let start = if length <= self.position_bytes { place } else { self.position(place)? };
         self.slice(start, length)?;
         Some((kind, count, start))
     }
@@ -165,12 +198,14 @@ impl<'a> Directory<'a> {
             BYTE => Some(1),
             SHORT => Some(2),
             LONG | IFD => Some(4),
+            LONG8 | IFD8 => Some(8),
             _ => None,
         };
         let (kind, count, start) = self.values(tag, size_of)?;
         let value = |index: usize| match kind {
             BYTE => self.bytes.get(start + index).copied().map(usize::from),
             SHORT => self.u16(start + 2 * index).map(usize::from),
+            LONG8 | IFD8 => self.u64(start + 8 * index),
             _ => self.u32(start + 4 * index),
         };
         (0..count).map(value).collect()
@@ -198,7 +233,7 @@ impl<'a> Directory<'a> {
     /// The file with this directory as its first.
     pub(super) fn as_first(&self) -> Option<Vec<u8>> {
         let mut bytes = self.bytes.to_vec();
-        self.put_u32(&mut bytes, FIRST, u32::try_from(self.start).ok()?);
+        self.put_position(&mut bytes, self.position_bytes, self.start)?;
         Some(bytes)
     }
 
@@ -215,8 +250,16 @@ impl<'a> Directory<'a> {
         bytes[place..place + 2].copy_from_slice(&value);
     }
 
-    fn put_u32(&self, bytes: &mut [u8], place: usize, value: u32) {
-        let value = if self.big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
-        bytes[place..place + 4].copy_from_slice(&value);
+    fn put_position(&self, bytes: &mut [u8], place: usize, value: usize) -> Option<()> {
+        let wide = value as u64;
+        let narrow = u32::try_from(value);
+        let value = match (self.is_big(), self.big_endian) {
+            (true, true) => wide.to_be_bytes().to_vec(),
+            (true, false) => wide.to_le_bytes().to_vec(),
+            (false, true) => narrow.ok()?.to_be_bytes().to_vec(),
+            (false, false) => narrow.ok()?.to_le_bytes().to_vec(),
+        };
+        bytes[place..place + value.len()].copy_from_slice(&value);
+        Some(())
     }
 }

@@ -46,9 +46,6 @@ pub(super) const EXTENSIONS: [(&str, Format); 8] = [
     ("hdr", Format::Hdr),
 ];
 
-/// How TIFF files of 64-bit positions start.
-const BIG_TIFF: [&[u8]; 2] = [b"II+\0", b"MM\0+"];
-
 impl Format {
     /// The format's usual name.
     pub fn name(self) -> &'static str {
@@ -85,13 +82,16 @@ impl Format {
 
     /// The format of a file by its first bytes.
     pub(super) fn of_contents(start: &[u8]) -> Option<Self> {
-        const SIGNATURES: [(&[u8], Format); 7] = [
+        const SIGNATURES: [(&[u8], Format); 9] = [
             (&[0x76, 0x2f, 0x31, 0x01], Format::Exr),
             (b"\x93NUMPY", Format::Npy),
             (b"\x89PNG\r\n\x1a\n", Format::Png),
             (&[0xff, 0xd8, 0xff], Format::Jpeg),
             (b"II*\0", Format::Tiff),
             (b"MM\0*", Format::Tiff),
+            // BigTIFF, of positions of 64 bits.
+            (b"II+\0", Format::Tiff),
+            (b"MM\0+", Format::Tiff),
             (b"#?", Format::Hdr),
         ];
         SIGNATURES.iter().find(|(signature, _)| start.starts_with(signature)).map(|(_, format)| *format)
@@ -114,12 +114,6 @@ pub(super) fn read_recognised(path: &Path) -> Result<(Format, Vec<u8>)> {
         return Err(Error::format(path, reason));
     }
     let Some(format) = Format::of_contents(&bytes) else {
-        if BIG_TIFF.iter().any(|signature| bytes.starts_with(signature)) {
-            return Err(Error::format(
-                path,
-                "is a BigTIFF, which is not supported; write a classic TIFF, or .exr",
-            ));
-        }
         let reason = if bytes.is_empty() { "the file is empty" } else { "the contents are not an image" };
         return Err(Error::format(path, format!("{reason}; expected EXR, NPY, HDR, PNG, TIFF or JPEG")));
     };

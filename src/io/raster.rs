@@ -127,7 +127,7 @@ fn decode_samples(bytes: &[u8], format: Format, packed: bool) -> Result<(Decoded
 /// Decodes the page of a TIFF file.
 fn decode_tiff(bytes: &[u8], packed: bool) -> Result<(Decoded, Beside), String> {
     let moved = with_page_first(bytes)?;
-    let said = |file: &[u8]| classic_root(file).map_or_else(Said::default, |root| Said::of(&root));
+    let said = |file: &[u8]| Directory::first(file).map_or_else(Said::default, |root| Said::of(&root));
     let said = moved.as_deref().map(said).unwrap_or_default().or(said(bytes));
     let bytes = moved.as_deref().unwrap_or(bytes);
     let beside = Beside { profile: tiff::icc_profile(bytes), said };
@@ -143,7 +143,7 @@ fn decode_tiff(bytes: &[u8], packed: bool) -> Result<(Decoded, Beside), String> 
 /// # Errors
 /// Where the file has several pages.
 fn with_page_first(bytes: &[u8]) -> Result<Option<Vec<u8>>, String> {
-    let Some(root) = classic_root(bytes) else { return Ok(None) };
+    let Some(root) = Directory::first(bytes) else { return Ok(None) };
     match &root.pages()[..] {
         [page] if !page.is(&root) => Ok(page.as_first()),
         [] | [_] => Ok(None),
@@ -152,12 +152,6 @@ fn with_page_first(bytes: &[u8]) -> Result<Option<Vec<u8>>, String> {
             pages.len()
         )),
     }
-}
-
-/// The first directory of a TIFF file; a BigTIFF has none of this kind.
-fn classic_root(bytes: &[u8]) -> Option<Directory<'_>> {
-    let is_classic = bytes.starts_with(b"II*\0") || bytes.starts_with(b"MM\0*");
-    Directory::first(bytes).filter(|_| is_classic)
 }
 
 fn decode_dynamic(bytes: &[u8], format: Format) -> Result<(DynamicImage, Beside), String> {

@@ -1,6 +1,7 @@
 //! Files of every format, from this program and from others, whole and damaged.
 
 mod bank;
+mod big_tiff;
 mod damage;
 mod exr;
 mod fixtures;

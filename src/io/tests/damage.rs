@@ -90,6 +90,10 @@ fn files() -> Vec<(String, Format, Vec<u8>)> {
         let mut encoder = TiffEncoder::new(&mut file).unwrap().with_compression(compression);
         encoder.write_image::<Gray32Float>(WIDTH as u32, HEIGHT as u32, &grey).unwrap();
         files.push((format!("TIFF of grey floats, {name}"), Format::Tiff, file.into_inner()));
+        let mut file = Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new_big(&mut file).unwrap().with_compression(compression);
+        encoder.write_image::<Gray32Float>(WIDTH as u32, HEIGHT as u32, &grey).unwrap();
+        files.push((format!("BigTIFF of grey floats, {name}"), Format::Tiff, file.into_inner()));
     }
     files
 }
