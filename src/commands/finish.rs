@@ -45,7 +45,7 @@ pub(crate) struct FinishArgs {
     /// Images, folders or patterns; also the folder of the published dataset
     #[arg(required = true, value_name = "IN")]
     inputs: Vec<PathBuf>,
-    /// Image to write; a folder for several inputs, or if the name ends in a slash
+    /// Image to write, .png, .jpg, .tif or .exr; a folder for several inputs, or if the name ends in a slash
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// What the inputs hold: srgb is decoded to linear light [default: what the file says, else linear; required

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::{DomainTag, Format, PixelOptions, Pixels, read_pixels, what_is_lost_of_mapping, write_pixels};
+use super::lost::{what_is_lost_of_display, what_is_lost_of_mapping};
+use super::{DomainTag, Format, PixelOptions, Pixels, read_pixels, write_pixels};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
@@ -90,11 +91,17 @@ impl Conversion {
 }
 
 impl ConvertedImage {
-    /// What the output cannot say of how its values are tone-mapped, if they are.
+    /// What the output cannot say of its values where they are no linear light: how they are tone-mapped, or that they are
+    /// those of a display.
     pub fn mapping_beyond(&self, output: &Path) -> Option<String> {
-        self.pixels.domain.filter(|domain| *domain == DomainTag::ToneMapped)?;
-        let curve = self.pixels.provenance.as_ref().and_then(Provenance::tone_curve);
-        what_is_lost_of_mapping(output, curve.unwrap_or_default())
+        match self.pixels.domain? {
+            DomainTag::ToneMapped => {
+                let curve = self.pixels.provenance.as_ref().and_then(Provenance::tone_curve);
+                what_is_lost_of_mapping(output, curve.unwrap_or_default())
+            }
+            DomainTag::Display => what_is_lost_of_display(output),
+            DomainTag::Linear | DomainTag::Srgb => None,
+        }
     }
 
     /// What is known of the capture and does not follow from the output itself: linear integers that reach 1 clip there

@@ -53,6 +53,15 @@ pub fn what_is_lost_of_mapping(path: &Path, curve: ToneCurve) -> Option<String> 
     ))
 }
 
+/// What the file of a picture for viewing cannot say of it: a `.npy` would be taken for linear light.
+pub(super) fn what_is_lost_of_display(path: &Path) -> Option<String> {
+    Format::of_extension(path).ok().filter(|format| *format == Format::Npy)?;
+    Some(format!(
+        "{} holds values of a display and cannot say so: it is read as linear light; write .exr, .png or .tif",
+        path.display()
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -202,12 +202,21 @@ fn clipped_above(contents: &Contents<'_>) -> Option<Array3<f32>> {
     contents.planes.iter().any(is_lost).then(|| contents.planes.mapv(lift))
 }
 
-/// Refuses pictures for viewing in Radiance HDR, before the work.
+/// Refuses pictures for viewing where they would be taken for light, in Radiance HDR and NumPy arrays, before the work.
 ///
 /// # Errors
 /// [`Error::Unsupported`] for such a file; [`Error::Format`] for one of no format that is written.
 pub fn check_display(path: &Path) -> Result<()> {
-    check_light(path, Format::of_extension(path)?, Some(DomainTag::Display))
+    let format = Format::of_extension(path)?;
+    check_light(path, format, Some(DomainTag::Display))?;
+    if format != Format::Npy {
+        return Ok(());
+    }
+    Err(Error::Unsupported(format!(
+        "{} would hold values of a display, and a .npy cannot say so: it is read as linear light; write .png, .jpg, .tif or \
+         .exr",
+        path.display()
+    )))
 }
 
 /// Refuses other values than light in Radiance HDR, whose values are light by definition: whoever reads them takes them for that.

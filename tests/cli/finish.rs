@@ -221,6 +221,14 @@ fn a_finished_exr_says_that_it_is_for_viewing() {
     let said = fail(scratch.path(), &["tonemap", "finished.exr", "-o", "mapped.exr"], 1);
     assert!(said.contains("before `udc finish`"), "{said}");
     succeed(scratch.path(), &["convert", "finished.exr", "picture.png"]);
+    for name in ["picture.npy", "picture.hdr"] {
+        let said = fail(scratch.path(), &["finish", "a.exr", "-o", name], 1);
+        assert!(said.contains("values of a display") && said.contains("write .png, .jpg, .tif or"), "{said}");
+        assert!(!scratch.path().join(name).exists());
+    }
+    let output = udc(scratch.path(), &["convert", "finished.exr", "picture.npy"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.contains("it is read as linear light"), "{said}");
 }
 
 #[test]
