@@ -134,7 +134,16 @@ impl ExampleSet {
         let (beside, outdated): (Vec<_>, Vec<_>) = lists.iter().partition(|list| is_beside(list));
         // One that a run is writing is not to be taken away from it.
         outdated.iter().try_for_each(|list| LineLog::open(&root.join(list))?.try_lock())?;
-        outdated.iter().try_for_each(|list| io::remove(&root.join(list)))?;
+        let mut kept = BTreeSet::new();
+        for list in beside.iter() {
+            kept.extend(listed(root, list)?.into_iter().map(|record| record.id));
+        }
+        for list in &outdated {
+            // Before the list: of a run that is killed here, the next one finds the rest.
+            let examples = listed(root, list)?.into_iter().filter(|record| !kept.contains(&record.id));
+            examples.map(|record| root.join(record.file_name())).try_for_each(|file| io::remove(&file))?;
+            io::remove(&root.join(list))?;
+        }
         if !beside.is_empty() {
             return file.write(root);
         }

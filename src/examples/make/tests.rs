@@ -98,6 +98,25 @@ fn more_examples_may_be_asked_for_and_others_not() {
     assert!(message.contains("something else than examples"), "{message}");
 }
 
+/// Of more examples, and of two shards; what no list names is somebody else's.
+#[test]
+fn examples_of_a_run_before_are_gone_where_one_begins_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().join("examples");
+    let config = |count: usize| ExamplesConfig { count, ..config(Vec::new()) };
+    make_shard(&root, &config(6), "1/2", Existing::Refuse).unwrap();
+    make_shard(&root, &config(6), "2/2", Existing::Refuse).unwrap();
+    let foreign = ["999999.safetensors", "notes.txt"].map(|name| root.join(name));
+    foreign.iter().for_each(|file| std::fs::write(file, "somebody's").unwrap());
+    make(&root, &config(2), Existing::Overwrite).unwrap();
+    assert!(foreign.iter().all(|file| file.is_file()));
+    let mut names = io::list_folder(&root).unwrap();
+    names.retain(|name| name.ends_with(".safetensors"));
+    let mut expected: Vec<String> = contents(&root).1.iter().map(ExampleRecord::file_name).collect();
+    expected.push("999999.safetensors".to_owned());
+    assert_eq!(names, expected);
+}
+
 #[test]
 fn a_shard_that_begins_anew_leaves_what_others_make_of_the_same() {
     let folder = tempfile::tempdir().unwrap();
