@@ -67,7 +67,7 @@ impl ExamplesArgs {
             (false, false, false) => Existing::Refuse,
         };
         let MadeExamples { made, kept, validation } = set
-            .make(&self.output, existing, &session.progress)
+            .make(&self.output, existing, &session.progress, |warning| session.warn(warning))
             .with_context(|| format!("making examples in {}", self.output.display()))?;
         session.results_of(json!({
             "output": text_of(&self.output), "made": made, "kept": kept, "validation": validation,

@@ -171,7 +171,7 @@ impl TrainArgs {
         }
         let existing = if session.overwrite { Existing::Overwrite } else { Existing::Resume };
         ExampleSet { config, shard: Shard::WHOLE }
-            .make(&folder, existing, &session.progress)
+            .make(&folder, existing, &session.progress, |warning| session.warn(warning))
             .with_context(|| format!("making examples in {}", folder.display()))?;
         Ok(folder)
     }

@@ -48,16 +48,24 @@ pub struct MadeExamples {
 }
 
 impl ExampleSet {
-    /// Makes the examples in a folder; an interrupt keeps what is finished.
+    /// Makes the examples in a folder, telling `on_warning` of what may spoil them; an interrupt keeps what is finished.
     ///
     /// # Errors
     /// [`Error::Config`] for a configuration out of range; [`Error::Unsupported`] when the folder holds something that
     /// `existing` does not allow for, or examples that were made otherwise; [`Error::Interrupted`] after an interrupt; those
     /// of reading panoramas, of simulating panels and of writing files.
-    pub fn make(&self, root: &Path, existing: Existing, progress: &Progress) -> Result<MadeExamples> {
+    pub fn make(
+        &self,
+        root: &Path,
+        existing: Existing,
+        progress: &Progress,
+        on_warning: impl FnMut(String),
+    ) -> Result<MadeExamples> {
         self.config.validate()?;
         let (config, psf_sha256) = self.config.resolved()?;
-        let file = ExamplesFile::new(config, psf_sha256, list_panoramas(&self.config)?);
+        let (panoramas, doubts) = list_panoramas(&self.config)?;
+        doubts.into_iter().for_each(on_warning);
+        let file = ExamplesFile::new(config, psf_sha256, panoramas);
         let (mut log, finished) = self.prepare(root, &file, existing)?;
         let (config, panoramas) = (&file.examples, &file.panoramas);
         let ingredients = Ingredients { config, panoramas, panels: Panels::new(root, config) };

@@ -30,28 +30,37 @@ pub struct PanoramaFile {
 impl PanoramaFile {
     /// Reads it.
     pub(super) fn read(&self) -> Result<Panorama> {
+        self.read_with_doubts().map(|(panorama, _)| panorama)
+    }
+
+    /// Reads it, with what is to be warned of.
+    fn read_with_doubts(&self) -> Result<(Panorama, Option<String>)> {
         let doing = |error: Error| error.while_doing(format!("reading the panorama {}", self.path.display()));
-        io::read_image::<Linear>(&self.path).and_then(Panorama::new).map_err(doing)
+        let (image, doubts) = io::read_image_told::<Linear>(&self.path, None).map_err(doing)?;
+        Ok((Panorama::new(image).map_err(doing)?, doubts))
     }
 }
 
-/// Names and divides the configuration's panoramas: the same names are always kept for validation under a seed. They are
+/// Names and divides the configuration's panoramas, and says what of their files is to be warned of: the same names are always kept for validation under a seed. They are
 /// sorted by name, so that the order in which files are named decides nothing.
 ///
 /// # Errors
 /// [`Error::Config`] when two have one name; those of reading a file that is no panorama.
-pub(super) fn list_panoramas(config: &ExamplesConfig) -> Result<Vec<PanoramaFile>> {
+pub(super) fn list_panoramas(config: &ExamplesConfig) -> Result<(Vec<PanoramaFile>, Vec<String>)> {
     if config.scenes.procedural_share >= 1.0 {
-        return Ok(Vec::new());
+        return Ok((Vec::new(), Vec::new()));
     }
     let open = |path: &PathBuf| {
         let name = io::stem_of_input(path);
         let sha256 = io::sha256_of_file(path)?;
         let file = PanoramaFile { name, path: path.clone(), sha256, split: Split::Train };
-        file.read().map(|_| file)
+        let (_, doubts) = file.read_with_doubts()?;
+        Ok((file, doubts))
     };
-    let mut files: Vec<PanoramaFile> = config.scenes.panoramas.par_iter().map(open).collect::<Result<_>>()?;
-    files.sort_by(|a, b| a.name.cmp(&b.name));
+    let mut opened: Vec<(PanoramaFile, Option<String>)> =
+        config.scenes.panoramas.par_iter().map(open).collect::<Result<_>>()?;
+    opened.sort_by(|(a, _), (b, _)| a.name.cmp(&b.name));
+    let (mut files, doubts): (Vec<PanoramaFile>, Vec<Option<String>>) = opened.into_iter().unzip();
     if let Some(pair) = files.windows(2).find(|pair| pair[0].name == pair[1].name) {
         let [one, other] = [&pair[0], &pair[1]].map(|file| file.path.display());
         let reason = format!("{one} and {other} are both named {}; rename one of them", pair[0].name);
@@ -62,7 +71,7 @@ pub(super) fn list_panoramas(config: &ExamplesConfig) -> Result<Vec<PanoramaFile
     for (_, index) in ranked.into_iter().take(config.panoramas_kept()) {
         files[index].split = Split::Val;
     }
-    Ok(files)
+    Ok((files, doubts.into_iter().flatten().collect()))
 }
 
 /// A number that depends on the name and the seed only.
@@ -91,7 +100,7 @@ mod tests {
         let mut config = ExamplesConfig::default();
         config.scenes.panoramas = paths.iter().map(|&path| path.clone()).collect();
         config.scenes.validation_panoramas = 2;
-        list_panoramas(&config)
+        list_panoramas(&config).map(|(files, _)| files)
     }
 
     #[test]

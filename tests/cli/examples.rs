@@ -3,7 +3,11 @@
 use std::fs;
 use std::path::Path;
 
-use super::common::{fail, succeed};
+use exr::prelude::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, WritableImage,
+};
+
+use super::common::{fail, succeed, udc};
 
 pub(crate) const CONFIG: &str = r#"
 iterations = 4
@@ -106,6 +110,35 @@ fn a_network_is_adapted_to_one_panel() {
     let said = fail(folder.path(), &["train", "config.toml", "--psf", "psf.exr", "-o", "x"], 1);
     assert!(said.contains("another architecture"), "{said}");
     assert!(!folder.path().join("x").exists(), "nothing was made");
+}
+
+/// As every command that reads light does, and once for each file.
+#[test]
+fn what_the_file_of_a_panorama_says_and_is_not_heeded_is_warned_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = CONFIG
+        .replace("procedural-share = 1.0", "procedural-share = 0.5\nvalidation-panoramas = 1")
+        .replace("count = 6", "count = 2");
+    fs::write(folder.path().join("config.toml"), config).unwrap();
+    for (name, aspect) in [("flat.exr", 1.0), ("wide.exr", 1.5)] {
+        let samples: Vec<f32> = (0..16 * 32).map(|i| 0.2 + (i % 7) as f32).collect();
+        let channel = |name: &str| AnyChannel::new(name, FlatSamples::F32(samples.clone()));
+        let channels = AnyChannels::sort(["B", "G", "R"].map(channel).into_iter().collect());
+        let mut image = Image::from_layer(Layer::new(
+            (32, 16),
+            LayerAttributes::default(),
+            Encoding::FAST_LOSSLESS,
+            channels,
+        ));
+        image.attributes.pixel_aspect = aspect;
+        image.write().to_file(folder.path().join(name)).unwrap();
+    }
+    let make = ["examples", "config.toml", "--scenes", "flat.exr", "wide.exr", "-o", "examples"];
+    let output = udc(folder.path(), &make);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    assert_eq!(said.matches("times as wide as high").count(), 1, "{said}");
+    assert!(said.contains("wide.exr: its pixels are 1.5"), "{said}");
 }
 
 #[test]

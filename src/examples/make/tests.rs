@@ -25,7 +25,7 @@ fn config(panoramas: Vec<PathBuf>) -> ExamplesConfig {
 
 fn make_shard(root: &Path, config: &ExamplesConfig, shard: &str, existing: Existing) -> Result<MadeExamples> {
     let set = ExampleSet { config: config.clone(), shard: shard.parse().unwrap() };
-    set.make(root, existing, &Progress::default())
+    set.make(root, existing, &Progress::default(), |_| {})
 }
 
 fn make(root: &Path, config: &ExamplesConfig, existing: Existing) -> Result<MadeExamples> {
@@ -204,6 +204,6 @@ fn an_interrupt_ends_the_work() {
     let folder = tempfile::tempdir().unwrap();
     let interrupted = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(true));
     let set = ExampleSet { config: config(Vec::new()), shard: Shard::WHOLE };
-    let found = set.make(folder.path(), Existing::Refuse, &Progress::new(None, interrupted));
+    let found = set.make(folder.path(), Existing::Refuse, &Progress::new(None, interrupted), |_| {});
     assert!(matches!(found, Err(Error::Interrupted)), "{found:?}");
 }

@@ -155,7 +155,7 @@ mod tests {
         config.panels.psf_side_px = 15;
         (config.panels.count, config.panels.validation) = (2, 1);
         let set = ExampleSet { config, shard: Shard::WHOLE };
-        set.make(root, Existing::Refuse, &Progress::default()).unwrap();
+        set.make(root, Existing::Refuse, &Progress::default(), |_| {}).unwrap();
         ExamplesFolder::open(root).unwrap()
     }
 
