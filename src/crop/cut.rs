@@ -12,6 +12,7 @@ use crate::batch::{Kept, is_broken, is_made, tell_of_others, write_or_keep};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
 use crate::core::image::Linear;
+use crate::core::primaries::Primaries;
 use crate::core::progress::Progress;
 use crate::core::provenance::Provenance;
 use crate::core::shard::Shard;
@@ -85,12 +86,18 @@ pub(super) struct PanoramaViews {
 /// Views that have yet to be cut out of a panorama.
 struct Todo {
     panorama: PanoramaViews,
-    /// Of its file.
-    sha256: String,
+    file: PanoramaSource,
     /// Indices, from 0.
     views: Vec<usize>,
     /// The others.
     kept: Kept,
+}
+
+/// What the views of a panorama are made of.
+struct PanoramaSource {
+    sha256: String,
+    /// Where they are others than those of sRGB.
+    primaries: Option<Primaries>,
 }
 
 /// What a view's provenance says.
@@ -98,6 +105,9 @@ struct Todo {
 struct Origin<'a> {
     panorama: &'a str,
     panorama_sha256: &'a str,
+    /// Those of the panorama, which views of an older version do not have.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    primaries: Option<Primaries>,
     /// What the user said that the panorama's file holds.
     #[serde(skip_serializing_if = "Option::is_none")]
     domain: Option<&'static str>,
@@ -140,12 +150,13 @@ impl Cut {
         };
         let bar = progress.bar(views as u64, "views");
         bar.start_at(kept.whole as u64);
-        for Todo { panorama: PanoramaViews { stem, path, .. }, sha256, views, .. } in &todo {
+        for Todo { panorama: PanoramaViews { stem, path, .. }, file, views, .. } in &todo {
             if views.is_empty() {
                 continue;
             }
             let started = Instant::now();
-            let (panorama, capture, mut warnings) = self
+            let capture = file.primaries.map(CaptureInfo::of_primaries);
+            let (panorama, mut warnings) = self
                 .read(path)
                 .map_err(|error| error.while_doing(format!("reading the panorama {}", path.display())))?;
             let first = self.path(folder, stem, views[0] + 1);
@@ -158,7 +169,7 @@ impl Cut {
                 let image = crop_with_margin(&panorama, &self.views[index], self.margin);
                 on_report(CutReport::Rendered { panorama: stem, view: index + 1, time: started.elapsed() });
                 let (path, provenance) =
-                    (self.path(folder, stem, index + 1), self.provenance((stem, sha256), index));
+                    (self.path(folder, stem, index + 1), self.provenance((stem, file), index));
                 let (half, overwrite, origin) = (self.half, self.overwrite, Some(provenance.clone()));
                 let options = WriteOptions { half, overwrite, provenance: origin, capture: capture.clone() };
                 write_or_keep(&path, self.resume, &provenance, || io::write_image(&path, &image, &options))?;
@@ -173,11 +184,12 @@ impl Cut {
     fn todo(&self, folder: &Path, panorama: PanoramaViews) -> Result<Todo> {
         // Before the pixels, so that they are not older than it.
         let sha256 = io::sha256_of_file(&panorama.path)?;
+        let file = PanoramaSource { sha256, primaries: io::read_primaries(&panorama.path)? };
         let (mut views, mut kept) = (Vec::new(), Kept::default());
         for index in panorama.views.clone() {
             let path = self.path(folder, &panorama.stem, index + 1);
             let is_broken = self.resume && is_broken(&path)?;
-            let wanted = self.provenance((&panorama.stem, &sha256), index);
+            let wanted = self.provenance((&panorama.stem, &file), index);
             if self.resume && !is_broken && is_made(&path, &wanted)? {
                 kept.whole += 1;
                 continue;
@@ -188,14 +200,15 @@ impl Cut {
             }
             views.push(index);
         }
-        Ok(Todo { panorama, sha256, views, kept })
+        Ok(Todo { panorama, file, views, kept })
     }
 
-    /// How the view of an index is made of a panorama of a name and a SHA-256.
-    fn provenance(&self, (panorama, panorama_sha256): (&str, &str), index: usize) -> Provenance {
+    /// How the view of an index is made of a panorama of a name.
+    fn provenance(&self, (panorama, file): (&str, &PanoramaSource), index: usize) -> Provenance {
+        let (panorama_sha256, primaries) = (&*file.sha256, file.primaries);
         let (domain, view) = (self.told.map(DomainTag::name), self.views[index]);
         let (margin, half) = (self.margin, self.half);
-        Provenance::new("crop", &Origin { panorama, panorama_sha256, domain, view, margin, half })
+        Provenance::new("crop", &Origin { panorama, panorama_sha256, primaries, domain, view, margin, half })
     }
 
     /// The panoramas of the shard, with its views of each.
@@ -219,11 +232,10 @@ impl Cut {
         self.views.iter().try_for_each(|view| view.check_margin(self.margin))
     }
 
-    /// A panorama, what of its capture is true of its views too, and what to warn of.
-    fn read(&self, path: &Path) -> Result<(Panorama, Option<CaptureInfo>, Vec<String>)> {
-        let capture = io::read_primaries(path)?.map(CaptureInfo::of_primaries);
+    /// A panorama, and what to warn of.
+    fn read(&self, path: &Path) -> Result<(Panorama, Vec<String>)> {
         let (image, contradiction) = io::read_image_told::<Linear>(path, self.told)?;
-        Ok((Panorama::new(image)?, capture, contradiction.into_iter().collect()))
+        Ok((Panorama::new(image)?, contradiction.into_iter().collect()))
     }
 
     fn path(&self, folder: &Path, stem: &str, number: usize) -> PathBuf {
@@ -281,6 +293,38 @@ mod tests {
         assert!(found.is_near(&Primaries::BT2020), "{found:?}");
         let said = cut("npy");
         assert!(said.len() == 1 && said[0].contains("street_01.npy cannot carry"), "{said:?}");
+    }
+
+    /// As those of a version that did not pass them on.
+    #[test]
+    fn a_view_that_lacks_the_primaries_of_its_panorama_is_not_kept() {
+        let root = tempfile::tempdir().unwrap();
+        let image = LinearImage::from_planes(Array3::from_elem((3, 8, 16), 0.5)).unwrap();
+        let path = root.path().join("street.exr");
+        let capture = Some(CaptureInfo::of_primaries(Primaries::BT2020));
+        io::write_image(&path, &image, &WriteOptions { capture, ..WriteOptions::default() }).unwrap();
+        let cut = Cut {
+            views: vec![View { yaw_deg: 0.0, pitch_deg: 0.0, fov_deg: 60.0, size: 8 }],
+            margin: 0,
+            told: None,
+            image_format: "exr",
+            half: false,
+            overwrite: false,
+            resume: true,
+            shard: Shard::WHOLE,
+        };
+        let run = || cut.run(vec![path.clone()], root.path(), &Progress::default(), |_| {});
+        run().unwrap();
+        assert_eq!(run().unwrap().kept.whole, 1);
+        let view = root.path().join("street_01.exr");
+        let mut provenance = io::read_provenance(&view).unwrap().unwrap();
+        provenance.config.as_object_mut().unwrap().remove("primaries").unwrap();
+        let image = io::read_image::<Linear>(&view).unwrap();
+        let options =
+            WriteOptions { provenance: Some(provenance), overwrite: true, ..WriteOptions::default() };
+        io::write_image(&view, &image, &options).unwrap();
+        let said = run().unwrap_err().to_string();
+        assert!(said.contains("street_01.exr was made with other settings"), "{said}");
     }
 
     #[test]
