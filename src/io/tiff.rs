@@ -4,12 +4,12 @@
 
 mod write;
 
-use std::io::Cursor;
+use std::io::{self, Cursor, ErrorKind, Read, Seek};
 
 use ndarray::Array3;
 use tiff::decoder::{BufferLayoutPreference, Decoder, DecodingResult, DecodingSampleType, Limits, ifd};
 use tiff::tags::{CompressionMethod, PhotometricInterpretation, Tag};
-use tiff::{ColorType, TiffError};
+use tiff::{ColorType, TiffError, TiffResult};
 
 use super::MAX_PIXELS;
 use super::directory::{Directory, FILL_ORDER};
@@ -78,6 +78,31 @@ pub(super) fn icc_profile(bytes: &[u8]) -> Option<Vec<u8>> {
     // No value of the file is longer than the file.
     limits.decoding_buffer_size = bytes.len().saturating_mul(size_of::<ifd::Value>());
     Decoder::new(Cursor::new(bytes)).ok()?.with_limits(limits).get_tag_u8_vec(Tag::IccProfile).ok()
+}
+
+/// Whether a file of `length` bytes holds its first directory, and all strips or tiles that it lists. One of a kind that is not read is
+/// not looked into.
+///
+/// # Errors
+/// Those of reading.
+pub(super) fn is_whole(file: impl Read + Seek, length: u64) -> io::Result<bool> {
+    match end_of_samples(file) {
+        Ok(end) => Ok(end.is_some_and(|end| end <= length)),
+        Err(TiffError::UnsupportedError(_)) => Ok(true),
+        Err(TiffError::IoError(error)) if error.kind() != ErrorKind::UnexpectedEof => Err(error),
+        Err(_) => Ok(false),
+    }
+}
+
+fn end_of_samples(file: impl Read + Seek) -> TiffResult<Option<u64>> {
+    let mut decoder = Decoder::new(file)?;
+    let is_tiled = decoder.find_tag(Tag::TileOffsets)?.is_some();
+    let [places, lengths] = match is_tiled {
+        true => [Tag::TileOffsets, Tag::TileByteCounts],
+        false => [Tag::StripOffsets, Tag::StripByteCounts],
+    };
+    let (places, lengths) = (decoder.get_tag_u64_vec(places)?, decoder.get_tag_u64_vec(lengths)?);
+    Ok(places.into_iter().zip(lengths).map(|(place, length)| place.saturating_add(length)).max())
 }
 
 fn check_order_of_bits(bytes: &[u8]) -> Result<(), String> {

@@ -1,12 +1,14 @@
 //! Tells images that were written to their end from what a full disk or a crash left of them, without reading their pixels.
 
+mod radiance;
+
 use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use super::exr::{BlockTable, block_table_of_head};
 use super::format::Format;
-use super::{HEAD_BYTES, npy};
+use super::{HEAD_BYTES, npy, tiff};
 use crate::core::error::{Error, Result};
 
 /// Enough for most headers; where it is not, as much is read as for any.
@@ -19,8 +21,8 @@ const END_OF_PNG: [u8; 12] = [0, 0, 0, 0, b'I', b'E', b'N', b'D', 0xae, 0x42, 0x
 const END_OF_JPEG: [u8; 2] = [0xff, 0xd9];
 
 /// Whether an image file, of the format that its name says, goes on to its end: it is not empty, and NumPy arrays are as long
-/// as their headers say, OpenEXR files reach to the end of their last block, PNG and JPEG end as such files do. Of TIFF and
-/// Radiance files it is not known. What is no file, such as a pipe, is taken for whole.
+/// as their headers say, OpenEXR files reach to the end of their last block, TIFF files hold all strips or tiles, Radiance files
+/// all scan lines, PNG and JPEG end as such files do. What is no file, such as a pipe, is taken for whole.
 ///
 /// # Errors
 /// [`Error::Io`] when the file cannot be read.
@@ -37,7 +39,9 @@ pub fn is_whole(path: &Path) -> Result<bool> {
             (length, Some(Format::Exr)) => is_whole_exr(&mut file, length),
             (length, Some(Format::Png)) => ends_with(&mut file, length, &END_OF_PNG),
             (length, Some(Format::Jpeg)) => ends_with(&mut file, length, &END_OF_JPEG),
-            (_, Some(Format::Tiff | Format::Hdr) | None) => Ok(true),
+            (length, Some(Format::Tiff)) => tiff::is_whole(BufReader::new(file), length),
+            (_, Some(Format::Hdr)) => radiance::is_whole(BufReader::new(file)),
+            (_, None) => Ok(true),
         }
     };
     look().map_err(|source| Error::io("read", path, source))
@@ -111,11 +115,13 @@ mod tests {
     #[test]
     fn what_lacks_its_end_is_not_whole() {
         let folder = tempfile::tempdir().unwrap();
-        let files = ["a.exr", "b.exr", "a.npy", "a.png", "a.jpg"].map(|name| folder.path().join(name));
+        let names = ["a.exr", "b.exr", "a.npy", "a.hdr", "a.png", "a.jpg", "a.tif"];
+        let files = names.map(|name| folder.path().join(name));
         write_light(&files[0], "short");
         write_light(&files[1], &"long".repeat(5000));
         write_light(&files[2], "");
-        for file in &files[3..] {
+        write_light(&files[3], "");
+        for file in &files[4..] {
             let planes = Array3::from_shape_fn((3, 40, 30), |(_, y, x)| ((y * x) % 9) as f32 / 9.0);
             write_pixels(file, &Pixels::of_planes(planes), PixelOptions::default()).unwrap();
         }
@@ -127,7 +133,7 @@ mod tests {
                 assert!(!is_whole(file).unwrap(), "{kept} bytes of {}", file.display());
             }
         }
-        let other = folder.path().join("a.tif");
+        let other = folder.path().join("a.txt");
         fs::write(&other, "").unwrap();
         assert!(!is_whole(&other).unwrap());
         fs::write(&other, "II").unwrap();
