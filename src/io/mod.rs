@@ -21,6 +21,7 @@ mod folder;
 mod foreign;
 mod format;
 mod guard;
+mod half_sides;
 mod half_tensors;
 mod icc;
 mod inputs;

@@ -4,9 +4,10 @@ use std::io::{self, Cursor};
 use std::path::Path;
 
 use half::f16;
-use ndarray::{Array3, ArrayView2, ArrayView3};
+use ndarray::{ArrayView2, ArrayView3};
 
 use super::format::Format;
+use super::half_sides::beside_levels;
 use super::{DomainTag, Pixels, WriteSeek, check_output, exr, npy, raster, write_atomically};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
@@ -167,7 +168,7 @@ fn encode(
     check_light(path, format, contents.domain)?;
     let largest = f32::from(f16::MAX);
     let is_half = options.half && matches!(format, Format::Exr | Format::Npy);
-    if let Some(planes) = is_half.then(|| clipped_above(contents)).flatten() {
+    if let Some(planes) = is_half.then(|| beside_levels(contents)).flatten() {
         return encode(path, &Contents { planes: planes.view(), ..*contents }, options, write);
     }
     if is_half && options.clip && contents.planes.iter().any(|value| value.abs() > largest) {
@@ -186,20 +187,6 @@ fn encode(
     };
     let bytes = encoded.map_err(|reason| Error::format(path, reason))?;
     write(&mut |file| file.write_all(&bytes))
-}
-
-/// The planes of a tone-mapped image whose clipped values half floats would round down to others, with the next half float above
-/// in their place: mapping back clips it, so that a lamp is where the curve says that light ends, and counts as saturated. None where
-/// there are no such values.
-fn clipped_above(contents: &Contents<'_>) -> Option<Array3<f32>> {
-    let is_mapped = contents.domain == Some(DomainTag::ToneMapped);
-    let curve = contents.provenance.filter(|_| is_mapped).and_then(Provenance::tone_curve)?;
-    let top = curve.compress(curve.x_max);
-    let nearest = f16::from_f32(top);
-    let above = f16::from_bits(nearest.to_bits() + 1).to_f32();
-    let is_lost = |value: &f32| nearest.to_f32() < top && (top..above).contains(value);
-    let lift = |value: f32| if is_lost(&value) { above } else { value };
-    contents.planes.iter().any(is_lost).then(|| contents.planes.mapv(lift))
 }
 
 /// Refuses pictures for viewing where they would be taken for light, in Radiance HDR and NumPy arrays, before the work.
