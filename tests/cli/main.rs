@@ -10,6 +10,7 @@
 mod archives;
 mod bench;
 mod brackets;
+mod color_tags;
 mod common;
 mod compare;
 mod crop_codes;
@@ -25,6 +26,7 @@ mod files;
 mod finish;
 mod foreign;
 mod guided;
+mod info;
 mod info_pictures;
 mod instruction_sets;
 mod json_events;
@@ -56,6 +58,7 @@ mod scenes;
 mod shards;
 mod sweep;
 mod synth;
+mod synth_resume;
 #[path = "../common/tiff.rs"]
 mod tiff;
 mod tone;
