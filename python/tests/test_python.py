@@ -237,8 +237,11 @@ def test_a_forked_process_computes(scene, psf):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_an_interrupt_ends_the_work():
+    # A job in the background of a shell is born deaf to interrupts, and so are its children.
     program = textwrap.dedent("""
+        import signal
         import numpy as np, udc
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         psf = udc.simulate_psf(random=7, size=65)
         print("ready", flush=True)
         try:
@@ -251,7 +254,10 @@ def test_an_interrupt_ends_the_work():
     assert child.stdout.readline() == "ready\n"
     time.sleep(1)
     child.send_signal(signal.SIGINT)
-    out, _ = child.communicate(timeout=120)
+    try:
+        out, _ = child.communicate(timeout=120)
+    finally:
+        child.kill()
     assert out == "interrupted\n" and child.returncode == 0
 
 

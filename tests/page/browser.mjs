@@ -81,6 +81,7 @@ export async function canvasBytes(page) {
 
 /** Sets a slider or a list as a reader would, and waits for the picture. */
 export async function set(page, part, value) {
+  await drawn(page);
   await page.evaluate(([name, wanted]) => {
     const element = document.querySelector(`.viewer [data-part="${name}"]`);
     element.value = wanted;
