@@ -41,8 +41,8 @@ impl PanoramaFile {
     }
 }
 
-/// Names and divides the configuration's panoramas, and says what of their files is to be warned of: the same names are always kept for validation under a seed. They are
-/// sorted by name, so that the order in which files are named decides nothing.
+/// Names and divides the configuration's panoramas, and says what of their files is to be warned of: the same names are always kept for
+/// validation under a seed. They are sorted by name, so that the order in which files are named decides nothing.
 ///
 /// # Errors
 /// [`Error::Config`] when two have one name; those of reading a file that is no panorama.

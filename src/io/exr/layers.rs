@@ -32,8 +32,8 @@ const PICTURES: [&[&str]; 2] = [&["R", "G", "B"], &["Y"]];
 /// Chooses the image of a file: the layer of a name, or the one that is the image by itself.
 ///
 /// Without a name it is R, G, B, or where no layer has these Y, with RY and BY beside it in colour. A file of a single channel is that
-/// channel, whatever its name: mosaics are stored so. Among several layers the one without a channel prefix is the image, as OpenEXR defines it,
-/// when there is only one such. With a pattern, four channels are the photosites of a packed mosaic.
+/// channel, whatever its name: mosaics are stored so. Among several layers the one without a channel prefix is the image, as OpenEXR
+/// defines it, when there is only one such. With a pattern, four channels are the photosites of a packed mosaic.
 pub(super) fn choose_layer(
     meta: &MetaData,
     packed: Option<BayerPattern>,
