@@ -8,15 +8,15 @@
 use std::borrow::Cow;
 use std::fmt;
 
-use ndarray::{Array2, Array3, ArrayView2, Axis, Zip};
+use ndarray::{Array2, ArrayView2, Zip};
 use serde::Serialize;
 
 use super::super::{Border, DeconvolutionConfig};
 use super::coarse::Half;
 use super::fit::{Fit, Places, grown, largest};
 use super::frame::{Blur, Frame};
-use super::known::NEAR_PX;
-use super::smooth::{local_mean, paint};
+use super::known::local_brightness;
+use super::relief::Flared;
 use crate::core::error::Result;
 use crate::core::fft::TransformPrecision;
 use crate::core::image::{CHANNELS, LinearImage};
@@ -60,9 +60,6 @@ const MOST_LAMPS: usize = 4;
 /// What surroundings shine with at least as light gathers, over α and over the brightest.
 const SEEDS: [f32; 2] = [4e-3, 1e-3];
 
-/// The part of the light of saturation from which flare alone is taken to saturate a pixel.
-const SATURATING: f32 = 0.5;
-
 /// A lamp outside of the frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -90,7 +87,7 @@ impl fmt::Display for LampOutside {
 /// A capture without the flare of lamps outside of it.
 #[derive(Clone, Debug)]
 pub struct Relieved {
-    /// The capture; where that flare saturated it, painted like what is around.
+    /// The capture; where that flare saturated it, or is not known well enough, painted like what is around.
     pub image: LinearImage,
     /// The lamps, the most visible first.
     pub lamps: Vec<LampOutside>,
@@ -101,7 +98,8 @@ pub struct Relieved {
 /// # Method
 /// At a low resolution, light of all surroundings is fitted to the fine detail of each colour by weighted least squares; around the
 /// pixel whose flare is seen best in all colours together it is fitted alone. If it explains much in every colour, it is a lamp:
-/// its light is measured at a higher resolution, its flare taken from the capture, and the next one looked for.
+/// its light is measured at a higher resolution, its flare taken from the capture, and the next one looked for. Where errors of all that
+/// flare drown the scene, the scene around takes its place.
 ///
 /// # Errors
 /// [`Error::Shape`](crate::core::error::Error::Shape) for a PSF that does not suit the image, and
@@ -115,20 +113,30 @@ pub fn without_lamps_outside(
     if config.border != Border::Smooth || image.height() * image.width() < LEAST_PX {
         return Ok(None);
     }
-    let mut relieved: Option<Relieved> = None;
+    let (mut lamps, mut flare) = (Vec::new(), Vec::new());
+    let mut relieved: Option<LinearImage> = None;
     for _ in 0..MOST_LAMPS {
-        let full = View::new(relieved.as_ref().map_or(image, |relieved| &relieved.image), psf, config);
+        let full = View::new(relieved.as_ref().unwrap_or(image), psf, config);
         let Some(measured) = full.measure(config.alpha, progress)? else { break };
         let lamp = full.lamp(&measured);
         if !would_outshine(&lamp, psf, (image, config)) {
             break;
         }
-        let image = full.without(&full.flare(&measured)?, config)?;
-        let mut lamps = relieved.map_or_else(Vec::new, |relieved| relieved.lamps);
+        let of_lamp = full.flare(&measured)?;
+        let without = full.flared(config).without(&of_lamp)?;
         lamps.push(lamp);
-        relieved = Some(Relieved { image, lamps });
+        match flare.is_empty() {
+            true => flare = of_lamp,
+            false => flare.iter_mut().zip(of_lamp).for_each(|(flare, of_lamp)| *flare += &of_lamp),
+        }
+        relieved = Some(without);
     }
-    Ok(relieved)
+    if lamps.is_empty() {
+        return Ok(None);
+    }
+    drop(relieved);
+    let image = View::new(image, psf, config).flared(config).without_doubtful(&flare)?;
+    Ok(Some(Relieved { image, lamps }))
 }
 
 /// Whether a lamp would saturate a pixel of the frame, or be brighter than all of it where nothing shows what saturates: dimmer light is
@@ -281,7 +289,7 @@ impl<'a> View<'a> {
 
     fn known<'k>(&'k self, channel: usize, frame: &'k Frame, alpha: f32) -> Result<Known<'k>> {
         let psf = self.psf.channel(channel);
-        let brightness = self.brightness(channel, alpha);
+        let brightness = local_brightness(&self.image.channel(channel).to_owned(), alpha);
         let mut known = Known {
             capture: self.image.channel(channel),
             saturated: &self.saturated[channel],
@@ -362,30 +370,8 @@ impl<'a> View<'a> {
         light.iter().enumerate().map(of_channel).collect()
     }
 
-    /// The capture without flare; where that alone saturates it, painted over.
-    fn without(&self, flare: &[Array2<f32>], config: &DeconvolutionConfig) -> Result<LinearImage> {
-        let mut planes = Array3::zeros(self.image.planes().dim());
-        for (channel, mut out) in planes.axis_iter_mut(Axis(0)).enumerate() {
-            let (capture, saturated) = (self.image.channel(channel), &self.saturated[channel]);
-            let level = config.saturation[channel];
-            let mut known = Array2::ones(saturated.dim());
-            let mut rest =
-                Zip::from(capture).and(&flare[channel]).and(saturated).and(&mut known).par_map_collect(
-                    |y, flare, saturated, known| match *saturated {
-                        true if *flare >= SATURATING * level => {
-                            *known = 0.0;
-                            0.0
-                        }
-                        true => *y,
-                        false => (y - flare).max(y.min(0.0)),
-                    },
-                );
-            if known.iter().any(|known| *known == 0.0) {
-                paint(&mut rest, &known);
-            }
-            out.assign(&rest);
-        }
-        LinearImage::from_planes(planes)
+    fn flared<'f>(&'f self, config: &'f DeconvolutionConfig) -> Flared<'f> {
+        Flared { image: &self.image, saturated: &self.saturated, config }
     }
 
     fn lamp(&self, light: &Light) -> LampOutside {
@@ -406,13 +392,6 @@ impl<'a> View<'a> {
         let total: f64 = lamp.light.iter().sum();
         lamp.position = lamp.position.map(|moment| moment / total.max(f64::MIN_POSITIVE));
         lamp
-    }
-
-    /// The capture's local brightness and α.
-    fn brightness(&self, channel: usize, alpha: f32) -> Array2<f32> {
-        let mut brightness = local_mean(&self.image.channel(channel).to_owned(), NEAR_PX);
-        brightness.par_mapv_inplace(|mean| mean + alpha);
-        brightness
     }
 
     fn surroundings(&self) -> Array2<bool> {

@@ -15,6 +15,13 @@ use crate::core::saturation::saturated_from;
 /// PSF, narrow enough to tell a window from its wall.
 pub(super) const NEAR_PX: f32 = 4.0;
 
+/// The local mean of light, and α.
+pub(super) fn local_brightness(light: &Array2<f32>, alpha: f32) -> Array2<f32> {
+    let mut brightness = local_mean(light, NEAR_PX);
+    brightness.par_mapv_inplace(|mean| mean + alpha);
+    brightness
+}
+
 /// What is known of a channel from without.
 #[derive(Clone, Copy)]
 pub(super) struct Known<'a> {
@@ -38,9 +45,7 @@ impl<'a> Known<'a> {
 
     /// D: the local brightness of the capture, which is `surrounded`.
     pub(super) fn brightness(&self, surrounded: &Array2<f32>) -> Array2<f32> {
-        let mut brightness = local_mean(surrounded, NEAR_PX);
-        brightness.par_mapv_inplace(|mean| mean + self.config.alpha);
-        brightness
+        local_brightness(surrounded, self.config.alpha)
     }
 
     /// The channel's saturated `pixels`.
