@@ -140,6 +140,14 @@ impl<D: Domain> Image<D> {
     }
 }
 
+/// A row of a plane.
+///
+/// # Panics
+/// For planes whose rows do not lie in memory as they are.
+pub(crate) fn row_of<'a, T>(plane: ArrayView2<'a, T>, y: usize) -> &'a [T] {
+    plane.slice_move(s![y, ..]).to_slice().expect("rows are contiguous")
+}
+
 /// Whether no value is NaN or infinite.
 pub(crate) fn all_finite(values: &[f32]) -> bool {
     const SHARE: usize = 1 << 14;

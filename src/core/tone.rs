@@ -43,17 +43,20 @@ impl ToneCurve {
     }
 
     /// C: limits a value to what the sensor can record.
+    #[inline]
     pub fn clip(&self, x: f32) -> f32 {
         x.clamp(0.0, self.x_max)
     }
 
     /// φ∘C of one value.
+    #[inline]
     pub fn compress(&self, x: f32) -> f32 {
         let x = self.clip(x);
         x / (x + self.alpha)
     }
 
     /// The inverse of [`compress`](Self::compress) on `[0, φ(x_max)]`.
+    #[inline]
     pub fn expand(&self, y: f32) -> f32 {
         let y = y.clamp(0.0, self.compress(self.x_max));
         (self.alpha * y / (1.0 - y)).min(self.x_max)

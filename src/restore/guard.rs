@@ -6,10 +6,11 @@ use ndarray::{Array2, Array3, ArrayView3, Axis, Zip};
 use super::deconvolution::Border;
 use crate::core::error::Result;
 use crate::core::fft::{Boundary, PlaneOperator, TransformPrecision, copy_row};
-use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
+use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage, row_of};
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
+use crate::kernels::vectorised;
 
 /// How far a correction may move the blurred scene, as a multiple of what the deconvolution leaves of the capture nearby: what
 /// noise and a PSF that is a little off leave open.
@@ -58,7 +59,10 @@ impl Left {
     pub(super) fn of(residual: ArrayView3<'_, f32>) -> Self {
         Self(std::array::from_fn(|channel| {
             let residual = residual.index_axis(Axis(0), channel);
-            let mut left = cells(residual.dim(), |at| residual[at].powi(2) - EXPLAINED.powi(2));
+            let mut left = cells(residual.dim(), |y, out| {
+                squares(out, row_of(residual, y));
+                out.iter_mut().for_each(|square| *square -= EXPLAINED.powi(2));
+            });
             left.mapv_inplace(|left| left.max(0.0));
             left
         }))
@@ -128,21 +132,28 @@ impl Guard<'_> {
             let capture = self.capture.channel(channel);
             let saturated_from = saturated_from(self.saturation[channel]);
             let light = |y: usize, out: &mut [f32]| {
-                let values = restored.row(y).into_iter().zip(deconvolved.row(y)).zip(capture.row(y));
-                for (out, ((r, d), y)) in out.iter_mut().zip(values) {
-                    let is_told = *y < saturated_from;
-                    *out = if is_told { self.curve.expand(*r) - self.curve.expand(*d) } else { 0.0 };
-                }
+                let rows = [restored, deconvolved, capture].map(|plane| row_of(plane, y));
+                write_correction(out, rows, (self.curve, saturated_from));
             };
             let otf = operator.transfer_function(self.psf.channel(channel), |k| k)?;
             operator.convolve(&otf, (size[0], light), (&mut moved, copy_row));
-            let moved = cells(moved.dim(), |at| self.unexplained(moved[at], channel, at).powi(2));
+            let outside = self.outside.map(|outside| outside.channel(channel));
+            let moved = cells(moved.dim(), |y, out| {
+                out.copy_from_slice(row_of(moved.view(), y));
+                if let Some(outside) = outside {
+                    take_outside(out, row_of(outside, y), self.curve);
+                }
+                square_unexplained(out, row_of(capture, y), (self.curve.alpha, saturated_from));
+            });
             *shares = Zip::from(&moved)
                 .and(&self.left.0[channel])
                 .map_collect(|moved, left| share(*moved, MOST_MOVED * MOST_MOVED * left));
             if let Some(deviation) = self.deviation.map(|deviation| deviation.channel(channel)) {
-                let corrected = cells(size.into(), |at| (restored[at] - deconvolved[at]).powi(2));
-                let deviation = cells(size.into(), |at| deviation[at].powi(2));
+                let corrected = cells(size.into(), |y, out| {
+                    let values = row_of(restored, y).iter().zip(row_of(deconvolved, y));
+                    out.iter_mut().zip(values).for_each(|(out, (r, d))| *out = (r - d).powi(2));
+                });
+                let deviation = cells(size.into(), |y, out| squares(out, row_of(deviation, y)));
                 Zip::from(shares).and(&corrected).and(&deviation).for_each(|taken, corrected, deviation| {
                     *taken = taken.min(share(*corrected, MOST_CORRECTED * MOST_CORRECTED * deviation));
                 });
@@ -150,15 +161,42 @@ impl Guard<'_> {
         }
         Ok(shares)
     }
+}
 
-    /// What light from outside leaves of a change of the blurred scene, over `y + α`; nothing where the capture is saturated.
-    fn unexplained(&self, moved: f32, channel: usize, at: (usize, usize)) -> f32 {
-        let y = self.capture.channel(channel)[at];
-        if y >= saturated_from(self.saturation[channel]) {
-            return 0.0;
+vectorised! {
+    /// Writes by how much a row of corrected light differs from the deconvolved one; nothing where the capture is saturated.
+    fn write_correction<'a>(out: &'a mut [f32], rows: [&'a [f32]; 3], known: (ToneCurve, f32)) -> () {
+        let ([restored, deconvolved, capture], (curve, saturated_from)) = (rows, known);
+        for (((out, r), d), y) in out.iter_mut().zip(restored).zip(deconvolved).zip(capture) {
+            let moved = curve.expand(*r) - curve.expand(*d);
+            *out = if *y < saturated_from { moved } else { 0.0 };
         }
-        let outside = self.outside.map_or(0.0, |outside| self.curve.expand(outside.channel(channel)[at]));
-        (moved.abs() - BRIGHTEST_OUTSIDE * outside).max(0.0) / (y.max(0.0) + self.curve.alpha)
+    }
+}
+
+vectorised! {
+    /// Takes as much of a row of changes of the blurred scene as light from outside may explain.
+    fn take_outside<'a>(moved: &'a mut [f32], outside: &'a [f32], curve: ToneCurve) -> () {
+        for (moved, outside) in moved.iter_mut().zip(outside) {
+            *moved = (moved.abs() - BRIGHTEST_OUTSIDE * curve.expand(*outside)).max(0.0);
+        }
+    }
+}
+
+vectorised! {
+    /// Makes of a row of changes of the blurred scene their squares over `(y + α)²`; nothing where the capture is saturated.
+    fn square_unexplained<'a>(moved: &'a mut [f32], capture: &'a [f32], known: (f32, f32)) -> () {
+        let (alpha, saturated_from) = known;
+        for (moved, y) in moved.iter_mut().zip(capture) {
+            let relative = *moved / (y.max(0.0) + alpha);
+            *moved = if *y < saturated_from { relative * relative } else { 0.0 };
+        }
+    }
+}
+
+vectorised! {
+    fn squares<'a>(out: &'a mut [f32], of: &'a [f32]) -> () {
+        out.iter_mut().zip(of).for_each(|(out, value)| *out = value * value);
     }
 }
 
@@ -174,16 +212,20 @@ fn share(found: f32, allowed: f32) -> f32 {
     if found <= allowed { 1.0 } else { (allowed / found).sqrt() }
 }
 
-/// The sums of what pixels have over cells and their neighbours.
-fn cells((height, width): (usize, usize), value: impl Fn((usize, usize)) -> f32 + Sync) -> Array2<f32> {
+/// The sums of what pixels have, of which `write(y, row)` writes rows, over cells and their neighbours.
+fn cells((height, width): (usize, usize), write: impl Fn(usize, &mut [f32]) + Sync) -> Array2<f32> {
     let mut own = Array2::<f32>::zeros((height.div_ceil(CELL_PX), width.div_ceil(CELL_PX)));
-    own.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(row, mut cells)| {
-        for y in row * CELL_PX..((row + 1) * CELL_PX).min(height) {
-            for x in 0..width {
-                cells[x / CELL_PX] += value((y, x));
+    let rows = own.axis_iter_mut(Axis(0)).into_par_iter().enumerate();
+    rows.for_each_init(
+        || vec![0.0; width],
+        |values, (row, mut cells)| {
+            for y in row * CELL_PX..((row + 1) * CELL_PX).min(height) {
+                write(y, values);
+                let parts = cells.iter_mut().zip(values.chunks(CELL_PX));
+                parts.for_each(|(cell, values)| *cell += values.iter().sum::<f32>());
             }
-        }
-    });
+        },
+    );
     Array2::from_shape_fn(own.dim(), |(row, column)| {
         let [rows, columns] = [(row, own.nrows()), (column, own.ncols())]
             .map(|(at, count)| at.saturating_sub(1)..(at + 2).min(count));

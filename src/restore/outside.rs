@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use ndarray::parallel::prelude::*;
-use ndarray::{Array2, Array3, ArrayView2, Axis};
+use ndarray::{Array2, Array3, ArrayView1, ArrayView2, Axis};
 
 use super::deconvolution::Border;
 use crate::core::error::Result;
@@ -31,13 +31,13 @@ pub(super) fn light_from_outside(
         for (channel, mut plane) in planes.axis_iter_mut(Axis(0)).enumerate() {
             let kernel = psf.channel(channel);
             let sums = SummedKernel::new(kernel);
-            let whole = sums.within(&(0..kernel.nrows()), &(0..kernel.ncols()));
+            let whole = sums.0[kernel.dim()];
             let mean = mean_of(capture.channel(channel));
             let columns: Vec<_> = (0..width).map(|x| samples_inside(x, width, kernel.ncols())).collect();
             plane.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(y, mut row)| {
-                let rows = samples_inside(y, height, kernel.nrows());
+                let sums = sums.of_rows(&samples_inside(y, height, kernel.nrows()));
                 for (value, columns) in row.iter_mut().zip(&columns) {
-                    let outside = 1.0 - sums.within(&rows, columns) / whole;
+                    let outside = 1.0 - (sums[columns.end] - sums[columns.start]) / whole;
                     #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
                     let light = (outside.max(0.0) * mean) as f32;
                     *value = curve.compress(light);
@@ -49,8 +49,9 @@ pub(super) fn light_from_outside(
 }
 
 fn mean_of(plane: ArrayView2<'_, f32>) -> f64 {
-    let sum: f64 = plane.iter().map(|&value| f64::from(value.max(0.0))).sum();
-    sum / plane.len().max(1) as f64
+    let of_row = |row: ArrayView1<'_, f32>| row.iter().map(|&value| f64::from(value.max(0.0))).sum::<f64>();
+    let of_rows: Vec<f64> = plane.axis_iter(Axis(0)).into_par_iter().map(of_row).collect();
+    of_rows.iter().sum::<f64>() / plane.len().max(1) as f64
 }
 
 /// The samples of a kernel about its centre that meet the frame, at a pixel of one axis.
@@ -71,11 +72,10 @@ impl SummedKernel {
         Self(sums)
     }
 
-    /// The sum of a window.
-    fn within(&self, rows: &Range<usize>, columns: &Range<usize>) -> f64 {
-        let at = |y, x| self.0[[y, x]];
-        at(rows.end, columns.end) - at(rows.start, columns.end) - at(rows.end, columns.start)
-            + at(rows.start, columns.start)
+    /// Some rows, summed from their beginning on.
+    fn of_rows(&self, rows: &Range<usize>) -> Vec<f64> {
+        let [start, end] = [rows.start, rows.end].map(|y| self.0.row(y));
+        start.iter().zip(end).map(|(start, end)| end - start).collect()
     }
 }
 

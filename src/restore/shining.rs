@@ -1,10 +1,10 @@
 //! Keeps saturated pixels from being darker than the light that is found around them.
 
 use ndarray::parallel::prelude::*;
-use ndarray::{ArrayView2, Axis, s};
+use ndarray::{ArrayView2, Axis};
 
 use crate::core::error::Result;
-use crate::core::image::{CHANNELS, Image, LinearImage, ToneMappedImage};
+use crate::core::image::{CHANNELS, Image, LinearImage, ToneMappedImage, row_of};
 use crate::core::saturation::saturated_from;
 
 /// How far around a pixel its neighbourhood reaches along rows and columns.
@@ -52,12 +52,15 @@ fn least(plane: ArrayView2<'_, f32>, (y, x): (usize, usize), found: f32, around:
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of some pixels")]
     let darker = (OUTSHONE * (pixels - 1) as f64).round() as usize;
     around.clear();
-    around.extend(plane.slice(s![rows, columns]).iter().filter(|value| **value > found));
-    // All that is not brighter comes first.
-    match darker.checked_sub(pixels - around.len()) {
-        Some(place) => *around.select_nth_unstable_by(place, f32::total_cmp).1,
-        None => found,
+    for y in rows {
+        around.extend_from_slice(&row_of(plane, y)[columns.clone()]);
     }
+    // All that is not brighter comes first.
+    let brighter = around.iter().filter(|value| **value > found).count();
+    if darker < pixels - brighter {
+        return found;
+    }
+    *around.select_nth_unstable_by(darker, f32::total_cmp).1
 }
 
 #[cfg(test)]

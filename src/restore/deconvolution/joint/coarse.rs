@@ -3,7 +3,7 @@
 use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis, Zip, s};
 
 use crate::core::error::Result;
-use crate::core::image::LinearImage;
+use crate::core::image::{LinearImage, row_of};
 use crate::core::psf::Psf;
 
 /// The side from which captures are halved: below, hardly a pixel is left that would tell lamps from their flare.
@@ -60,7 +60,7 @@ fn of_blocks<T: Copy + Sync, U: Clone + Default + Send>(
     let (height, width) = plane.dim();
     let mut halved = Array2::default((height.div_ceil(2), width.div_ceil(2)));
     Zip::indexed(halved.rows_mut()).par_for_each(|y, mut out| {
-        let row = |y: usize| plane.slice_move(s![y, ..]).to_slice().expect("rows are contiguous");
+        let row = |y: usize| row_of(plane, y);
         let pairs = row(2 * y).chunks(2);
         match 2 * y + 1 < height {
             true => out.iter_mut().zip(pairs.zip(row(2 * y + 1).chunks(2))).for_each(|(out, pairs)| {

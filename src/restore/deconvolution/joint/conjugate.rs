@@ -8,6 +8,7 @@ use super::prior::Prior;
 use super::sums::{add_scaled, dot};
 use crate::core::error::Result;
 use crate::core::fft::Damping;
+use crate::core::image::row_of;
 use crate::core::progress::Progress;
 use crate::kernels::vectorised;
 
@@ -75,12 +76,7 @@ impl System<'_> {
         steps: usize,
         (room, progress): (&mut Room, &Progress),
     ) -> Result<()> {
-        Zip::from(&mut room.image)
-            .and(self.capture)
-            .and(self.weights)
-            .par_for_each(|image, y, w| *image = w * (y - *image));
-        self.blur.transpose(&room.image, &mut room.gradient);
-        self.prior.take_slope(x, (&mut room.gradient, &mut room.turned));
+        self.take_slope(x, room);
         let is_told = |place| self.told.is_some_and(|told| told.get(place) == Some(&true));
         let held = Zip::indexed(&mut room.gradient).and(&*x).par_map_collect(|place, g, x| {
             let held = *x <= 0.0 && *g <= 0.0 || is_told(place);
@@ -113,6 +109,19 @@ impl System<'_> {
         }
         x.par_mapv_inplace(|light| light.max(0.0));
         Ok(())
+    }
+
+    /// Writes half the slope at x, of which the room holds A x, to `gradient`.
+    fn take_slope(&self, x: &Array2<f32>, Room { gradient, turned, image, .. }: &mut Room) {
+        self.prior.product(x, turned);
+        let left = |y: usize, samples: &mut [f32]| {
+            leave(samples, [row_of(self.capture, y), row(image, y)], row(self.weights, y));
+        };
+        let take = |y: usize, slope: &[f32], out: &mut [f32]| {
+            self.prior.take_slope(y, [slope, row(turned, y)], out);
+            0.0
+        };
+        self.blur.transpose_rows((self.capture.nrows(), left), (gradient, take));
     }
 
     /// Writes W A d of the direction to `image` and the penalty's matrix times it to `turned`; returns its inner product with the
@@ -173,6 +182,16 @@ vectorised! {
     /// Writes the products of two rows, as many as there is place for.
     fn multiply<'a>(out: &'a mut [f32], a: &'a [f32], b: &'a [f32]) -> () {
         out.iter_mut().zip(a).zip(b).for_each(|((out, a), b)| *out = a * b);
+    }
+}
+
+vectorised! {
+    /// Writes what an image leaves of a capture times the weights, as far as these go.
+    fn leave<'a>(out: &'a mut [f32], of: [&'a [f32]; 2], weights: &'a [f32]) -> () {
+        let [capture, image] = of;
+        for (((out, y), image), w) in out.iter_mut().zip(capture).zip(image).zip(weights) {
+            *out = w * (y - image);
+        }
     }
 }
 

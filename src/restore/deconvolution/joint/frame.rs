@@ -199,7 +199,16 @@ impl Blur<'_> {
         y: &Array2<f32>,
         into: (&mut Array2<f32>, impl Fn(usize, &[f32], &mut [f32]) -> f64 + Sync),
     ) -> f64 {
-        self.frame.operator.correlate(&self.otf, rows_of(y), into)
+        self.transpose_rows(rows_of(y), into)
+    }
+
+    /// As [`transpose_into`](Self::transpose_into), of so many rows that are filled in.
+    pub(super) fn transpose_rows(
+        &self,
+        rows: (usize, impl Fn(usize, &mut [f32]) + Sync),
+        into: (&mut Array2<f32>, impl Fn(usize, &[f32], &mut [f32]) -> f64 + Sync),
+    ) -> f64 {
+        self.frame.operator.correlate(&self.otf, rows, into)
     }
 
     /// A regularised inverse of the convolution, of x over some divisors.

@@ -136,15 +136,12 @@ impl CaptureNoise {
 fn noise_levels<'a>(
     frame: &Frame,
     (image, config): (&LinearImage, &DeconvolutionConfig),
-    known: impl Fn(usize) -> Known<'a>,
+    known: impl Fn(usize) -> Known<'a> + Sync,
 ) -> Result<Vec<NoiseLevel>> {
-    let of_channel = |channel| {
-        let known = known(channel);
-        let left = frame.blur(known.psf)?.parts_left();
-        Ok((known.noise_level(left), left))
-    };
-    let of_channels: Vec<_> = (0..CHANNELS).map(of_channel).collect::<Result<_>>()?;
-    let (mut levels, left): (Vec<_>, Vec<_>) = of_channels.into_iter().unzip();
+    let of_channel = |channel| Ok(frame.blur(known(channel).psf)?.parts_left());
+    let left: Vec<_> = (0..CHANNELS).map(of_channel).collect::<Result<_>>()?;
+    let of_channel = |channel: usize| known(channel).noise_level(left[channel]);
+    let mut levels: Vec<_> = (0..CHANNELS).into_par_iter().map(of_channel).collect();
     if config.noise.is_none() {
         if NoiseLevel::hide(&levels) && is_quantised(image) {
             // The capture has noise, and detail as fine.

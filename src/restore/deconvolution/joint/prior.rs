@@ -1,16 +1,19 @@
 //! How neighbouring pixels of a scene are related: alike relative to their brightness, but for edges.
 
-use ndarray::{Array2, Axis, Zip};
+use ndarray::{Array2, Axis};
 use rayon::prelude::*;
 
 use super::super::objective::sum_of_rows;
 use super::frame::row;
-use super::sums::{add_scaled, dot};
+use super::sums::sum;
 use crate::kernels::vectorised;
 
 /// Relative difference of neighbours, root mean square over the colours, from which on it is taken for an edge:
 /// more than noise leaves of a surface, less than most outlines have.
 const EDGE: f32 = 0.05;
+
+/// Rows that are worked on one after another, each with what the one before left.
+const BAND: usize = 16;
 
 /// Writes a row of the inverse of a scene's local brightness.
 pub(super) type InverseBrightness<'a> = &'a (dyn Fn(usize, &mut [f32]) + Sync);
@@ -39,18 +42,23 @@ impl Edges {
         #[expect(clippy::cast_precision_loss, reason = "three colours")]
         let share = 1.0 / (colors.len() as f32 * EDGE * EDGE);
         let mut edges = Array2::zeros((height, width));
-        let rows = edges.axis_iter_mut(Axis(0)).into_par_iter().enumerate();
-        rows.for_each_init(Default::default, |[here, below]: &mut [Vec<f32>; 2], (y, mut edges)| {
-            let edges = edges.as_slice_mut().expect("planes are contiguous");
-            let next = (y + 1).min(height - 1);
+        let bands = edges.axis_chunks_iter_mut(Axis(0), BAND).into_par_iter().enumerate();
+        bands.for_each_init(Default::default, |[here, below]: &mut [Vec<f32>; 2], (band, mut edges)| {
+            here.resize(width, 0.0);
+            below.resize(width, 0.0);
             for (x, inverse_brightness) in colors {
-                for (y, inverse) in [(y, &mut *here), (next, &mut *below)] {
-                    inverse.resize(width, 0.0);
-                    inverse_brightness(y, inverse);
+                inverse_brightness(band * BAND, below);
+                for (mut edges, y) in edges.rows_mut().into_iter().zip(band * BAND..) {
+                    std::mem::swap(here, below);
+                    let next = (y + 1).min(height - 1);
+                    inverse_brightness(next, below);
+                    let edges = edges.as_slice_mut().expect("planes are contiguous");
+                    add_squares(edges, [row(x, y), row(x, next)], [here, below]);
                 }
-                add_squares(edges, [row(x, y), row(x, next)], [here, below]);
             }
-            weights(edges, share);
+            edges.rows_mut().into_iter().for_each(|mut edges| {
+                weights(edges.as_slice_mut().expect("planes are contiguous"), share);
+            });
         });
         let mean = mean(&edges);
         Self { plane: Some(edges), mean }
@@ -125,94 +133,89 @@ pub(super) struct Modest<'a> {
 }
 
 impl Prior<'_> {
-    /// Takes half the slope of the penalty at x from `out`; `room` is as large.
-    pub(super) fn take_slope(&self, x: &Array2<f32>, (out, room): (&mut Array2<f32>, &mut Array2<f32>)) {
-        self.product(x, room);
-        add_scaled(out, -1.0, room);
+    /// Writes a row of `slope` less half that of the penalty at x, of which [`product`](Self::product) wrote `pulled`.
+    pub(super) fn take_slope(&self, y: usize, [slope, pulled]: [&[f32]; 2], out: &mut [f32]) {
+        out.iter_mut().zip(slope).zip(pulled).for_each(|((out, slope), pulled)| *out = slope - pulled);
         if let Some(Modest { brightness, level }) = self.lamps {
             let scale = self.weight * MODESTY * level;
-            Zip::from(out).and(brightness).and(self.inverse_brightness).par_for_each(|out, n, v| {
-                if *n <= 0.0 {
-                    *out += scale * v * v;
-                }
-            });
+            for ((out, n), v) in out.iter_mut().zip(row(brightness, y)).zip(row(self.inverse_brightness, y)) {
+                *out += if *n <= 0.0 { scale * v * v } else { 0.0 };
+            }
         }
     }
 
     /// Writes the matrix of the penalty times x; returns its inner product with x.
     pub(super) fn product(&self, x: &Array2<f32>, out: &mut Array2<f32>) -> f64 {
         let ones = vec![1.0; x.ncols()];
-        let rows = out.axis_iter_mut(Axis(0)).into_par_iter().enumerate();
-        let energies = rows.map_init(
+        let bands = out.axis_chunks_iter_mut(Axis(0), BAND).into_par_iter().enumerate();
+        let energies = bands.map_init(
             || Pulls::new(x.ncols()),
-            |pulls, (y, mut out)| {
-                let out = out.as_slice_mut().expect("planes are contiguous");
-                pull(self, pulls, (x, y), &ones, out)
+            |pulls, (band, mut out)| {
+                let first = band * BAND;
+                pulls.begin(self, (x, first), &ones);
+                let rows = out.rows_mut().into_iter().zip(first..);
+                rows.map(|(mut out, y)| {
+                    let out = out.as_slice_mut().expect("planes are contiguous");
+                    pull(self, pulls, (x, y), &ones, out)
+                })
+                .sum::<f64>()
             },
         );
         energies.collect::<Vec<f64>>().into_iter().sum()
     }
-}
 
-vectorised! {
-    /// Writes a row of the matrix of the penalty times x; returns its part of the inner product with x. Unknown edges are `ones`.
-    fn pull<'a>(prior: &'a Prior<'a>, pulls: &'a mut Pulls, place: (&'a Array2<f32>, usize), ones: &'a [f32], out: &'a mut [f32]) -> f64 {
-        let (x, y) = place;
-        let (v, weight) = (prior.inverse_brightness, prior.weight);
-        let edge = |y: usize| match &prior.edges.plane {
-            Some(edges) => row(edges, y),
-            None => ones,
-        };
-        let mut energy = pulls.along(out, row(x, y), row(v, y), (edge(y), weight));
-        if y + 1 < x.nrows() {
-            energy +=
-                pulls.across(out, [row(x, y), row(x, y + 1)], [row(v, y), row(v, y + 1)], (edge(y), weight));
-        }
-        if y > 0 {
-            // Its energy is that of the row above.
-            pulls.across(out, [row(x, y), row(x, y - 1)], [row(v, y), row(v, y - 1)], (edge(y - 1), weight));
-        }
-        if let Some(Modest { brightness, .. }) = prior.lamps {
-            energy += pulls.down(out, row(x, y), (row(v, y), row(brightness, y)), weight);
-        }
-        energy
+    /// The weights of a row's differences; unknown ones are `ones`.
+    fn edges_of<'r>(&'r self, y: usize, ones: &'r [f32]) -> &'r [f32] {
+        self.edges.plane.as_ref().map_or(ones, |edges| row(edges, y))
     }
 }
 
-/// What the pixels of a row are pulled with, and along which differences.
+vectorised! {
+    /// Writes a row of the matrix of the penalty times x; returns its part of the inner product with x. Unknown edges are `ones`; the row
+    /// above was the last one, or is what [`Pulls::begin`] was told of.
+    fn pull<'a>(prior: &'a Prior<'a>, pulls: &'a mut Pulls, place: (&'a Array2<f32>, usize), ones: &'a [f32], out: &'a mut [f32]) -> f64 {
+        let (x, y) = place;
+        let (v, edges) = (prior.inverse_brightness, (prior.edges_of(y, ones), prior.weight));
+        // The last row is beside itself, from which nothing pulls it.
+        let below = (y + 1).min(x.nrows() - 1);
+        pulls.across(out, [row(x, y), row(x, below)], [row(v, y), row(v, below)], edges);
+        pulls.along(out, row(x, y), row(v, y), edges);
+        let energy = sum(&pulls.energies);
+        match prior.lamps {
+            Some(Modest { brightness, .. }) => {
+                energy + pulls.down(out, row(x, y), (row(v, y), row(brightness, y)), prior.weight)
+            }
+            None => energy,
+        }
+    }
+}
+
+/// What the pixels of a row are pulled with.
 struct Pulls {
-    pulls: Vec<f32>,
-    differences: Vec<f32>,
+    /// By the row above; once that of a row is written, by it those of the next one.
+    above: Vec<f32>,
+    along: Vec<f32>,
+    /// Their products with the differences.
+    energies: Vec<f32>,
 }
 
 impl Pulls {
     fn new(width: usize) -> Self {
-        Self { pulls: vec![0.0; width], differences: vec![0.0; width] }
+        let [above, along, energies] = [(); 3].map(|()| vec![0.0; width]);
+        Self { above, along, energies }
     }
 
-    /// Writes the pulls within a row; returns `scale·Σ e·v·v′·(x − x′)²`.
-    #[inline(always)]
-    fn along(&mut self, out: &mut [f32], x: &[f32], v: &[f32], (e, scale): (&[f32], f32)) -> f64 {
-        let last = out.len() - 1;
-        let Self { pulls, differences } = self;
-        let pairs = x.iter().zip(&x[1..]).zip(v.iter().zip(&v[1..])).zip(e);
-        for ((pull, difference), (((x, right), (v, of_right)), e)) in
-            pulls.iter_mut().zip(&mut *differences).zip(pairs)
-        {
-            *difference = x - right;
-            *pull = scale * e * v * of_right * *difference;
+    /// Begins with a row: with what the one above pulls it with, whose energy is that of that row.
+    fn begin(&mut self, prior: &Prior<'_>, (x, y): (&Array2<f32>, usize), ones: &[f32]) {
+        let Some(above) = y.checked_sub(1) else { return self.above.fill(0.0) };
+        let (v, e) = (prior.inverse_brightness, prior.edges_of(above, ones));
+        let places = row(x, above).iter().zip(row(x, y)).zip(row(v, above).iter().zip(row(v, y))).zip(e);
+        for (pull, (((here, there), (v, w)), e)) in self.above.iter_mut().zip(places) {
+            *pull = prior.weight * e * v * w * (here - there);
         }
-        out[0] = if last > 0 { pulls[0] } else { 0.0 };
-        for ((out, pull), before) in out[1..].iter_mut().zip(&pulls[1..]).zip(&*pulls) {
-            *out = pull - before;
-        }
-        if last > 0 {
-            out[last] = -pulls[last - 1];
-        }
-        dot(&pulls[..last], &differences[..last])
     }
 
-    /// Adds the pulls of another row; returns `scale·Σ e·v·w·(x − x′)²`.
+    /// Writes the pulls of the rows above and below, and `scale·e·v·w·(x − x′)²` of the one below.
     #[inline(always)]
     fn across(
         &mut self,
@@ -220,32 +223,53 @@ impl Pulls {
         [here, there]: [&[f32]; 2],
         [v, w]: [&[f32]; 2],
         (e, scale): (&[f32], f32),
-    ) -> f64 {
-        let Self { pulls, differences } = self;
+    ) {
         let places = here.iter().zip(there).zip(v.iter().zip(w)).zip(e);
-        for ((pull, difference), (((here, there), (v, w)), e)) in
-            pulls.iter_mut().zip(&mut *differences).zip(places)
-        {
-            *difference = here - there;
-            *pull = scale * e * v * w * *difference;
+        let pulls = out.iter_mut().zip(&mut self.above).zip(&mut self.energies);
+        for (((out, above), energy), (((here, there), (v, w)), e)) in pulls.zip(places) {
+            let difference = here - there;
+            let pull = scale * e * v * w * difference;
+            *out = pull - *above;
+            *above = pull;
+            *energy = pull * difference;
         }
-        out.iter_mut().zip(&*pulls).for_each(|(out, pull)| *out += pull);
-        dot(pulls, differences)
+    }
+
+    /// Adds the pulls within a row, and their `scale·e·v·v′·(x − x′)²`.
+    #[inline(always)]
+    fn along(&mut self, out: &mut [f32], x: &[f32], v: &[f32], (e, scale): (&[f32], f32)) {
+        let last = out.len() - 1;
+        let Self { along, energies, .. } = self;
+        let pairs = x.iter().zip(&x[1..]).zip(v.iter().zip(&v[1..])).zip(e);
+        for ((pull, energy), (((x, right), (v, of_right)), e)) in along.iter_mut().zip(energies).zip(pairs) {
+            let difference = x - right;
+            *pull = scale * e * v * of_right * difference;
+            *energy += *pull * difference;
+        }
+        // The last one has none to its right.
+        along[last] = 0.0;
+        out[0] += along[0];
+        for ((out, pull), before) in out[1..].iter_mut().zip(&along[1..]).zip(&*along) {
+            *out += pull - before;
+        }
     }
 
     /// Adds the pulls of saturated pixels towards darkness; returns their `scale·m·Σ (v·x)²`.
     #[inline(always)]
     fn down(&mut self, out: &mut [f32], x: &[f32], (v, brightness): (&[f32], &[f32]), scale: f32) -> f64 {
-        for ((((pull, out), x), v), n) in self.pulls.iter_mut().zip(out).zip(x).zip(v).zip(brightness) {
-            *pull = if *n <= 0.0 { scale * MODESTY * v * v * x } else { 0.0 };
-            *out += *pull;
+        for ((((energy, out), x), v), n) in self.energies.iter_mut().zip(out).zip(x).zip(v).zip(brightness) {
+            let pull = if *n <= 0.0 { scale * MODESTY * v * v * x } else { 0.0 };
+            *out += pull;
+            *energy = pull * x;
         }
-        dot(&self.pulls, x)
+        sum(&self.energies)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use ndarray::Zip;
+
     use super::*;
 
     fn plane(seed: usize) -> Array2<f32> {
@@ -263,9 +287,13 @@ mod tests {
             [(Edges::unknown(), None), (Edges { plane: Some(plane(6)), mean: 0.5 }, Some(modest))]
         {
             let prior = Prior { weight: 0.3, edges: &edges, inverse_brightness: &inverse_brightness, lamps };
-            let mut slope = Array2::from_elem(x.dim(), 1.0);
             let mut room = Array2::zeros(x.dim());
-            prior.take_slope(&x, (&mut slope, &mut room));
+            prior.product(&x, &mut room);
+            let mut slope = Array2::zeros(x.dim());
+            for (y, mut slope) in slope.rows_mut().into_iter().enumerate() {
+                let ones = vec![1.0; x.ncols()];
+                prior.take_slope(y, [&ones, row(&room, y)], slope.as_slice_mut().unwrap());
+            }
             let along = ((1.0 - &slope) * &d).sum();
             let pulled = Zip::from(&brightness)
                 .and(&inverse_brightness)

@@ -6,7 +6,7 @@ use std::ops::Range;
 use ndarray::{Array2, ArrayViewMut2, Axis, Zip};
 use rayon::prelude::*;
 
-use super::frame::{copy_of, row};
+use super::frame::copy_of;
 use super::sums::{LANES, Lanes};
 use super::window::Window;
 use crate::kernels::fourier::transpose;
@@ -287,25 +287,29 @@ vectorised! {
 pub(super) fn paint(plane: &mut Array2<f32>, known: &Array2<f32>) {
     let mut holes = Zip::from(known).par_map_collect(|known| *known <= 0.0);
     for sigma_px in PAINTING_PX {
-        let Some(around) = Window::around(&holes, [reach_of(sigma_px); 2]) else { return };
-        let window = around.slices();
-        let known = known.slice(window).to_owned();
-        let seen = Zip::from(plane.slice(window)).and(&known).par_map_collect(|value, known| value * known);
-        let share = smoothed(seen.dim(), sigma_px, copy_of(&known));
-        drop(known);
-        let mut holes = holes.slice_mut(window);
-        let is_filled = |hole: bool, share: f32| hole && share > LEAST_KNOWN;
-        let was = holes.view();
-        smooth_into(plane.slice_mut(window), sigma_px, copy_of(&seen), |y, light, out| {
-            let places = out.iter_mut().zip(light).zip(was.row(y)).zip(row(&share, y));
-            for (((value, light), hole), share) in places {
-                if is_filled(*hole, *share) {
-                    *value = *light / share;
+        let windows = Window::apart(&holes, [reach_of(sigma_px); 2]);
+        let paint_window = |window: &Window| {
+            let known = window.cut(known.view()).to_owned();
+            let seen =
+                Zip::from(window.cut(plane.view())).and(&known).par_map_collect(|value, known| value * known);
+            let share = smoothed(seen.dim(), sigma_px, copy_of(&known));
+            drop(known);
+            let mut painted = smoothed(seen.dim(), sigma_px, copy_of(&seen));
+            let places = Zip::from(&mut painted).and(&share).and(window.cut(holes.view()));
+            places.par_for_each(|light, share, hole| {
+                *light = if *hole && *share > LEAST_KNOWN { *light / share } else { f32::NAN };
+            });
+            painted
+        };
+        let painted: Vec<_> = windows.par_iter().map(paint_window).collect();
+        for (window, painted) in windows.iter().zip(painted) {
+            let places = Zip::from(plane.slice_mut(window.slices())).and(holes.slice_mut(window.slices()));
+            places.and(&painted).for_each(|value, hole, painted| {
+                if !painted.is_nan() {
+                    (*value, *hole) = (*painted, false);
                 }
-            }
-            0.0
-        });
-        Zip::from(&mut holes).and(&share).par_for_each(|hole, share| *hole &= !is_filled(*hole, *share));
+            });
+        }
     }
 }
 

@@ -32,6 +32,17 @@ pub(super) fn dot(a: &[f32], b: &[f32]) -> f64 {
     sums.iter().sum()
 }
 
+/// The sum of a slice.
+#[inline(always)]
+pub(super) fn sum(of: &[f32]) -> f64 {
+    let mut sums = [0.0; LANES];
+    let (of, last) = of.as_chunks::<LANES>();
+    for of in of.iter().map(|of| &of[..]).chain([last]) {
+        sums.iter_mut().zip(of).for_each(|(sum, value)| *sum += f64::from(*value));
+    }
+    sums.iter().sum()
+}
+
 vectorised! {
     /// [`dot`].
     fn products<'a>(a: &'a [f32], b: &'a [f32]) -> f64 {

@@ -4,6 +4,8 @@ use std::ops::Range;
 
 use ndarray::{Array2, ArrayView1, ArrayView2, Dim, SliceInfo, SliceInfoElem, s};
 
+use super::members::has_members;
+
 /// Rows and columns of a plane, as a slice.
 pub(super) type Slices = SliceInfo<[SliceInfoElem; 2], Dim<[usize; 2]>, Dim<[usize; 2]>>;
 
@@ -24,6 +26,7 @@ impl Window {
     }
 
     /// The rows and columns that are at most so many pixels from those of a member of a set, if it has any.
+    #[cfg(test)]
     pub(super) fn around(set: &Array2<bool>, near: [usize; 2]) -> Option<Self> {
         Some(Self::of_members(set.view())?.grown(near, set.dim()))
     }
@@ -49,6 +52,9 @@ impl Window {
     /// The least that has all members of a set, if it has any.
     fn of_members(set: ArrayView2<'_, bool>) -> Option<Self> {
         let of_row = |(y, row): (usize, ArrayView1<'_, bool>)| {
+            if row.to_slice().is_some_and(|row| !has_members(row)) {
+                return None;
+            }
             let first = row.iter().position(|member| *member)?;
             let last = row.iter().rposition(|member| *member)?;
             Some(Self { rows: y..y + 1, columns: first..last + 1 })
