@@ -3,6 +3,7 @@
 use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
 
 use super::super::{constrained, objective};
+use super::around::Around;
 use super::conjugate::{Preconditioner, Room, System};
 use super::effort::{
     SHARP_EFFORT, clean_effort, is_explained_first, known_lamp_effort, lamp_effort, reduced_effort,
@@ -54,6 +55,8 @@ pub(super) struct Channel<'a> {
     is_exact: bool,
     /// Whether the first scene is sharp enough to show its edges.
     is_sharp: bool,
+    /// Whether large light was found around the frame.
+    is_lit_around: bool,
     /// The pixels of the frame whose light is told.
     told: Option<Array2<bool>>,
 }
@@ -79,7 +82,7 @@ impl<'a> Channel<'a> {
     pub(super) fn new(
         frame: &'a Frame,
         known: Known<'a>,
-        (pixels, found, noise): (Array2<bool>, Option<Found>, NoiseLevel),
+        (pixels, found, noise, around): (Array2<bool>, Option<Found>, NoiseLevel, Option<&Around>),
         progress: &Progress,
     ) -> Result<Self> {
         progress.check()?;
@@ -110,10 +113,27 @@ impl<'a> Channel<'a> {
                 told: None,
                 is_exact: false,
                 is_sharp,
+                is_lit_around: false,
             });
         }
         let surrounded = frame.surround(capture);
         let brightness = known.brightness(&surrounded);
+        if let Some(around) = around {
+            let blur = frame.blur(psf)?;
+            let scene = around.scene(&blur, (&known, &brightness), first_smoothness(&noise));
+            return Ok(Self {
+                frame,
+                known,
+                scene,
+                brightness,
+                lamps: None,
+                noise,
+                told: None,
+                is_exact: false,
+                is_sharp: true,
+                is_lit_around: true,
+            });
+        }
         let is_explained =
             !frame.has_surrounding() || !known.is_reduced && is_explained_first(frame.transform_samples());
         let scene = if noise.middle() <= NOISE_FREE && is_explained {
@@ -136,6 +156,7 @@ impl<'a> Channel<'a> {
             told: None,
             is_exact: false,
             is_sharp: true,
+            is_lit_around: false,
         })
     }
 
@@ -147,6 +168,7 @@ impl<'a> Channel<'a> {
     /// and four of 40 nothing like it.
     pub(super) fn effort(&self) -> [usize; 2] {
         let sigma = self.sigma();
+        let is_swift = self.frame.transform_samples() <= SWIFT_SAMPLES;
         match self.has_lamps() {
             true if self.known.is_reduced => reduced_effort(self.frame.transform_samples()),
             true if self.is_sharp => SHARP_EFFORT,
@@ -157,7 +179,8 @@ impl<'a> Channel<'a> {
             false if sigma <= NOISE_FREE && !self.frame.has_surrounding() => [0, 0],
             false if sigma <= NOISE_FREE => clean_effort(self.frame.transform_samples()),
             false if sigma < LOW_NOISE => [3, 8],
-            false if self.frame.transform_samples() <= SWIFT_SAMPLES => [3, 2],
+            false if self.is_lit_around && is_swift => [3, 8],
+            false if is_swift => [3, 2],
             false => [2, 1],
         }
     }
@@ -415,7 +438,7 @@ impl<'a> Channel<'a> {
 }
 
 /// λ of a scene of which nothing is known.
-fn first_smoothness(noise: &NoiseLevel) -> f32 {
+pub(super) fn first_smoothness(noise: &NoiseLevel) -> f32 {
     smoothness(SMOOTHNESS[0], noise.middle())
 }
 

@@ -14,7 +14,7 @@ const BORDER_PX: usize = 4;
 const ALONG_BORDER_PX: usize = 8;
 
 /// The floor of |H|² in the first inverse, which is at most 1/(2√ε) = 50 times the capture.
-const LEAST_POWER: f32 = 1e-4;
+pub(super) const LEAST_POWER: f32 = 1e-4;
 
 /// The planes of a frame: itself, or larger where light around it is unknown.
 pub(super) struct Frame {
@@ -54,6 +54,11 @@ impl Frame {
     pub(super) fn like(&self, size: [usize; 2], psf: [usize; 2]) -> Self {
         let border = if self.repeats() { Border::Periodic } else { Border::Zero };
         Self::new(size, psf, border, TransformPrecision::Single)
+    }
+
+    /// A frame of another size, of which as much is known around it.
+    pub(super) fn surrounded_like(&self, size: [usize; 2], psf: [usize; 2]) -> Self {
+        Self::new(size, psf, self.border, TransformPrecision::Single)
     }
 
     /// Whether it is its own surrounding.

@@ -43,6 +43,12 @@ impl<'a> Known<'a> {
         self.config.saturation[self.channel]
     }
 
+    /// Whether any pixel is saturated.
+    pub(super) fn is_saturated(&self) -> bool {
+        let from = saturated_from(self.level());
+        self.capture.iter().any(|y| *y >= from)
+    }
+
     /// D: the local brightness of the capture, which is `surrounded`.
     pub(super) fn brightness(&self, surrounded: &Array2<f32>) -> Array2<f32> {
         local_brightness(surrounded, self.config.alpha)

@@ -18,6 +18,7 @@
 //! Transforms are of 32 bits: on captures with suns 10⁴ times above saturation, those of 64 bits restore the same to 0.01 dB.
 
 mod apart;
+mod around;
 pub(super) mod beyond;
 mod channel;
 mod coarse;
@@ -56,6 +57,7 @@ use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
 use apart::{is_quantised, noise_apart};
+use around::Around;
 use channel::{Channel, Workspace};
 use coarse::Half;
 use frame::Frame;
@@ -272,6 +274,8 @@ impl<'a> Given<'a> {
         let noise = self.noise_levels(frame)?;
         let coarse = self.coarse_scene(frame, &noise, progress)?;
         let known: Vec<_> = (0..CHANNELS).map(|channel| self.known(channel)).collect();
+        let is_whole = self.noise.is_none() && self.whole.is_none();
+        let around = if is_whole { Around::of(frame, (&known, &noise), progress)? } else { None };
         let find_light = |channel: usize| {
             let coarse = coarse.as_ref().map(|scene| scene.index_axis(Axis(0), channel));
             known[channel].find_light(frame, (&self.saturated[channel], coarse), progress)
@@ -289,7 +293,7 @@ impl<'a> Given<'a> {
             .zip(self.saturated)
             .zip(found?)
             .zip(noise)
-            .map(|(((known, saturated), found), noise)| (*known, (saturated, found, noise)))
+            .map(|(((known, saturated), found), noise)| (*known, (saturated, found, noise, around.as_ref())))
             .collect();
         let channel = |(known, found)| Channel::new(frame, known, found, progress);
         let channels: Result<_> = match is_reduced {
