@@ -45,7 +45,7 @@ impl Flared<'_> {
                 },
             );
         }
-        if let Some(window) = Window::around(&is_reached, [AROUND_PX; 2]) {
+        for window in Window::apart(&is_reached, [AROUND_PX; 2]) {
             let cut = |plane: &Array2<f32>| plane.slice(window.slices()).to_owned();
             let part = |channel: usize| Doubtful {
                 rest: cut(&rests[channel]),
