@@ -79,6 +79,7 @@ impl Workspace {
 
 impl<'a> Channel<'a> {
     /// Sets a channel up. `pixels` are saturated, and `found` is their light, if there are any; `noise` is that of the capture.
+    #[expect(clippy::too_many_lines, reason = "one struct, with lamps or without")]
     pub(super) fn new(
         frame: &'a Frame,
         known: Known<'a>,
@@ -118,33 +119,23 @@ impl<'a> Channel<'a> {
         }
         let surrounded = frame.surround(capture);
         let brightness = known.brightness(&surrounded);
-        if let Some(around) = around {
-            let blur = frame.blur(psf)?;
-            let scene = around.scene(&blur, (&known, &brightness), first_smoothness(&noise));
-            return Ok(Self {
-                frame,
-                known,
-                scene,
-                brightness,
-                lamps: None,
-                noise,
-                told: None,
-                is_exact: false,
-                is_sharp: true,
-                is_lit_around: true,
-            });
-        }
         let is_explained =
             !frame.has_surrounding() || !known.is_reduced && is_explained_first(frame.transform_samples());
-        let scene = if noise.middle() <= NOISE_FREE && is_explained {
-            constrained::restore_surrounded(capture, psf, config, channel, progress)?
-        } else {
-            let mut scene = match noise.middle() <= NOISE_FREE {
-                true => surrounded.mapv_into(|light| light.max(0.0)),
-                false => frame.blur(psf)?.first_inverse(&surrounded, &brightness, first_smoothness(&noise)),
-            };
-            frame.cap_by_border(&mut scene);
-            scene
+        let scene = match around {
+            Some(around) => around.scene(&frame.blur(psf)?, (&known, &brightness), first_smoothness(&noise)),
+            None if noise.middle() <= NOISE_FREE && is_explained => {
+                constrained::restore_surrounded(capture, psf, config, channel, progress)?
+            }
+            None => {
+                let mut scene = match noise.middle() <= NOISE_FREE {
+                    true => surrounded.mapv_into(|light| light.max(0.0)),
+                    false => {
+                        frame.blur(psf)?.first_inverse(&surrounded, &brightness, first_smoothness(&noise))
+                    }
+                };
+                frame.cap_by_border(&mut scene);
+                scene
+            }
         };
         Ok(Self {
             frame,
@@ -156,7 +147,7 @@ impl<'a> Channel<'a> {
             told: None,
             is_exact: false,
             is_sharp: true,
-            is_lit_around: false,
+            is_lit_around: around.is_some(),
         })
     }
 
