@@ -6,7 +6,7 @@ use super::super::super::Border;
 use super::super::fit::grown;
 use super::super::frame::{Blur, Frame, row};
 use super::super::high_pass::HighPass;
-use super::super::smooth::local_mean;
+use super::super::known::local_brightness;
 use super::super::sums::{add_scaled, inner};
 use crate::core::fft::TransformPrecision;
 use crate::core::saturation::saturated_from;
@@ -17,9 +17,6 @@ const LARGEST_PX: usize = 704;
 
 /// Pixels around lamps that are not believed.
 const GUARD_PX: usize = 2;
-
-/// Standard deviation of the bell that local brightness is taken over, in pixels.
-const NEAR_PX: f32 = 4.0;
 
 /// Standard deviation of the high pass, in pixels: narrower than the fit of clipped light has it, since a pose is told by the
 /// edges of orders, and the scene's detail grows with its size.
@@ -77,7 +74,7 @@ impl Scene {
         let capture = channel.slice(s![top..top + height, left..left + width]).mapv(|y| y.max(0.0));
         let lamps = capture.mapv(|y| y >= lamps_from);
         let seed = LEAST_LIGHT * capture.iter().fold(0.0, |most: f32, y| most.max(*y));
-        let brightness = local_mean(&capture, NEAR_PX).mapv(|mean| mean + alpha);
+        let brightness = local_brightness(&capture, alpha);
         let known = grown(&lamps, GUARD_PX).mapv(|near| if near { 0.0 } else { 1.0 });
         // All light that is fitted lies in the frame, and so does all that it is compared with.
         let frame = Frame::new([height, width], psf, Border::Zero, TransformPrecision::Single);
