@@ -2,12 +2,13 @@
 
 use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
 
+use super::super::objective::sum_of_rows;
 use super::super::{constrained, objective};
 use super::around::Around;
 use super::conjugate::{Preconditioner, Room, System};
 use super::effort::{
-    SHARP_EFFORT, clean_effort, is_explained_first, known_lamp_effort, lamp_effort, reduced_effort,
-    takes_few_steps,
+    SHARP_EFFORT, clean_effort, further_effort, is_explained_first, known_lamp_effort, lamp_effort,
+    reduced_effort, takes_few_steps,
 };
 use super::frame::{Blur, Frame, row};
 use super::known::{Found, Known};
@@ -17,6 +18,7 @@ use super::prior::{Edges, Prior};
 use super::uncertainty::NoiseGain;
 use crate::core::error::Result;
 use crate::core::fft::Damping;
+use crate::core::image::row_of;
 use crate::core::progress::Progress;
 use crate::core::saturation::saturated_from;
 
@@ -57,6 +59,8 @@ pub(super) struct Channel<'a> {
     is_sharp: bool,
     /// Whether large light was found around the frame.
     is_lit_around: bool,
+    /// What the scene left unexplained of a capture without lamps when the last round began, and the one before; see [`Self::misfit`].
+    misfits: [f64; 2],
     /// The pixels of the frame whose light is told.
     told: Option<Array2<bool>>,
 }
@@ -115,6 +119,7 @@ impl<'a> Channel<'a> {
                 is_exact: false,
                 is_sharp,
                 is_lit_around: false,
+                misfits: [f64::INFINITY; 2],
             });
         }
         let surrounded = frame.surround(capture);
@@ -148,6 +153,7 @@ impl<'a> Channel<'a> {
             is_exact: false,
             is_sharp: true,
             is_lit_around: around.is_some(),
+            misfits: [f64::INFINITY; 2],
         })
     }
 
@@ -174,6 +180,31 @@ impl<'a> Channel<'a> {
             false if is_swift => [3, 2],
             false => [2, 1],
         }
+    }
+
+    /// Rounds and steps for a photograph without lamps that is not explained yet, where the last round explained more of it; or none.
+    pub(super) fn further_effort(&self) -> [usize; 2] {
+        if self.can_go_further() { further_effort(self.misfits) } else { [0, 0] }
+    }
+
+    fn can_go_further(&self) -> bool {
+        let is_swift = self.frame.transform_samples() <= SWIFT_SAMPLES;
+        is_swift && !self.has_lamps() && !self.known.is_reduced && self.is_noisy()
+    }
+
+    /// What an image A x leaves of the capture, over what noise leaves of it.
+    ///
+    /// # Equation
+    /// `Σ ((y − A x)/D)² / Σ σ(D)²` over the pixels that are not saturated
+    fn misfit(&self, image: &Array2<f32>) -> f64 {
+        let brightness = self.frame.cut(&self.brightness);
+        let known = |y: usize| row_of(brightness, y).iter().enumerate().filter(|(_, n)| **n > 0.0);
+        let left = |y: usize| {
+            let (capture, image) = (row_of(self.known.capture, y), row(image, y));
+            known(y).map(|(x, n)| f64::from((capture[x] - image[x]) / n).powi(2)).sum()
+        };
+        let noise = |y: usize| known(y).map(|(_, n)| f64::from(self.noise.at(*n)).powi(2)).sum();
+        sum_of_rows(image.nrows(), left) / sum_of_rows(image.nrows(), noise)
     }
 
     /// From here on, explains a capture with lamps that has no noise to its last digit, where nothing around it is unknown; returns
@@ -237,6 +268,9 @@ impl<'a> Channel<'a> {
             self.inverse_majoriser(&blur, weights, room)
         });
         blur.apply(&self.scene, room.image());
+        if self.can_go_further() {
+            self.misfits = [self.misfit(room.image()), self.misfits[0]];
+        }
         if !is_clean {
             self.write_weights(room.image(), weights);
         }

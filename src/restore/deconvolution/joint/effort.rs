@@ -44,6 +44,18 @@ const EXPLAINED_SAMPLES: usize = 600_000;
 /// Rounds and steps for such captures, up to so many samples and above.
 const CLEAN_EFFORTS: [[usize; 2]; 2] = [[2, 2], [1, 3]];
 
+/// Steps of further rounds of photographs without lamps, rounds at most, and the samples that they may transform.
+///
+/// What is bright and does not saturate is told apart from its flare slowly: rounds follow while what the scene leaves of its capture
+/// is more than noise, and less than so much of what it left a round before. Of 350 captures by another simulator 41 change by more than
+/// 0.1 dB, from 20.8 to 23.0 dB: neon, bright text on dark ground, halls. Of 192 usual ones five do, with large light around the
+/// frame: SSIM rises by 0.04 to 0.1, and PSNR falls by 0.2 to 0.6 dB in four and rises by 4 dB in one.
+const FURTHER_STEPS: usize = 24;
+const FURTHER_ROUNDS: usize = 8;
+const FURTHER_WORK: usize = 80_000_000;
+const LEAST_MISFIT: f64 = 1.0;
+const MISFIT_LEFT: f64 = 0.95;
+
 /// Whether a capture without noise is explained by many steps first.
 pub(super) fn is_explained_first(samples: usize) -> bool {
     samples <= EXPLAINED_SAMPLES
@@ -53,6 +65,16 @@ pub(super) fn is_explained_first(samples: usize) -> bool {
 pub(super) fn clean_effort(samples: usize) -> [usize; 2] {
     let [careful, swift] = CLEAN_EFFORTS;
     if is_explained_first(samples) { careful } else { swift }
+}
+
+/// Rounds at most for a photograph without lamps that has got its own, by the samples of its transforms.
+pub(super) fn further_rounds(samples: usize) -> usize {
+    (FURTHER_WORK / FURTHER_STEPS / samples.max(1)).clamp(1, FURTHER_ROUNDS)
+}
+
+/// Rounds and steps of each of those, by what was left of the capture when the last round began, over what noise leaves, and the one before.
+pub(super) fn further_effort([last, before]: [f64; 2]) -> [usize; 2] {
+    if last > LEAST_MISFIT && last < MISFIT_LEFT * before { [1, FURTHER_STEPS] } else { [0, 0] }
 }
 
 /// Whether a capture is so large that it is given rounds of one step, from a first scene that is sharp.
@@ -106,5 +128,14 @@ mod tests {
         assert_eq!(reduced_effort(600 * 600), [6, 5]);
         assert_eq!(reduced_effort(900 * 900), [4, 1]);
         assert_eq!(reduced_effort(2048 * 1664), [4, 1]);
+    }
+
+    #[test]
+    fn photographs_without_lamps_go_on_while_that_explains_more() {
+        assert_eq!(further_effort([f64::INFINITY; 2]), [0, 0]);
+        assert_eq!(further_effort([3.0, 9.0]), [1, FURTHER_STEPS]);
+        assert_eq!(further_effort([3.0, 3.1]), [0, 0]);
+        assert_eq!(further_effort([0.9, 9.0]), [0, 0]);
+        assert_eq!([400 * 400, 1024 * 1024, 2_000_000].map(further_rounds), [8, 3, 1]);
     }
 }

@@ -60,6 +60,7 @@ use apart::{is_quantised, noise_apart};
 use around::Around;
 use channel::{Channel, Workspace};
 use coarse::Half;
+use effort::further_rounds;
 use frame::Frame;
 use interpolation::is_interpolated;
 use known::Known;
@@ -378,6 +379,10 @@ impl<'a> Colors<'a> {
     fn restore(mut self, progress: &Progress) -> Result<Self> {
         let efforts: Vec<_> = self.channels.iter().map(Channel::effort).collect();
         self.improve(&efforts, progress)?;
+        for _ in 0..further_rounds(self.frame.transform_samples()) {
+            let efforts: Vec<_> = self.channels.iter().map(Channel::further_effort).collect();
+            self.improve(&efforts, progress)?;
+        }
         let efforts: Vec<_> = self.channels.iter_mut().map(Channel::finish).collect();
         self.improve(&efforts, progress)?;
         Ok(self)

@@ -185,6 +185,26 @@ fn a_frame_of_few_pixels_tells_of_no_lamp_beyond_it() {
     }
 }
 
+/// Nothing saturates, and what shines a thousand times as bright as the wall drowns it in its flare.
+#[test]
+fn signs_on_a_dark_wall_are_explained_by_further_rounds() {
+    let light = |c: usize, y: usize, x: usize| match ((y / 5) % 2, (5 * x + 3 * (y / 5)) % 16) {
+        (0, 0..7) => 12.0 + c as f32,
+        _ => 0.02 + 0.01 * (x as f32 / 7.0).sin(),
+    };
+    let scene = image(light, [SIZE, SIZE]);
+    let (seen, psf) = (capture(&scene, 0.01, 500.0), psf());
+    let config = config(Method::Joint, Border::Zero, 500.0);
+    let (frame, progress) = (frame_of(&seen, &psf, &config), Progress::default());
+    let start = || Colors::start(&frame, (&seen, &psf), (&config, None), &progress).unwrap();
+    let quality = |colors: Colors| psnr(&LinearImage::from_planes(colors.scene()).unwrap(), &scene, 500.0);
+    let mut first = start();
+    let efforts: Vec<_> = first.channels.iter().map(Channel::effort).collect();
+    first.improve(&efforts, &progress).unwrap();
+    let (first, all) = (quality(first), quality(start().restore(&progress).unwrap()));
+    assert!(all > first + 1.0, "{first} dB, then {all} dB");
+}
+
 /// In darkness all that is not explained is in the residual.
 #[test]
 fn tells_what_it_leaves_of_the_capture() {
