@@ -12,7 +12,8 @@
 //!    inverted in turn, and steps are few. Where there is neither noise nor a lamp, [`constrained`](super::constrained) solves to many
 //!    digits if nothing is unknown around the frame, and small captures begin from what it makes of them if something is.
 //! 3. In each of a few rounds the edges of the scene are looked for in all colours together, and conjugate gradients lower the
-//!    least squares with a penalty on differences of neighbours that spares those edges (iteratively reweighted least squares).
+//!    least squares with a penalty on differences of neighbours that spares those edges (iteratively reweighted least squares). Where
+//!    nothing saturates, further rounds follow while the scene leaves more of the capture than noise does ([`effort`]).
 //! 4. Where there is noise, the spectra of its own neighbourhoods refine the scene ([`refine`]).
 //!
 //! Transforms are of 32 bits: on captures with suns 10⁴ times above saturation, those of 64 bits restore the same to 0.01 dB.
