@@ -42,9 +42,12 @@ const VISIBLE: f32 = 0.2;
 /// Pixels that light which explains much of a colour has at most: suns have 4 to 30.
 const MOST_PX: usize = 100;
 
-/// Pixels that a frame has at least for a lamp beyond it to be told: ten times as many as that lamp may have. Of a frame of 5 × 3 pixels
-/// one explains all, and leaves darkness.
-const LEAST_PX: usize = 10 * MOST_PX;
+/// The same for light of several lamps, and the part of the misfit that it leaves at most; what is none has more pixels, or leaves more.
+const MOST_PX_OF_SEVERAL: usize = 400;
+const LEFT_BY_SEVERAL: f64 = 0.7;
+
+/// Pixels of a frame for each of a lamp beyond it, at least. Of a frame of 5 × 3 pixels a lamp explains all, and leaves darkness.
+const FRAME_PX: usize = 10;
 
 /// Pixels of a lamp around its brightest, along rows and columns, where it is looked for.
 const LAMP_PX: usize = 8;
@@ -110,7 +113,7 @@ pub fn without_lamps_outside(
     config: &DeconvolutionConfig,
     progress: &Progress,
 ) -> Result<Option<Relieved>> {
-    if config.border != Border::Smooth || image.height() * image.width() < LEAST_PX {
+    if config.border != Border::Smooth || image.height() * image.width() < FRAME_PX * MOST_PX {
         return Ok(None);
     }
     let (mut lamps, mut flare) = (Vec::new(), Vec::new());
@@ -186,7 +189,10 @@ impl Known<'_> {
         fit.gather_in_rounds(&mut light, (ROUNDS, STEPS, 0.0), progress)?;
         keep_visible(&mut light, &fit.visibility(&self.squared));
         let shining = light.iter().filter(|light| **light > 0.0).count();
-        Ok((shining <= MOST_PX).then_some(light))
+        let is_of_several = shining <= MOST_PX_OF_SEVERAL
+            && FRAME_PX * shining <= self.capture.len()
+            && fit.misfit(&light) <= LEFT_BY_SEVERAL * self.before;
+        Ok((shining <= MOST_PX || is_of_several).then_some(light))
     }
 }
 

@@ -1,4 +1,5 @@
 mod clean;
+mod outside;
 
 use super::*;
 use crate::core::rng;
