@@ -42,9 +42,10 @@ const VISIBLE: f32 = 0.2;
 /// Pixels that light which explains much of a colour has at most: suns have 4 to 30.
 const MOST_PX: usize = 100;
 
-/// The same for light of several lamps, and the part of the misfit that it leaves at most; what is none has more pixels, or leaves more.
-const MOST_PX_OF_SEVERAL: usize = 400;
-const LEFT_BY_SEVERAL: f64 = 0.7;
+/// The same of a single colour that sees more than the lamp of the others, and the part of its misfit that is left at most. What is no
+/// lamp has so many pixels in all colours; believed, it would cost three of 350 captures 5 to 9 dB.
+const MOST_PX_OF_ONE: usize = 400;
+const LEFT_OF_ONE: f64 = 0.7;
 
 /// Pixels of a frame for each of a lamp beyond it, at least. Of a frame of 5 × 3 pixels a lamp explains all, and leaves darkness.
 const FRAME_PX: usize = 10;
@@ -179,7 +180,7 @@ impl Known<'_> {
         surroundings: &Array2<bool>,
         seed: f32,
         progress: &Progress,
-    ) -> Result<Option<Array2<f32>>> {
+    ) -> Result<Option<Suspect>> {
         let fit = self.fit(Places { may_shine: surroundings, at_least: 0.0, seed });
         let mut light = Array2::zeros(surroundings.dim());
         fit.spread(&mut light, (FIRST_STEPS, &self.squared), progress)?;
@@ -189,11 +190,20 @@ impl Known<'_> {
         fit.gather_in_rounds(&mut light, (ROUNDS, STEPS, 0.0), progress)?;
         keep_visible(&mut light, &fit.visibility(&self.squared));
         let shining = light.iter().filter(|light| **light > 0.0).count();
-        let is_of_several = shining <= MOST_PX_OF_SEVERAL
-            && FRAME_PX * shining <= self.capture.len()
-            && fit.misfit(&light) <= LEFT_BY_SEVERAL * self.before;
-        Ok((shining <= MOST_PX || is_of_several).then_some(light))
+        let may_be_lamp = || {
+            let has_place = shining <= MOST_PX_OF_ONE && FRAME_PX * shining <= self.capture.len();
+            has_place && fit.misfit(&light) <= LEFT_OF_ONE * self.before
+        };
+        let is_small = shining <= MOST_PX;
+        Ok((is_small || may_be_lamp()).then_some(Suspect { light, is_small }))
     }
+}
+
+/// Light that may be that of a lamp.
+struct Suspect {
+    light: Array2<f32>,
+    /// Whether it has no more pixels than a sun.
+    is_small: bool,
 }
 
 /// A capture at some resolution.
@@ -252,14 +262,17 @@ impl<'a> View<'a> {
         // Most lamps are seen a thousand times fainter than they would be in the frame.
         let frame = frame_around(&self.image, &self.psf, TransformPrecision::Double);
         let surroundings = self.surroundings();
-        let mut suspects = Vec::with_capacity(CHANNELS);
+        let (mut suspects, mut large) = (Vec::with_capacity(CHANNELS), None);
         // Most is told by green.
         for channel in [1, 0, 2] {
             let known = self.known(channel, &frame, alpha)?;
-            let Some(light) = known.suspect(&surroundings, SEEDS[0] * alpha, progress)? else {
+            let Some(suspect) = known.suspect(&surroundings, SEEDS[0] * alpha, progress)? else {
                 return Ok(None);
             };
-            suspects.push((channel, known, light));
+            if !suspect.is_small && large.replace(channel).is_some() {
+                return Ok(None);
+            }
+            suspects.push((channel, known, suspect.light));
         }
         let mut seen = self.frame.plane();
         for (_, known, light) in &suspects {
