@@ -269,6 +269,7 @@ impl<'a> View<'a> {
             let Some(suspect) = known.suspect(&surroundings, SEEDS[0] * alpha, progress)? else {
                 return Ok(None);
             };
+            // Two colours see the lamp alone.
             if !suspect.is_small && large.replace(channel).is_some() {
                 return Ok(None);
             }

@@ -1,4 +1,4 @@
-//! How many rounds and steps captures with lamps are given, by the samples of their transforms.
+//! How many rounds and steps captures are given, by the samples of their transforms and by what is left unexplained.
 
 /// Samples of transforms that the light of lamps is looked for with, and the steps that are taken at least and at most.
 const LAMP_WORK: usize = 80_000_000;

@@ -186,7 +186,7 @@ fn a_frame_of_few_pixels_tells_of_no_lamp_beyond_it() {
     }
 }
 
-/// Nothing saturates, and what shines a thousand times as bright as the wall drowns it in its flare.
+/// Nothing saturates, and what shines hundreds of times as bright as the wall drowns it in its flare.
 #[test]
 fn signs_on_a_dark_wall_are_explained_by_further_rounds() {
     let light = |c: usize, y: usize, x: usize| match ((y / 5) % 2, (5 * x + 3 * (y / 5)) % 16) {
