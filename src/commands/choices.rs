@@ -58,6 +58,7 @@ pub(crate) const SCENE_KINDS: Choices<NaturalKind> = Choices(&[
     ("indoor", NaturalKind::Indoor, "A room with windows and lamps"),
     ("page", NaturalKind::Page, "Pages of text and line patterns"),
     ("glints", NaturalKind::Glints, "Many small highlights on gravel or water"),
+    ("texture", NaturalKind::Texture, "Stone, cloth, clouds: no outlines; only where named"),
 ]);
 
 /// The parts of a dataset.
@@ -110,7 +111,7 @@ const fn measured((name, method, help): Choice<Method>) -> Choice<RestorationMet
 /// What becomes of saturated pixels.
 pub(crate) const HIGHLIGHTS: Choices<Highlights> = Choices(&[
     ("restored", Highlights::Restored, "What the network or the deconvolution makes of them"),
-    ("keep", Highlights::Keep, "The capture's values in every saturated pixel"),
+    ("keep", Highlights::Keep, "The capture's values in every saturated pixel, of the channels that are"),
     (
         "blend",
         Highlights::Blend,

@@ -138,6 +138,7 @@ mod tests {
     use crate::dataset::Split;
     use crate::examples::recipe::SceneRecipe;
     use crate::restore::deconvolution::Border;
+    use crate::scenes::natural::NaturalKind;
 
     fn recipe(harder: bool) -> Recipe {
         Recipe {
@@ -145,7 +146,7 @@ mod tests {
             split: Split::Train,
             panel: 0,
             angle_deg: 0.0,
-            scene: SceneRecipe::Painted { seed: 0 },
+            scene: SceneRecipe::Painted { kind: NaturalKind::Leaves, seed: 0 },
             brightness: 0.2,
             border: Border::Smooth,
             x_max: 8.0,

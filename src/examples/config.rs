@@ -9,6 +9,7 @@ use crate::core::config::parse_toml;
 use crate::core::error::{Error, Result};
 use crate::dataset::Split;
 use crate::io;
+use crate::scenes::natural::NaturalKind;
 
 /// Two numbers between which a third is drawn.
 pub type Range = [f64; 2];
@@ -89,6 +90,9 @@ pub struct ScenesConfig {
     pub validation_panoramas: usize,
     /// Share of the scenes that are painted.
     pub procedural_share: f64,
+    /// What these show, each as often; none for the usual kinds by their shares.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub kinds: Vec<NaturalKind>,
     /// How many pixels of the panorama a pixel in the middle of a view spans, at least and at most.
     pub texels_per_pixel: Range,
     /// How far views look up or down at most.
@@ -103,6 +107,7 @@ impl Default for ScenesConfig {
             panoramas: Vec::new(),
             validation_panoramas: 3,
             procedural_share: 0.5,
+            kinds: Vec::new(),
             texels_per_pixel: [1.0, 1.6],
             pitch_deg: 45.0,
             brightness: [0.03, 0.5],

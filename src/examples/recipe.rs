@@ -8,6 +8,7 @@ use crate::core::image::CHANNELS;
 use crate::core::rng::{self, Rng};
 use crate::dataset::Split;
 use crate::restore::deconvolution::Border;
+use crate::scenes::natural::NaturalKind;
 
 /// What an example is made of.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,6 +51,8 @@ pub(super) enum SceneRecipe {
     },
     /// Painted.
     Painted {
+        /// What it shows.
+        kind: NaturalKind,
         /// Of this seed.
         seed: u64,
     },
@@ -138,7 +141,12 @@ fn draw_scene(
     let scenes = &config.scenes;
     if happens(scenes.procedural_share, rng) {
         // Every example has a painting of its own, whatever it is for.
-        return SceneRecipe::Painted { seed: rng.random() };
+        let seed: u64 = rng.random();
+        let kind = match scenes.kinds.len() {
+            0 => NaturalKind::of_seed(seed),
+            count => scenes.kinds[rng.random_range(0..count)],
+        };
+        return SceneRecipe::Painted { kind, seed };
     }
     let of_split: Vec<usize> = (0..panoramas.len()).filter(|&i| panoramas[i].split == split).collect();
     SceneRecipe::Panorama {

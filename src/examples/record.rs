@@ -8,7 +8,6 @@ use crate::codes::MeasurementErrors;
 use crate::core::image::CHANNELS;
 use crate::dataset::Split;
 use crate::restore::deconvolution::Border;
-use crate::scenes::natural::NaturalKind;
 
 /// What an example was made of.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -65,9 +64,7 @@ impl ExampleRecord {
     pub(super) fn new(recipe: &Recipe, panoramas: &[PanoramaFile], found: Found) -> Self {
         let Found { panel_seed, errors, saturation, is_clipped } = found;
         let (scene, scene_seed, view_deg) = match &recipe.scene {
-            SceneRecipe::Painted { seed } => {
-                (NaturalKind::of_seed(*seed).name().to_owned(), Some(*seed), None)
-            }
+            SceneRecipe::Painted { kind, seed } => (kind.name().to_owned(), Some(*seed), None),
             SceneRecipe::Panorama { panorama, yaw_deg, pitch_deg, .. } => {
                 (panoramas[*panorama].name.clone(), None, Some([*yaw_deg, *pitch_deg]))
             }

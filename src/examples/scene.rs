@@ -5,7 +5,7 @@ use super::recipe::{Recipe, SceneRecipe};
 use crate::core::error::Result;
 use crate::core::image::LinearImage;
 use crate::crop::{Panorama, View, crop_with_margin};
-use crate::scenes::natural::natural;
+use crate::scenes::natural::paint_natural;
 
 /// The largest angle of a view with its margin: beyond it, pixels at the border see next to nothing.
 const WIDEST_DEG: f64 = 160.0;
@@ -29,7 +29,7 @@ pub(super) fn make_scene(
             view.check_margin(margin)?;
             crop_with_margin(&panorama, &view, margin)
         }
-        SceneRecipe::Painted { seed } => natural(*seed, [side + 2 * margin; 2])?.image,
+        SceneRecipe::Painted { kind, seed } => paint_natural(*kind, *seed, [side + 2 * margin; 2])?.image,
     };
     Ok(with_brightness(scene, [side, margin], recipe.brightness))
 }

@@ -24,8 +24,10 @@ mod sky;
 mod surface;
 #[cfg(test)]
 mod tests;
+mod texture;
 
 use rand::RngExt as _;
+use serde::{Deserialize, Serialize};
 
 use self::easel::Easel;
 use crate::core::error::{Error, Result};
@@ -42,7 +44,8 @@ pub struct PaintedScene {
 }
 
 /// What a natural scene shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum NaturalKind {
     /// Dead leaves: discs, blobs and polygons of power-law sizes, evenly lit.
     Leaves,
@@ -60,10 +63,12 @@ pub enum NaturalKind {
     Page,
     /// Many small highlights on gravel or water.
     Glints,
+    /// Stone, cloth, clouds: surfaces without outlines, of which the images of nature have many. Painted where it is asked for.
+    Texture,
 }
 
 impl NaturalKind {
-    /// All kinds, each with its share of the seeds in percent.
+    /// The kinds that seeds draw, each with its share of them in percent.
     pub const SHARES: [(Self, u32); 8] = [
         (Self::Leaves, 16),
         (Self::LitLeaves, 12),
@@ -101,6 +106,7 @@ impl NaturalKind {
             Self::Indoor => "indoor",
             Self::Page => "page",
             Self::Glints => "glints",
+            Self::Texture => "texture",
         }
     }
 }
@@ -137,6 +143,7 @@ pub fn paint_natural(kind: NaturalKind, seed: u64, size: [usize; 2]) -> Result<P
         NaturalKind::Indoor => indoor::paint(&mut easel),
         NaturalKind::Page => page::paint(&mut easel),
         NaturalKind::Glints => glints::paint(&mut easel),
+        NaturalKind::Texture => texture::paint(&mut easel),
     }
     overlay::add(&mut easel);
     Ok(PaintedScene { name: format!("{}-{seed:016x}", kind.name()), image: easel.develop()? })

@@ -113,7 +113,8 @@ fn the_same_seed_paints_the_same_scene_and_another_another() {
 
 #[test]
 fn any_size_is_painted() {
-    for (kind, _) in NaturalKind::SHARES {
+    let kinds = NaturalKind::SHARES.map(|(kind, _)| kind);
+    for kind in kinds.into_iter().chain([NaturalKind::Texture]) {
         for (seed, size) in [[1, 1], [1, 40], [33, 2], [17, 90]].into_iter().enumerate() {
             let image = paint_natural(kind, seed as u64, size).unwrap().image;
             assert_eq!([image.height(), image.width()], size, "{}", kind.name());
@@ -135,4 +136,21 @@ fn seeds_draw_every_kind_by_its_share() {
             kind.name()
         );
     }
+}
+
+#[test]
+fn textures_have_the_spectrum_of_natural_images_and_colours_that_differ() {
+    let paint = |seed| paint_natural(NaturalKind::Texture, seed, [SIDE, SIDE]).unwrap().image;
+    let scenes: Vec<LinearImage> = (0..8).map(paint).collect();
+    let slopes: Vec<f32> = scenes.iter().map(spectral_slope).collect();
+    assert!(slopes.iter().all(|slope| (-3.5..=-1.5).contains(slope)), "{slopes:?}");
+    // Green over red changes from pixel to pixel where colours have noise of their own, and does not where they have none.
+    let spread = |image: &LinearImage| {
+        let (red, green) = (image.channel(0), image.channel(1));
+        let ratios: Vec<f32> = green.iter().zip(red).map(|(g, r)| (g / r.max(1e-6)).ln()).collect();
+        let mean = ratios.iter().sum::<f32>() / ratios.len() as f32;
+        ratios.iter().map(|ratio| (ratio - mean).powi(2)).sum::<f32>() / ratios.len() as f32
+    };
+    let spreads: Vec<f32> = scenes.iter().map(spread).collect();
+    assert!(spreads.iter().any(|spread| *spread > 0.02), "{spreads:?}");
 }
