@@ -3,6 +3,7 @@
 //! Core knows no file, no stage and no command line, and prints nothing.
 
 pub mod bayer;
+pub mod broad_peak;
 pub mod bytes;
 pub mod camera_color;
 pub mod capture;

@@ -8,6 +8,7 @@ use ndarray::parallel::prelude::{
 use ndarray::{Array2, Array3, ArrayView2, Axis, s};
 use serde::{Deserialize, Serialize};
 
+use crate::core::broad_peak::{broad_peak, take_region};
 use crate::core::error::{Error, Result};
 use crate::core::image::LinearImage;
 use crate::core::psf::Psf;
@@ -155,8 +156,17 @@ fn to_f32(planes: &Array3<f64>) -> Array3<f32> {
 /// The brightest pixel of the brightest spot.
 ///
 /// The spot is the brightest 3 × 3 neighbourhood, so that a lone hot pixel does not pass for one, or the middle of a
-/// saturated core. What lies beside it, a lobe or a tail, does not move it: the peak is where the PSF's centre is.
+/// saturated core. What lies beside it, a lobe or a tail, does not move it: the peak is where the PSF's centre is. Out of focus it has
+/// none, and the centre is the [point of balance](broad_peak).
 fn main_peak(light: &Array2<f64>) -> [usize; 2] {
+    if let Some(middle) = broad_peak(light.view()) {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a pixel of the picture"
+        )]
+        return middle.map(|place| place.round() as usize);
+    }
     let (height, width) = light.dim();
     let around = |y: usize, x: usize| {
         let rows = y.saturating_sub(1)..(y + 2).min(height);
@@ -197,21 +207,6 @@ fn plateau_centre(means: &Array2<f64>) -> [usize; 2] {
         }
     }
     largest.1
-}
-
-/// Clears the connected region of set pixels that holds `first`; returns how many there were, and the sums of their
-/// places.
-fn take_region(set: &mut Array2<bool>, first: [usize; 2]) -> (usize, [usize; 2]) {
-    let (mut open, mut count, mut sums) = (vec![first], 0, [0, 0]);
-    while let Some(place) = open.pop() {
-        let Some(pixel) = set.get_mut(place).filter(|pixel| **pixel) else { continue };
-        *pixel = false;
-        let [y, x] = place;
-        count += 1;
-        sums = [sums[0] + y, sums[1] + x];
-        open.extend([[y.wrapping_sub(1), x], [y + 1, x], [y, x.wrapping_sub(1)], [y, x + 1]]);
-    }
-    (count, sums)
 }
 
 /// The centre of mass of the light in a window around `centre`, the window's darkest value being no light.
@@ -266,6 +261,19 @@ mod tests {
             (100.0 * spot(y, x) + 5.0 * spot(y + 12.0, x - 9.0) + 0.25 * (c + 1) as f64) as f32
         });
         LinearImage::from_planes(planes).unwrap()
+    }
+
+    /// Out of focus, with a bright place on the ring.
+    #[test]
+    fn the_centre_of_a_ring_is_its_middle() {
+        let planes = Array3::from_shape_fn((3, 101, 101), |(_, y, x)| {
+            let [dy, dx] = [y as f64 - 47.0, x as f64 - 52.0];
+            let bright = (-((dy - 6.0).powi(2) + dx.powi(2)) / 4.0).exp();
+            ((-(dy.hypot(dx) - 6.0).powi(2) / 3.0).exp() * (1.0 + 0.3 * bright)) as f32
+        });
+        let config = MeasureConfig { size: 41, normalize: Normalization::None };
+        let measured = measure_psf(&LinearImage::from_planes(planes).unwrap(), None, &config).unwrap();
+        assert_eq!(measured.displacement_px, [-3, 2]);
     }
 
     #[test]

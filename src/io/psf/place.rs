@@ -3,6 +3,7 @@
 
 use ndarray::{Array2, Array3, ArrayView2, s};
 
+use crate::core::broad_peak::broad_peak;
 use crate::core::error::{Error, Result};
 
 /// Values this close to the brightest, as a share of it, are as bright: the rounding of half floats is 2⁻¹¹, and a core
@@ -172,9 +173,9 @@ fn loss(planes: &Array3<f32>, (down, right): (isize, isize)) -> f64 {
     planes.outer_iter().map(of_plane).fold(0.0, f64::max)
 }
 
-/// The brightest pixels.
+/// The brightest pixels; of a broad peak, all that are half as bright.
 struct Peaks {
-    /// Whether the centre is one.
+    /// Whether the centre is one, or their middle.
     hold_centre: bool,
     /// From the centre to their point of balance, rows down and columns to the right.
     balance: [f64; 2],
@@ -184,6 +185,10 @@ impl Peaks {
     fn of(plane: &ArrayView2<'_, f64>) -> Self {
         let (height, width) = plane.dim();
         let centre = (height / 2, width / 2);
+        if let Some([y, x]) = broad_peak(plane.view()) {
+            let balance = [y - centre.0 as f64, x - centre.1 as f64];
+            return Self { hold_centre: balance.map(nearest) == [0, 0], balance };
+        }
         let spot = brightest_spot(plane);
         let inside = |(place, _): &((usize, usize), &f64)| spot[*place];
         let highest = plane.indexed_iter().filter(inside).map(|(_, v)| *v).fold(f64::NEG_INFINITY, f64::max);
