@@ -57,6 +57,10 @@ pub(super) fn look(path: &Path, options: PsfOptions, findings: &mut Findings) ->
             "subtract less background, or measure with `udc fuse --point-source`",
         );
     }
+    if let Some(background) = faults.describe_floors() {
+        let mend = "subtract the background of the measurement, or measure with `udc fuse --point-source`";
+        findings.warn(&about, "psf-background", background, mend);
+    }
     for doubt in &reading.doubts {
         findings.warn(&about, "psf-doubt", doubt.clone(), "mend the file, or measure the PSF again");
     }

@@ -139,6 +139,10 @@ fn what_is_wrong_with_a_psf_is_found() {
     broken[[1, 2, 3]] = f32::NAN;
     write("nan.exr", broken);
     assert_found(folder, &["--psf", "nan.exr"], "psf-unreadable", "error", "NaN");
+    let hazy = planes(&psf(41, 0.0, 0.0)) + 1e-4;
+    let sum = hazy.slice(ndarray::s![0, .., ..]).sum();
+    write("background.exr", hazy / sum);
+    assert_found(folder, &["--psf", "background.exr"], "psf-background", "warning", "background");
     write("hazy.exr", planes(&psf(15, 0.0, 1e-2)));
     assert_found(folder, &["hazy.exr"], "psf-cut-off", "warning", "border");
     let mut lopsided = planes(&psf(31, 0.0, 0.0));

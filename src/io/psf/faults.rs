@@ -136,7 +136,8 @@ impl PsfFaults {
         ))
     }
 
-    fn describe_floors(&self) -> Option<String> {
+    /// What is to be told of a background; none where there is none.
+    pub fn describe_floors(&self) -> Option<String> {
         let share = |channel: usize| format!("{:.1} %", 100.0 * self.floors[channel]);
         let found = by_channel(|channel| self.floors[channel] > FLOOR_TOLERANCE, share)?;
         Some(format!(
