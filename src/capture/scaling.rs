@@ -16,7 +16,13 @@ pub(super) fn scaled_frames(pictures: Vec<Array3<f32>>, config: &FuseConfig) -> 
             return Err(Error::shape("bracket with a Bayer pattern", "1 or 4 channels", found));
         }
         _ => {
-            let reason = format!("pictures of {channels} channels are mosaics; say rggb, bggr, grbg or gbrg");
+            let grey = if channels == 1 {
+                "; pictures of a monochrome camera are to have three equal channels"
+            } else {
+                ""
+            };
+            let reason =
+                format!("pictures of {channels} channels are mosaics; say rggb, bggr, grbg or gbrg{grey}");
             return Err(Error::config("bayer", reason));
         }
     }

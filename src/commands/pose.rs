@@ -82,6 +82,9 @@ impl PoseArgs {
                  1 degree; take one of a bright lamp"
             );
         };
+        if let Some(contradiction) = Pose::describe_contradiction(&estimates) {
+            session.warn(contradiction);
+        }
         write_pose(&self.output, &pose, session.overwrite)?;
         session.results_of(json!({
             "output": text_of(&self.output), "turn-deg": pose.turn_deg, "scale": pose.scale,

@@ -15,6 +15,9 @@ use crate::core::error::{Error, Result};
 use crate::core::psf::Psf;
 use crate::core::rng::stream;
 
+/// Degrees and share by which the poses of one device may differ: what costs little, and what focusing changes.
+const LEAST_APART: [f64; 2] = [0.1, 5e-3];
+
 /// A pose of a PSF, and how well it is known.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Pose {
@@ -41,6 +44,30 @@ impl Pose {
         let scales = estimates.iter().map(|e| (e.scale, e.scale_sigma)).collect::<Vec<_>>();
         let ((turn_deg, turn_sigma_deg), (scale, scale_sigma)) = (combined(&turns)?, combined(&scales)?);
         Some(Self { turn_deg, scale, turn_sigma_deg, scale_sigma, psf_sha256: psf.sha256() })
+    }
+
+    /// What to tell where captures contradict each other by more than they may: by five standard deviations, and by more than makes a
+    /// PSF another one. They are of several devices then, or the panel moved between them.
+    pub fn describe_contradiction(estimates: &[PoseEstimate]) -> Option<String> {
+        const CERTAIN: f64 = 5.0;
+        let apart = |of: fn(&PoseEstimate) -> (f64, f64), matters: f64| {
+            let by = |a: &&PoseEstimate, b: &&PoseEstimate| of(a).0.total_cmp(&of(b).0);
+            let (least, most) = (of(estimates.iter().min_by(by)?), of(estimates.iter().max_by(by)?));
+            let is_apart = most.0 - least.0 > matters.max(CERTAIN * most.1.hypot(least.1));
+            is_apart.then_some([least.0, most.0])
+        };
+        let turns = apart(|e| (e.turn_deg, e.turn_sigma_deg), LEAST_APART[0])
+            .map(|[least, most]| format!("turns of {least:+.3}° and {most:+.3}°"));
+        let scales = apart(|e| (e.scale, e.scale_sigma), LEAST_APART[1])
+            .map(|[least, most]| format!("scales of {:+.2} % and {:+.2} %", 100.0 * least, 100.0 * most));
+        let told: Vec<String> = turns.into_iter().chain(scales).collect();
+        (!told.is_empty()).then(|| {
+            format!(
+                "the captures contradict each other: they tell {}, and their mean is of none of them; combine captures of one \
+                 device with one panel, focused alike",
+                told.join(", and ")
+            )
+        })
     }
 
     /// The PSF in this pose: turned and scaled in one resampling, as [`MeasurementErrors`] does.
@@ -117,6 +144,19 @@ mod tests {
         let pose = Pose::of_estimates(&psf(), &[estimate(0.2, 0.01), estimate(0.4, 0.01)]).unwrap();
         // χ² = 200 of one degree of freedom: the standard deviation of a mean of two values 0.2 apart.
         assert!((pose.turn_sigma_deg - 0.1).abs() < 1e-12, "{}", pose.turn_sigma_deg);
+    }
+
+    #[test]
+    fn captures_of_two_devices_are_told_of_and_those_of_one_are_not() {
+        let told = |turns: &[f64]| {
+            let estimates: Vec<PoseEstimate> = turns.iter().map(|turn| estimate(*turn, 0.006)).collect();
+            Pose::describe_contradiction(&estimates)
+        };
+        let said = told(&[0.6, -0.6, 0.59]).unwrap();
+        assert!(said.contains("turns of -0.600° and +0.600°, and scales of -0.60 % and +0.60 %"), "{said}");
+        assert_eq!(told(&[0.30, 0.31, 0.28]), None);
+        assert_eq!(told(&[0.3]), None);
+        assert_eq!(told(&[]), None);
     }
 
     #[test]
