@@ -21,9 +21,9 @@ const DIM: f32 = 8.0;
 /// if the α that suits it is less than this part of α.
 const DARK: f32 = 1.0 / 8.0;
 
-/// A capture is in larger units than networks know if the α that suits it is more than this multiple of α: its light is exposed ten times
-/// as much as that of the brighter ones of those.
-const BRIGHT: f32 = 10.0;
+/// A capture is brighter than those that networks know if the α that suits it is more than this multiple of α. Of twelve captures whose
+/// median is 0.14 to 0.6, in light three and six times as bright, most lose by α as it is, up to 6 dB.
+const BRIGHT: f32 = 2.0;
 
 /// Where the dark is noise, α is this multiple of its deviation at least, but no larger part of white: what a sensor does not see is
 /// no reason to flatten what it does.
@@ -32,6 +32,9 @@ const MOST_DARKNESS: f32 = 0.02;
 
 /// Pixels of which the median is taken, at most.
 const MOST_SAMPLES: usize = 1 << 20;
+
+/// The α that suits a capture in multiples of α from which on its light is in larger units than usual, and does not only shine.
+const LARGE: f32 = 10.0;
 
 /// How much brighter than a capture its restored scene may be, at least, where nothing says what saturates.
 const HEADROOM: f32 = 4.0;
@@ -55,14 +58,15 @@ pub(super) fn suited_curve(curve: ToneCurve, image: &LinearImage) -> ToneCurve {
     let alpha = ALPHA_OVER_MEDIAN * *median;
     let darker = sampled.len() * 3 / 4;
     let darker = *sampled.select_nth_unstable_by(darker, f32::total_cmp).1;
-    let is_in_large_units = curve.x_max > most * curve.alpha || alpha > BRIGHT * curve.alpha;
-    if !is_in_large_units && white >= DIM * curve.alpha {
+    let is_in_large_units = curve.x_max > most * curve.alpha;
+    if !is_in_large_units && alpha <= BRIGHT * curve.alpha && white >= DIM * curve.alpha {
         return curve;
     }
     let in_the_dark = (MOST_DARKNESS * white).min(OVER_NOISE * noise_in_the_dark(green, darker));
     let alpha = alpha.max(in_the_dark).clamp(white / most, white / least);
     let is_in_small_units = white < DARKEST * curve.alpha || alpha < DARK * curve.alpha;
-    if is_in_large_units || is_in_small_units { ToneCurve { alpha, ..curve } } else { curve }
+    let is_bright = alpha > BRIGHT * curve.alpha;
+    if is_in_large_units || is_bright || is_in_small_units { ToneCurve { alpha, ..curve } } else { curve }
 }
 
 /// The standard deviation of the noise of light up to this, at most: of neighbours' differences, or half a step of a converter.
@@ -94,7 +98,8 @@ fn noise_in_the_dark(plane: ArrayView2<'_, f32>, most: f32) -> f32 {
 fn unknown_level(curve: ToneCurve, image: &LinearImage) -> f32 {
     let brightest = image.max();
     let within = ToneCurve { x_max: curve.x_max.min(brightest), ..curve };
-    let level = curve.x_max / curve.alpha * suited_curve(within, image).alpha;
+    let units = suited_curve(within, image).alpha / curve.alpha;
+    let level = if (1.0..LARGE).contains(&units) { curve.x_max } else { curve.x_max * units };
     if brightest < saturated_from(level) { level } else { HEADROOM * brightest }
 }
 
@@ -366,6 +371,16 @@ mod tests {
         let image = scene(1.0).map_values(|value| 255.0 * value);
         let curve = suited_curve(ToneCurve::new(0.25, 255.0).unwrap(), &image);
         assert!((curve.alpha / (ALPHA_OVER_MEDIAN * 0.2 * 255.0) - 1.0).abs() < 0.1, "{curve:?}");
+    }
+
+    /// Five times as bright as usual: no other units, but another α.
+    #[test]
+    fn bright_captures_are_mapped_by_their_median_and_saturate_where_others_do() {
+        let image = scene(1e3).map_values(|value| 5.0 * value);
+        let curve = suited_curve(USUAL, &image);
+        assert!((curve.alpha / (ALPHA_OVER_MEDIAN * 0.2 * 5.0) - 1.0).abs() < 0.1, "{curve:?}");
+        assert_eq!(find_levels(&image, USUAL), ([USUAL.x_max; CHANNELS], 0));
+        assert_eq!(suited_curve(USUAL, &scene(1e3)), USUAL);
     }
 
     #[test]
