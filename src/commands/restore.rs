@@ -404,7 +404,9 @@ impl<'a> Run<'a> {
 
     fn write_light(&self, job: &Job, restored: Restored, domain: DomainTag) -> error::Result<()> {
         let mut provenance = self.provenance(job)?;
-        if let Some(found) = found::lasting(&restored, self.restoration.curve()) {
+        if let Some(found) =
+            found::lasting(&restored, self.restoration.curve(), domain == DomainTag::ToneMapped)
+        {
             provenance = provenance.with_found(found);
         }
         let options = WriteOptions { provenance: Some(provenance), ..self.options() };

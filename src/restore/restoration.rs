@@ -21,6 +21,7 @@ use super::notice::Notice;
 use super::pose::Pose;
 use super::precision::in_precision;
 use super::tiles::restore_halving;
+use crate::core::capture::{CaptureInfo, is_level};
 use crate::core::error::{Error, Result};
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
@@ -378,7 +379,18 @@ impl Restoration {
         let of_file = image.curve().map_or(f32::INFINITY, |own| own.x_max);
         let is_untold = self.guided.map_or(self.asks_for_levels, |guided| guided.finds_levels);
         let most = if is_untold { of_file } else { of_file.min(self.curve.x_max) };
-        Capture { image, info: info.map(|info| info.cut_at(most)) }
+        let info = info.map(|info| info.cut_at(most));
+        let is_said = info.as_ref().is_some_and(|info| info.saturation.is_some());
+        // A network of one PSF family is given the x_max of its training.
+        let is_of_capture = !is_untold && (self.reads_planes() || !self.is_network());
+        if is_said || !is_of_capture || !is_level(most) {
+            return Capture { image, info };
+        }
+        // Else whoever develops the result would not know it.
+        Capture {
+            image,
+            info: Some(CaptureInfo { saturation: Some([most; CHANNELS]), ..info.unwrap_or_default() }),
+        }
     }
 
     fn is_network(&self) -> bool {

@@ -5,7 +5,7 @@ use std::path::Path;
 use ndarray::Array3;
 use udc::core::capture::CaptureInfo;
 use udc::core::fft::{Boundary, Convolver};
-use udc::core::image::{Linear, LinearImage};
+use udc::core::image::{Linear, LinearImage, ToneMapped};
 use udc::core::psf::Psf;
 use udc::core::tone::ToneCurve;
 use udc::io::{self, WriteOptions};
@@ -199,6 +199,41 @@ fn true_highlights_are_far_above_saturation_and_others_are_not() {
         let call = ["restore", "capture.exr", "--psf", "psf.exr", "--true-highlights", "-o", picture];
         let message = fail(folder, &call, 2);
         assert!(message.contains(picture) && message.contains("write .exr, .npy or .hdr"), "{message}");
+    }
+}
+
+/// φ of the light that there may be, by the curve that the file says.
+#[test]
+fn tone_mapped_results_end_where_the_light_does_and_say_it() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    write_capture(folder);
+    for (flags, name) in [(&[][..], "found.exr"), (&["--x-max", "4"], "told.exr")] {
+        let call =
+            ["restore", "capture.exr", "--psf", "psf.exr", "--output-domain", "tone-mapped", "-o", name];
+        succeed(folder, &[&call[..], flags].concat());
+        let image = io::read_image::<ToneMapped>(&folder.join(name)).unwrap();
+        let most = ToneCurve::new(0.25, SATURATION).unwrap().compress(SATURATION);
+        let (least, found) =
+            image.as_slice().iter().fold((1.0f32, 0.0f32), |(l, m), v| (l.min(*v), m.max(*v)));
+        assert!(least >= 0.0 && found <= most && found > 0.99 * most, "{name}: {least} {found} {most}");
+        let inverse = format!("inverse-of-{name}");
+        succeed(folder, &["tonemap", "--inverse", name, "-o", &inverse]);
+        let light = io::read_image::<Linear>(&folder.join(&inverse)).unwrap().max();
+        assert!((light / SATURATION - 1.0).abs() < 0.02, "{name}: {light}");
+    }
+}
+
+/// So that whoever develops it knows where it is clipped.
+#[test]
+fn a_level_that_is_told_is_written_as_one_that_is_found() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    write_capture(folder);
+    for flags in [&[][..], &["--x-max", "4"], &["--x-max", "4", "--method", "constrained"]] {
+        let call = ["restore", "capture.exr", "--psf", "psf.exr", "-o", "out.exr", "--overwrite"];
+        succeed(folder, &[&call[..], flags].concat());
+        assert!(succeed(folder, &["info", "out.exr"]).contains("clips at  4.0"), "{flags:?}");
     }
 }
 

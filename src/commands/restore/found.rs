@@ -57,11 +57,13 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     }
 }
 
-/// What stays with the image, in its provenance, if anything does; `curve` is what is said of its tone mapping beforehand.
-pub(super) fn lasting(restored: &Restored, curve: ToneCurve) -> Option<Value> {
+/// What stays with the image, in its provenance, if anything does; `curve` is what is said of its tone mapping beforehand, and
+/// `is_mapped` whether it is written tone-mapped.
+pub(super) fn lasting(restored: &Restored, curve: ToneCurve, is_mapped: bool) -> Option<Value> {
     let mut found = Map::new();
-    // Of a capture with brighter light, which the curve that was said would cut where the image is mapped or shown.
-    if restored.curve.x_max > curve.x_max {
+    // Of a capture with brighter light, which the curve that was said would cut where the image is mapped or shown; and of one that is
+    // mapped, where the curve's end is that of the light.
+    if restored.curve.x_max > curve.x_max || is_mapped && restored.curve != curve {
         found.insert("tone".to_owned(), json!(restored.curve));
     }
     if let Some(alpha) = restored.alpha {
