@@ -10,6 +10,7 @@ use super::architecture::Architecture;
 use crate::core::error::{Error, Result};
 use crate::core::image::ToneMappedImage;
 use crate::core::kernel_code::KernelCode;
+use crate::core::orientation::Orientation;
 
 /// What a network may read beside the image: three channels of its sides, in the tone-mapped domain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -60,6 +61,17 @@ impl Planes {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
+    }
+
+    /// Puts every plane upright, as [`Orientation::upright`] does.
+    ///
+    /// # Errors
+    /// Never for planes as tone mapping makes them.
+    pub fn upright(self, orientation: Orientation) -> Result<Self> {
+        let upright = |(plane, image): (Plane, ToneMappedImage)| {
+            Ok((plane, ToneMappedImage::from_planes(orientation.upright(image.into_planes()))?))
+        };
+        self.0.into_iter().map(upright).collect::<Result<_>>().map(Self)
     }
 
     /// Copies the same window out of every plane.

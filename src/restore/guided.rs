@@ -15,7 +15,6 @@ use super::highlights::blend_highlights;
 use super::lamps::{Lamp, find_lamps};
 use super::levels::{corrected_levels, doubted_levels, find_levels_below, info_of, is_surpassed};
 use super::memory::MemoryPlan;
-use super::network::NetworkOperator;
 use super::planes::{PlaneConfig, planes_of};
 use super::restoration::Restoration;
 use super::shining::shining;
@@ -252,6 +251,12 @@ impl Restoration {
                 AnyImage::Linear(light)
             }
             None if curve != *told => AnyImage::Linear(curve.inverse_tone_map(&restored)),
+            None if options.is_some() => {
+                // There is no other light, whatever the network makes of what saturates.
+                let most = told.compress(told.x_max);
+                let cut = restored.map_in_place(|value| value.clamp(0.0, most));
+                AnyImage::ToneMapped(cut, Some(*told))
+            }
             None => AnyImage::ToneMapped(restored, Some(*told)),
         };
         Ok(Part { image, relative_noise, shines_above, lamps, lamps_outside, angle, smaller_windows })
@@ -271,8 +276,9 @@ impl Restoration {
         let is_told = solution.is_measured && !has_lamps;
         let mut planes = planes_of(model.architecture().planes(), (image, psf), Some(solution), config)?;
         let (conditioning, angle) = self.conditioning(model, tone_mapped, saturation, progress)?;
-        let operator = NetworkOperator::new(model).told(conditioning)?.with_planes(&planes);
-        let (mut restored, smaller_windows) = self.restore_windows(tone_mapped, plan, operator, progress)?;
+        let given = (tone_mapped, &mut planes);
+        let (mut restored, smaller_windows) =
+            self.restore_mirrored((model, plan), given, conditioning, progress)?;
         let [deconvolved, outside, deviation] =
             [Plane::Deconvolved, Plane::Outside, Plane::Noise].map(|plane| planes.take(plane));
         drop(planes);

@@ -15,6 +15,7 @@ mod kernel;
 mod lamps;
 mod levels;
 mod memory;
+mod mirrored;
 mod network;
 mod notice;
 mod outside;

@@ -2,6 +2,7 @@
 
 use super::super::deconvolution::{DeconvolutionConfig, Method, deconvolution_bytes};
 use super::super::memory::{MemoryBudget, MemoryPlan, floats_of_pixel};
+use super::super::mirrored::mirrored_floats_of_pixel;
 use super::super::network::NetworkOperator;
 use super::super::tiles::{SHORTEST_TILE, Tiling, WindowCost as _};
 use super::{How, Restoration};
@@ -56,8 +57,8 @@ impl Restoration {
 
     /// Bytes that are taken beside the windows of a network.
     fn bytes_beside(&self, model: &Model, size: [usize; 2]) -> u64 {
-        let pixel = floats_of_pixel(&self.kernel, model) * size_of::<f32>();
-        (pixel * size[0] * size[1]) as u64 + self.memory.others(size, self.kernel_bytes, 1)
+        let pixel = floats_of_pixel(&self.kernel, model) + mirrored_floats_of_pixel(model, size);
+        (pixel * size_of::<f32>() * size[0] * size[1]) as u64 + self.memory.others(size, self.kernel_bytes, 1)
     }
 
     /// Bytes that a scene takes while it is solved for with its errors, and all else that is held meanwhile.
