@@ -9,7 +9,7 @@ use crate::core::orientation::Orientation;
 use crate::core::progress::Progress;
 use crate::network::{Model, Planes};
 
-/// Pixels that a network may restore of one capture, all results of it together: 800 × 800, which another result would take a third longer,
+/// Pixels that a network may restore of one capture, all results of it together: 800 × 800, which another result would take a quarter longer,
 /// are restored as they stand.
 const MOST_PIXELS: usize = 1_200_000;
 
