@@ -95,6 +95,14 @@ impl CaptureGroups {
         let inner: Vec<PathBuf> = shown.map(|name| folder.join(name)).filter(|path| path.is_dir()).collect();
         let is_flat = inner.is_empty();
         self.in_folder |= !is_flat;
+        if !is_flat && let Ok(beside) = expand_inputs(std::slice::from_ref(&folder)) {
+            let images = if beside.len() == 1 { "image" } else { "images" };
+            self.warnings.push(format!(
+                "{}: {} {images} of no bracket left out, beside the folders of brackets: each bracket wants a folder of its own",
+                folder.display(),
+                beside.len()
+            ));
+        }
         for bracket in if is_flat { vec![folder] } else { inner } {
             let files = match expand_inputs(std::slice::from_ref(&bracket)) {
                 Err(error @ Error::Format { .. }) if !is_flat => {
@@ -129,6 +137,10 @@ mod tests {
             found.captures.iter().map(|capture| (&capture.name[..], capture.files.len())).collect();
         assert_eq!((names, found.in_folder), (vec![("a", 2), ("b", 1)], true));
         assert!(found.warnings[0].contains("notes") && found.warnings[0].ends_with("left out"));
+        std::fs::write(scratch.path().join("3.exr"), "").unwrap();
+        let found = CaptureGroups::of_brackets(&[scratch.path().to_owned()]).unwrap();
+        assert_eq!(found.captures.len(), 2);
+        assert!(found.warnings[0].contains("1 image of no bracket"), "{:?}", found.warnings);
         assert!(CaptureGroups::of_brackets(&[scratch.path().join("notes")]).is_err());
     }
 }

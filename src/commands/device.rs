@@ -1,5 +1,7 @@
 //! The flag that says what networks compute on.
 
+use std::fmt;
+
 use anyhow::Result;
 use clap::Args;
 
@@ -17,7 +19,7 @@ pub(crate) struct DeviceArgs {
 }
 
 impl DeviceArgs {
-    /// Looks for the device, and says with -v which it is.
+    /// Looks for the device, and says which it is where it is no CPU.
     pub(super) fn find(self, session: &Session) -> Result<Backend> {
         self.find_or(Backend::default(), session)
     }
@@ -26,8 +28,16 @@ impl DeviceArgs {
     pub(super) fn find_or(self, cpu: Backend, session: &Session) -> Result<Backend> {
         let backend = self.device.find(cpu)?;
         if !backend.is_cpu() {
-            session.detail(format_args!("computing on {backend}"));
+            tell(session, &backend);
         }
         Ok(backend)
     }
+}
+
+/// Says what computes where that is no CPU, and what to expect of it.
+pub(super) fn tell(session: &Session, devices: &impl fmt::Display) {
+    session.note(format_args!(
+        "computing on {devices}; programs for it are compiled as they are first needed, so that the first image or step can take \
+         minutes"
+    ));
 }

@@ -346,6 +346,7 @@ impl<'a> Run<'a> {
             self.session.note(&line);
             *said = line;
         }
+        found::tell_of_level(self.session, &job.name(), &capture, self.args.x_max);
         let restored = self.restoration.restore(capture, &self.progress)?;
         found::tell(self.session, &job.name(), &restored);
         if let Some(angle) = &restored.angle {

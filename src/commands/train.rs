@@ -17,7 +17,7 @@ use udc::synth::Existing;
 use udc::train::{self, Initial, Outcome, Start, TrainConfig, Training, TrainingSet, ValidationScore};
 
 use super::choices::TRAINING_PRECISIONS;
-use super::device::DeviceArgs;
+use super::device::{self, DeviceArgs};
 use super::dry_run::{DryRunArgs, PATIENCE};
 use super::events::Stopped;
 use super::{Session, psf_file, text_of};
@@ -138,7 +138,7 @@ impl TrainArgs {
             return Ok(self.device.find_or(self.backend, session)?.into());
         }
         let backends = Backends::gpus(&self.devices)?;
-        session.detail(format_args!("computing on {backends}"));
+        device::tell(session, &backends);
         Ok(backends)
     }
 

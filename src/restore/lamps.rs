@@ -100,9 +100,10 @@ impl fmt::Display for Lamp {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [y, x] = self.position;
         let [red, green, blue] = self.times_saturation;
+        let pixels = if self.pixels == 1 { "pixel" } else { "pixels" };
         write!(
             f,
-            "lamp at row {y:.0}, column {x:.0}: {} saturated pixels with {red:.1}, {green:.1} and {blue:.1} times the light of \
+            "lamp at row {y:.0}, column {x:.0}: {} saturated {pixels} with {red:.1}, {green:.1} and {blue:.1} times the light of \
              saturation in red, green and blue",
             self.pixels
         )
@@ -128,7 +129,7 @@ mod tests {
         assert!((lamps[0].position[0] - 8.0).abs() < 0.01 && (lamps[0].position[1] - 15.0).abs() < 0.01);
         let [red, green, _] = lamps[1].times_saturation;
         assert!((red - 2.5125).abs() < 1e-4 && (green - 5.0125).abs() < 1e-4, "{red} {green}");
-        assert!(lamps[0].to_string().starts_with("lamp at row 8, column 15: 1 saturated pixels"));
+        assert!(lamps[0].to_string().starts_with("lamp at row 8, column 15: 1 saturated pixel with"));
     }
 
     /// Their shares added up in 32 bits are off by a hundredth and more.

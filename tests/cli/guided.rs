@@ -238,6 +238,43 @@ fn a_level_that_is_told_is_written_as_one_that_is_found() {
 }
 
 #[test]
+fn a_level_above_that_of_the_file_is_said_to_change_nothing() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    write_capture(folder);
+    let restore = |capture: &str, flags: &[&str], name: &str| {
+        let call = ["restore", capture, "--psf", "psf.exr", "-o", name];
+        let output = udc(folder, &[&call[..], flags].concat());
+        assert!(output.status.success());
+        String::from_utf8(output.stderr).unwrap()
+    };
+    let light = io::read_image::<Linear>(&folder.join("capture.exr")).unwrap();
+    let info = CaptureInfo { saturation: Some([SATURATION; 3]), ..CaptureInfo::default() };
+    let options = WriteOptions { capture: Some(info), ..WriteOptions::default() };
+    io::write_image(&folder.join("told.exr"), &light, &options).unwrap();
+    restore("told.exr", &[], "own.exr");
+    let said = restore("told.exr", &["--x-max", "16"], "above.exr");
+    assert!(said.contains("saturates at 4, which is taken; --x-max 16 is above that"), "{said}");
+    let [own, above] =
+        ["own.exr", "above.exr"].map(|name| io::read_image::<Linear>(&folder.join(name)).unwrap());
+    assert_eq!(own, above);
+    assert!(!restore("told.exr", &["--x-max", "4"], "same.exr").contains("changes nothing"));
+}
+
+#[test]
+fn a_capture_that_is_mostly_saturated_is_warned_of() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    write_capture(folder);
+    let light = |(_, _, x): (usize, usize, usize)| if x < 40 { SATURATION } else { 0.5 };
+    let bright = LinearImage::from_planes(Array3::from_shape_fn((3, 48, 64), light)).unwrap();
+    io::write_image(&folder.join("bright.exr"), &bright, &WriteOptions::default()).unwrap();
+    let output = udc(folder, &["restore", "bright.exr", "--psf", "psf.exr", "-o", "out.exr"]);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && said.contains("62 % of its pixels are saturated"), "{said}");
+}
+
+#[test]
 fn without_refinement_the_joint_deconvolution_stays() {
     let scratch = tempfile::tempdir().unwrap();
     write_capture(scratch.path());

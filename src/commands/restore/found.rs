@@ -2,13 +2,31 @@
 
 use serde_json::{Map, Value, json};
 
+use udc::core::saturation::saturated_from;
 use udc::core::tone::ToneCurve;
-use udc::restore::{Lamp, PoseEstimate, Restored};
+use udc::io::AnyImage;
+use udc::restore::{Capture, Lamp, PoseEstimate, Restored};
 
 use super::Session;
 
 /// Lamps that are told of: the brightest.
 const TOLD_LAMPS: usize = 16;
+
+/// The share of a capture's pixels from which on its being saturated is warned of.
+const MUCH_SATURATED: f64 = 0.5;
+
+/// Tells where a user says of a capture that it saturates above the level that its file tells, which is believed.
+pub(super) fn tell_of_level(session: &Session, name: &str, capture: &Capture, x_max: Option<f32>) {
+    let of_file = capture.info.as_ref().and_then(|info| info.saturation);
+    let most = of_file.map(|levels| levels.into_iter().fold(0.0, f32::max));
+    if let (AnyImage::Linear(_), Some(most), Some(x_max)) = (&capture.image, most, x_max)
+        && most < saturated_from(x_max)
+    {
+        session.warn(format_args!(
+            "{name}: its file says that it saturates at {most}, which is taken; --x-max {x_max} is above that and changes nothing"
+        ));
+    }
+}
 
 /// Tells it of the capture of this name.
 pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
@@ -25,6 +43,14 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
         session.note(format_args!(
             "{name}: saturates at {red}, {green} and {blue} in red, green and blue, as its brightest pixels show; --x-max says \
              otherwise"
+        ));
+    }
+    let saturated = lamps.iter().map(|lamp| lamp.pixels).sum::<usize>() as f64;
+    let share = saturated / restored.image.size().into_iter().product::<usize>() as f64;
+    if share > MUCH_SATURATED {
+        session.warn(format_args!(
+            "{name}: {:.0} % of its pixels are saturated, and what is there is guessed; expose for a shorter time, or fuse a bracket",
+            100.0 * share
         ));
     }
     if let Some(doubt) = restored.doubt() {
@@ -50,7 +76,8 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
         session.detail(format_args!("{name}: {lamp}"));
     }
     if let Some(more) = lamps.len().checked_sub(TOLD_LAMPS).filter(|more| *more > 0) {
-        session.detail(format_args!("{name}: {more} fainter lamps"));
+        let lamps = if more == 1 { "lamp" } else { "lamps" };
+        session.detail(format_args!("{name}: {more} fainter {lamps}"));
     }
     for lamp in lamps_outside {
         session.detail(format_args!("{name}: {lamp}"));
