@@ -27,7 +27,8 @@ impl Restoration {
         let image: LinearImage = image.into_linear(curve);
         let is_joint = config.method == Method::Joint;
         let (mut saturation, mut levels, mut is_doubtful) = (told, None, true);
-        if self.asks_for_levels() && info.as_ref().is_none_or(|info| info.saturation.is_none()) {
+        let is_told = info.as_ref().is_some_and(|info| info.saturation.is_some());
+        if self.asks_for_levels() && !is_told {
             let (found, count) = find_levels_below(&image, curve, most);
             match count {
                 // Above all that there is.
@@ -43,7 +44,7 @@ impl Restoration {
             false => None,
         };
         let known = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..curve };
-        let alpha = self.curve_of(known, &image).alpha;
+        let alpha = self.curve_of(known, &image, is_told).alpha;
         let config = DeconvolutionConfig { saturation, alpha, ..*config };
         let psf = self.kernel().needed_psf()?;
         let relieved = match is_joint {

@@ -161,10 +161,10 @@ impl Restoration {
         progress: &Progress,
     ) -> Result<Restored> {
         let Capture { image, info } = capture;
-        let (image, Levels { saturation, found, doubted }) =
-            self.light_and_levels(image, info.as_ref().and_then(|info| info.saturation));
+        let of_file = info.as_ref().and_then(|info| info.saturation);
+        let (image, Levels { saturation, found, doubted }) = self.light_and_levels(image, of_file);
         let told = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..self.curve() };
-        let curve = self.curve_of(told, &image);
+        let curve = self.curve_of(told, &image, of_file.is_some());
         let planes = PlaneConfig { curve, border: self.border(), saturation, noise: self.noise_curve() };
         let mut posed = self.posed_psf(&image, &planes, progress)?;
         let whole = Whole { model, planes, told, parted: None };

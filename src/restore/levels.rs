@@ -3,7 +3,7 @@
 use ndarray::ArrayView2;
 use rayon::prelude::*;
 
-use super::plateau::{Plateau, Top};
+use super::plateau::{Plateau, Top, shared_white};
 use crate::core::capture::{CaptureInfo, is_level};
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::saturation::saturated_from;
@@ -46,6 +46,17 @@ const ALPHA_OVER_MEDIAN: f32 = 0.8;
 /// The curve itself where a capture is of light as networks know it; for one in other units, counts of a sensor or light of which
 /// white is 1 and most is dark, for example, one whose α is as large beside its light as theirs.
 pub(super) fn suited_curve(curve: ToneCurve, image: &LinearImage) -> ToneCurve {
+    curve_for(curve, image, image.max())
+}
+
+/// The same of a capture of which it is told that it saturates at the curve's x_max, which tells its units: one that is dark in those of
+/// networks keeps the curve. (A dark studio, 25.3 dB by the α of its median, has 33.7.)
+pub(super) fn curve_of_told(curve: ToneCurve, image: &LinearImage) -> ToneCurve {
+    curve_for(curve, image, curve.x_max)
+}
+
+/// The curve that suits an image of which light may be as bright as this.
+fn curve_for(curve: ToneCurve, image: &LinearImage, brightest: f32) -> ToneCurve {
     let [least, most] = LEVELS;
     let white = image.max().min(curve.x_max);
     if white <= 0.0 {
@@ -59,7 +70,8 @@ pub(super) fn suited_curve(curve: ToneCurve, image: &LinearImage) -> ToneCurve {
     let darker = sampled.len() * 3 / 4;
     let darker = *sampled.select_nth_unstable_by(darker, f32::total_cmp).1;
     let is_in_large_units = curve.x_max > most * curve.alpha;
-    if !is_in_large_units && alpha <= BRIGHT * curve.alpha && white >= DIM * curve.alpha {
+    if !is_in_large_units && alpha <= BRIGHT * curve.alpha && brightest.min(curve.x_max) >= DIM * curve.alpha
+    {
         return curve;
     }
     let in_the_dark = (MOST_DARKNESS * white).min(OVER_NOISE * noise_in_the_dark(green, darker));
@@ -106,6 +118,10 @@ fn unknown_level(curve: ToneCurve, image: &LinearImage) -> f32 {
 /// The white level of each channel that its brightest pixels show, if they end like a cut, and how many pixels do. Where all
 /// channels end at one value, their pixels count together.
 pub(super) fn cut_levels(image: &LinearImage) -> [Option<(f32, usize)>; CHANNELS] {
+    let channels = (0..CHANNELS).map(|channel| image.channel(channel));
+    if let Some((white, counts)) = shared_white(channels, image.max()) {
+        return std::array::from_fn(|channel| Some((white, counts[channel])));
+    }
     let mut tops: [Option<Top>; CHANNELS] = [const { None }; CHANNELS];
     tops.par_iter_mut().enumerate().for_each(|(channel, top)| *top = Some(Top::of(image.channel(channel))));
     let tops = tops.map(|top| top.expect("each was filled"));
@@ -116,14 +132,17 @@ pub(super) fn cut_levels(image: &LinearImage) -> [Option<(f32, usize)>; CHANNELS
             plateau.is_some_and(|plateau| plateau.brightest.total_cmp(&first.brightest).is_eq())
         })
     });
-    std::array::from_fn(|channel| {
+    let found: [Option<Plateau>; CHANNELS] = std::array::from_fn(|channel| {
         let top = &tops[channel];
         let shared = narrow[channel].filter(|plateau| is_one_value && plateau.is_cut(top, together));
+        shared.into_iter().chain(top.plateau()).reduce(Plateau::or_wide)
+    });
+    std::array::from_fn(|channel| {
+        let as_another = || found.iter().flatten().find_map(|other| tops[channel].plateau_as(other));
         // All of a plateau saturates.
-        let level = |Plateau { brightest, darkest, pixels, .. }| {
+        found[channel].or_else(as_another).map(|Plateau { brightest, darkest, pixels, .. }| {
             (brightest.min(darkest / saturated_from(1.0)), pixels)
-        };
-        shared.or_else(|| top.plateau()).map(level)
+        })
     })
 }
 
@@ -249,6 +268,17 @@ mod tests {
         assert_eq!(curve.x_max, 16_000.0);
         let black = LinearImage::from_planes(Array3::zeros((3, 8, 8))).unwrap();
         assert_eq!(suited_curve(curve, &black).alpha, curve.alpha);
+    }
+
+    #[test]
+    fn a_dark_capture_keeps_its_curve_where_its_level_is_told() {
+        let (curve, dark) =
+            (ToneCurve::new(0.25, 16.0).unwrap(), scene(1e3).map_values(|value| 6e-3 * value));
+        assert!(suited_curve(curve, &dark).alpha < 0.1);
+        assert_eq!(curve_of_told(curve, &dark), curve);
+        // White is 1: nobody knows how dark that is.
+        let of_one = ToneCurve::new(0.25, 1.0).unwrap();
+        assert_eq!(curve_of_told(of_one, &dark), suited_curve(of_one, &dark));
     }
 
     #[test]

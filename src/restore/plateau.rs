@@ -14,8 +14,23 @@ const LEAST_PIXELS: usize = 16;
 /// or shaded by 5 %.
 const SPREADS: [(f32, usize); 4] = [(0.002, 2), (0.006, 6), (0.015, 6), (0.04, 6)];
 
-/// Spreads below a plateau whose pixels are nearly as bright.
+/// Spreads below a plateau whose pixels are nearly as bright, but no larger part of it than the other: lamps of a shaded picture
+/// have edges.
 const NEAR: f32 = 6.0;
+const MOST_NEAR: f32 = 0.12;
+
+/// A plateau of a larger spread is taken for one that is cut too, if it has so many times the pixels: of lamps in several places of a
+/// picture whose shading was taken out, the brightest end in a plateau of their own.
+const MANY_MORE: f32 = 1.25;
+
+/// Equal pixels of all channels together that tell a white by its value, though an eighth as many be brighter.
+const LEAST_OF_WHITE: usize = 64;
+
+/// How many powers of two below the brightest pixel such a white is looked for.
+const WHITES: i32 = 3;
+
+/// How far above a plateau that another channel has pixels may be part of it.
+const ALIKE: f32 = 0.002;
 
 /// Of so many pixels one may be saturated: an image that is flat for the most part is of something flat.
 const MOST_OF: usize = 2;
@@ -71,7 +86,7 @@ impl Top {
         let outliers = pixels.div_ceil(OUTLIERS_OF).min(pixels.saturating_sub(1));
         let brightest = least_of_top(plane, outliers + 1);
         let (widest, _) = SPREADS[SPREADS.len() - 1];
-        let least = brightest * (1.0 - NEAR * widest).min(NEXT * (1.0 - SPREADS[0].0));
+        let least = brightest * ((1.0 - widest) * (1.0 - MOST_NEAR)).min(NEXT * (1.0 - SPREADS[0].0));
         let mut values: Vec<f32> =
             plane.iter().copied().filter(|value| *value >= least && *value > 0.0).collect();
         values.par_sort_unstable_by(|a, b| b.total_cmp(a));
@@ -89,7 +104,18 @@ impl Top {
         SPREADS
             .into_iter()
             .filter_map(|spread| self.flattest(spread))
-            .find(|found| found.is_cut(self, found.pixels))
+            .filter(|found| found.is_cut(self, found.pixels))
+            .reduce(Plateau::or_wide)
+    }
+
+    /// Where another channel ends like a cut: what ends there in this one too, though less plainly, or in most of its pixels.
+    pub(super) fn plateau_as(&self, other: &Plateau) -> Option<Plateau> {
+        let above = self.values.partition_point(|value| *value > (1.0 + ALIKE) * other.brightest);
+        let end = self.end_at(other.darkest);
+        let pixels = end - above;
+        let near = self.end_at((1.0 - MOST_NEAR) * other.darkest) - end;
+        let is_plain = pixels >= LEAST_PIXELS.max(near).max(PLATEAU_OF * above);
+        (is_plain && self.is_many_steps).then_some(Plateau { pixels, near, ..*other })
     }
 
     /// What may be its plateau with the least spread, cut or not.
@@ -112,7 +138,7 @@ impl Top {
             .reduce(|most, next| if next.1 - next.0 > most.1 - most.0 { next } else { most });
         most.map(|(start, end, brightest)| {
             let next = values.get(end).copied().unwrap_or(0.0);
-            let near = self.end_at((1.0 - NEAR * spread) * brightest);
+            let near = self.end_at((1.0 - (NEAR * spread).min(MOST_NEAR)) * brightest);
             let as_next =
                 if next >= NEXT * brightest { self.end_at((1.0 - SPREADS[0].0) * next) } else { end };
             let darkest = values[end - 1];
@@ -127,6 +153,12 @@ impl Top {
 }
 
 impl Plateau {
+    /// The same, or a wider one that has many more pixels.
+    pub(super) fn or_wide(self, wide: Self) -> Self {
+        let has_many_more = wide.pixels as f32 >= MANY_MORE * self.pixels as f32;
+        if has_many_more { wide } else { self }
+    }
+
     /// Whether it ends like a cut, if so many pixels are evidence of it.
     pub(super) fn is_cut(&self, top: &Top, evidence: usize) -> bool {
         let is_one = self.brightest.total_cmp(&self.darkest).is_eq();
@@ -162,6 +194,46 @@ fn are_unlike(plane: ArrayView2<'_, f32>, white: f32) -> bool {
     values.sort_unstable_by(f32::total_cmp);
     let equal = values.windows(2).filter(|pair| pair[0].total_cmp(&pair[1]).is_eq()).count();
     values.len() > EQUAL_OF && EQUAL_OF * equal <= values.len()
+}
+
+/// The white that all channels share, by its value and by how many of their pixels are exactly as bright, and how many those are in each:
+/// where a few pixels are brighter, as hot ones, or where most are white.
+pub(super) fn shared_white<'a>(
+    channels: impl Iterator<Item = ArrayView2<'a, f32>> + Clone,
+    brightest: f32,
+) -> Option<(f32, Vec<usize>)> {
+    // Below one, powers of two are the light of some wall.
+    if !brightest.is_finite() || brightest < 1.0 {
+        return None;
+    }
+    let power = |below: i32| 2.0_f32.powi(exponent_of(brightest) + 1 - below);
+    let of_integers = |white: f32| (white >= 256.0).then_some(white - 1.0);
+    let candidates = (0..=WHITES).map(power).flat_map(|white| [Some(white), of_integers(white)]).flatten();
+    candidates.filter(|white| (1.0..=brightest).contains(white)).find_map(|white| {
+        let of_channel = |channel: ArrayView2<'a, f32>| {
+            channel.iter().fold([0_usize; 3], |[equal, above, near], value| {
+                let is_near = *value < white && *value > NEXT * white;
+                [
+                    equal + usize::from(value.total_cmp(&white).is_eq()),
+                    above + usize::from(*value > white),
+                    near + usize::from(is_near),
+                ]
+            })
+        };
+        let counts: Vec<_> = channels.clone().map(of_channel).collect();
+        let sum = |kind: usize| counts.iter().map(|counts| counts[kind]).sum::<usize>();
+        let ([equal, above, near], (_, cut)) = ([sum(0), sum(1), sum(2)], SPREADS[0]);
+        let is_white = counts.iter().all(|[equal, ..]| *equal >= LEAST_PIXELS)
+            && equal >= LEAST_OF_WHITE.max(PLATEAU_OF * above).max(cut * near);
+        is_white.then(|| (white, counts.into_iter().map(|[equal, ..]| equal).collect()))
+    })
+}
+
+/// The exponent of the largest power of two that is not above a positive number.
+fn exponent_of(number: f32) -> i32 {
+    #[expect(clippy::cast_possible_truncation, reason = "between -126 and 127")]
+    let exponent = number.log2().floor() as i32;
+    if 2.0_f32.powi(exponent) > number { exponent - 1 } else { exponent }
 }
 
 /// Whether a value is one at which light is cut on purpose: a power of two, or the largest integer of some bits.
@@ -269,6 +341,51 @@ mod tests {
         assert_eq!(found(&plane(2, None)), None);
         assert_eq!(found(&plane(3, Some(1023.0))), None);
         assert!(found(&plane(16, Some(1023.0))).is_some());
+    }
+
+    /// As of lamps in several places of a picture whose shading was taken out.
+    #[test]
+    fn plateaus_that_differ_by_shading_are_one() {
+        let mut plane = lamp(1.0);
+        let lamps = [(10, 10, 1.02), (100, 20, 1.012), (90, 100, 1.0)];
+        for (top, left, gain) in lamps {
+            (0..12 * 12).for_each(|at| plane[[top + at / 12, left + at % 12]] = gain);
+        }
+        let found = found(&plane).expect("a plateau");
+        assert!(found.brightest == 1.02 && found.darkest <= 1.0 && found.pixels > 800, "{found:?}");
+    }
+
+    #[test]
+    fn what_another_channel_ends_at_is_a_white_here_too() {
+        let other = found(&lamp(1.0)).unwrap();
+        let flat =
+            Array2::from_shape_fn((SIDE, SIDE), |(y, x)| if y < 90 { 1.0 } else { 0.3 + 0.001 * x as f32 });
+        assert_eq!(found(&flat), None, "most of it");
+        assert_eq!(Top::of(flat.view()).plateau_as(&other).map(|found| found.pixels), Some(90 * SIDE));
+        assert_eq!(Top::of(lamp(0.9).view()).plateau_as(&other), None);
+        assert_eq!(Top::of(lamp(1e3).view()).plateau_as(&other), None);
+    }
+
+    #[test]
+    fn a_white_of_all_channels_is_told_by_its_value() {
+        let whites = |plane: &Array2<f32>| {
+            shared_white(std::iter::repeat_n(plane.view(), 3), plane.iter().copied().fold(0.0, f32::max))
+        };
+        let mut plane = lamp(4.0);
+        (0..12).for_each(|at| plane[[3, 9 + 2 * at]] = 4.2 + 0.1 * at as f32);
+        assert_eq!(found(&plane), None);
+        assert!(
+            whites(&plane)
+                .is_some_and(|(white, pixels)| white == 4.0 && pixels.len() == 3 && pixels[0] > 100)
+        );
+        assert_eq!(whites(&lamp(4.1)), None, "no white");
+        let integers = lamp(4.0).map(|value| (value * 1023.75).round().min(4095.0));
+        assert_eq!(whites(&integers).map(|(white, _)| white), Some(4095.0));
+        for plane in
+            [Array2::zeros((9, 9)), Array2::from_elem((9, 9), -1.0), Array2::from_elem((40, 40), 0.7)]
+        {
+            assert_eq!(whites(&plane), None);
+        }
     }
 
     /// Of 8 bits, in dim light: the scene ends after twelve steps, which many pixels reach.

@@ -14,7 +14,7 @@ use super::grey::{grey_kernel, is_grey, made_grey};
 use super::guided::GuidedOptions;
 use super::highlights::{Highlights, blend_highlights};
 use super::kernel::KernelKnowledge;
-use super::levels::suited_curve;
+use super::levels::{curve_of_told, suited_curve};
 use super::memory::{MemoryBudget, MemoryPlan, with_threads};
 use super::network::{Conditioning, NetworkOperator};
 use super::notice::Notice;
@@ -318,9 +318,13 @@ impl Restoration {
         self.asks_for_levels
     }
 
-    /// The curve that captures are restored in where this is known of them: its α is told, or suits their units.
-    pub(super) fn curve_of(&self, known: ToneCurve, image: &LinearImage) -> ToneCurve {
-        if self.suits_alpha() { suited_curve(known, image) } else { known }
+    /// The curve that captures are restored in where this is known of them, be it told or found: its α is told, or suits their units.
+    pub(super) fn curve_of(&self, known: ToneCurve, image: &LinearImage, is_told: bool) -> ToneCurve {
+        match (self.suits_alpha(), is_told) {
+            (false, _) => known,
+            (true, true) => curve_of_told(known, image),
+            (true, false) => suited_curve(known, image),
+        }
     }
 
     /// Whether α follows the units of a capture.
