@@ -56,7 +56,7 @@ const MOST_VARIATION: f64 = 0.9;
 /// The contrast of the haze over the frame, times how bright the frame is at its border beside the brightest light beyond it, at least: light
 /// that the frame cuts in two throws its haze to one side, and some of it is seen there. Eight such captures have 0.22 to 0.48 (a contrast
 /// of 1.9 to 3.9, and 0.09 to 0.22 of the light), that sky and that night 0.02 to 0.08, strips of sky above a dark roof, which is their own
-/// haze, 0.09 to 0.16.
+/// haze, 0.10 to 0.16.
 const LEAST_CUT: f64 = 0.19;
 
 /// Pixels of the border that may be brighter than what is seen there.
