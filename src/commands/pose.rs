@@ -11,7 +11,9 @@ use udc::capture::Told;
 use udc::core::psf::Psf;
 use udc::core::tone::{ToneCurve, ToneFlags};
 use udc::io::{DomainTag, check_extension, check_output, expand_inputs};
-use udc::restore::{Capture, Pose, PoseConfig, PoseEstimate, find_pose, psf_seen, write_pose};
+use udc::restore::{
+    Capture, Pose, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside, psf_seen, write_pose,
+};
 
 use super::choices::DOMAINS;
 use super::psf_file::{PSF_FILES, PsfAmongImagesArgs};
@@ -20,8 +22,8 @@ use super::{Session, text_of};
 /// Find by how much a panel is turned and scaled against its PSF, from the flare of lamps
 ///
 /// What the lamps of a capture throw over its surroundings tells in which pose the PSF explains it: to 0.02 degrees and 0.1 %
-/// where flare is strong. Captures of one device, taken with the panel as it is, are combined, each by how much it tells;
-/// those without lamps, or with weak flare, tell nothing. Turns of up to 1 degree and scales of up to 1.5 % are looked for.
+/// where flare is strong, be it of lamps in the frame or of a sun beyond its border. Captures of one device, taken with the panel as it
+/// is, are combined, each by how much it tells; those without lamps, or with weak flare, tell nothing. Turns of up to 1 degree and scales of up to 1.5 % are looked for.
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new(PSF_FILES).args(["psf"]).multiple(true))]
 #[command(after_help = "Examples:\n  \
@@ -121,7 +123,10 @@ impl PoseArgs {
             // No light above is in the file.
             config.saturation = config.saturation.map(|level| level.min(own.x_max));
         }
-        let find = || find_pose(&image, &psf, &config, &session.progress);
+        let find = || match find_pose(&image, &psf, &config, &session.progress)? {
+            None => find_pose_by_lamp_outside(&image, &psf, &config, &session.progress),
+            found => Ok(found),
+        };
         Ok(session.timed(format_args!("finding the pose in {}", file.display()), find)?)
     }
 }

@@ -18,7 +18,7 @@ use super::memory::MemoryPlan;
 use super::planes::{PlaneConfig, planes_of};
 use super::restoration::Restoration;
 use super::shining::shining;
-use super::{Pose, PoseConfig, PoseEstimate, find_pose};
+use super::{Pose, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside};
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
@@ -48,6 +48,10 @@ const LEAST_MOVE: [f64; 2] = [0.02, 1e-3];
 
 /// Standard deviations that a move has to be above.
 const SURE: f64 = 3.0;
+
+/// The same of a pose that a lamp outside of the frame tells: what is seen of the PSF is its faintest part, where its own noise is most,
+/// and one with noise of 10⁻⁵ of its peak was taken for turned by 3.1 deviations.
+const SURER: f64 = 5.0;
 
 impl Default for GuidedOptions {
     fn default() -> Self {
@@ -304,7 +308,14 @@ impl Restoration {
         }
         let config =
             PoseConfig { alpha: planes.curve.alpha, saturation: planes.saturation, least_move: LEAST_MOVE };
-        let found = find_pose(image, psf, &config, &progress.without_bars())?.filter(is_sure);
+        let progress = &progress.without_bars();
+        let found = match find_pose(image, psf, &config, progress)?.filter(|found| is_sure(found, SURE)) {
+            None if self.border() == Border::Smooth => {
+                find_pose_by_lamp_outside(image, psf, &config, progress)?
+                    .filter(|found| is_sure(found, SURER))
+            }
+            found => found,
+        };
         Ok(match found {
             Some(estimate) => {
                 let pose = Pose::of_estimates(psf, &[estimate]).expect("one estimate makes a pose");
@@ -338,10 +349,11 @@ impl Restoration {
     }
 }
 
-fn is_sure(estimate: &PoseEstimate) -> bool {
+/// Whether a pose is further than the least move, and than so many standard deviations.
+fn is_sure(estimate: &PoseEstimate, deviations: f64) -> bool {
     let PoseEstimate { turn_deg, turn_sigma_deg, scale, scale_sigma, .. } = *estimate;
-    turn_deg.abs() > LEAST_MOVE[0].max(SURE * turn_sigma_deg)
-        || scale.abs() > LEAST_MOVE[1].max(SURE * scale_sigma)
+    turn_deg.abs() > LEAST_MOVE[0].max(deviations * turn_sigma_deg)
+        || scale.abs() > LEAST_MOVE[1].max(deviations * scale_sigma)
 }
 
 /// A restored scene with the light of lamps where the capture is saturated.

@@ -93,7 +93,7 @@ impl<'a> LampFit<'a> {
         Zip::from(&mut light).and(&scene.lamps).par_for_each(|light, lamp| {
             *light = if *lamp { *light + seed } else { 0.0 };
         });
-        let [mut image, mut curvature] = [(); 2].map(|()| scene.frame.plane());
+        let (mut image, mut curvature) = (Array2::zeros(scene.frame.size()), scene.frame.plane());
         blur.apply(&light, &mut image);
         Zip::from(&mut image).and(&scene.high_pass.weights).par_for_each(|image, w| *image *= w * w);
         blur.transpose(&image, &mut curvature);

@@ -18,6 +18,7 @@
 mod evidence;
 mod fit;
 mod moved;
+mod outside;
 mod scene;
 
 use std::fmt;
@@ -37,6 +38,7 @@ use crate::restore::levels::find_levels;
 use evidence::{deviations, light_to_noise};
 use fit::LampFit;
 use moved::Movable;
+pub use outside::find_pose_by_lamp_outside;
 use scene::Scene;
 
 /// A turn in degrees, and a scale as a share.
@@ -126,6 +128,16 @@ impl PoseConfig {
         };
         Self { alpha, saturation, least_move: [0.0; 2] }
     }
+
+    fn check(&self) -> Result<()> {
+        let levels = self.saturation.map(|level| ("saturation", level));
+        for (key, value) in std::iter::once(("alpha", self.alpha)).chain(levels) {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(Error::config(key, format!("must be a positive number, found {value}")));
+            }
+        }
+        Ok(())
+    }
 }
 
 /// What a capture tells of the pose.
@@ -179,13 +191,7 @@ pub fn find_pose(
     config: &PoseConfig,
     progress: &Progress,
 ) -> Result<Option<PoseEstimate>> {
-    for (key, value) in
-        std::iter::once(("alpha", config.alpha)).chain(config.saturation.map(|v| ("saturation", v)))
-    {
-        if !(value.is_finite() && value > 0.0) {
-            return Err(Error::config(key, format!("must be a positive number, found {value}")));
-        }
-    }
+    config.check()?;
     let channel = channel_of_lamps(capture, config);
     let movable = Movable::new(psf.channel(channel));
     let levels = (config.saturation[channel], config.alpha);
@@ -241,6 +247,10 @@ impl<'a> Search<'a> {
         if !self.tells_much()? {
             return Ok(None);
         }
+        self.settle_and_judge(least_move)
+    }
+
+    fn settle_and_judge(&mut self, least_move: Pose2) -> Result<Option<PoseEstimate>> {
         if !self.settle(least_move)? {
             return Ok(None);
         }

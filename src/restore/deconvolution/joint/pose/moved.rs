@@ -7,7 +7,7 @@ use super::Pose2;
 use crate::codes::CubicSpline;
 
 /// The largest side of a PSF that is looked at; further orders cost more than they tell.
-const LARGEST_PX: usize = 513;
+pub(super) const LARGEST_PX: usize = 513;
 
 /// A channel of a PSF that can be turned and scaled about its centre.
 pub(super) struct Movable {

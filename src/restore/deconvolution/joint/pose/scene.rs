@@ -83,9 +83,26 @@ impl Scene {
         Some(Self { frame, capture, lamps, seed, high_pass, target })
     }
 
+    /// A channel with a lamp beyond its border, in one of the places `lamps` of a plane that goes on around the frame; of its own
+    /// pixels `saturated` ones are not believed.
+    pub(super) fn of_lamp_outside(
+        (channel, saturated): (ArrayView2<'_, f32>, &Array2<bool>),
+        psf: [usize; 2],
+        (lamps, seed): (Array2<bool>, f32),
+        alpha: f32,
+    ) -> Self {
+        let capture = channel.mapv(|y| y.max(0.0));
+        let brightness = local_brightness(&capture, alpha);
+        let known = grown(saturated, GUARD_PX).mapv(|near| if near { 0.0 } else { 1.0 });
+        let frame = Frame::new(channel.dim().into(), psf, Border::Smooth, TransformPrecision::Single);
+        let high_pass = HighPass::new(known, brightness.view(), HIGH_PASS_PX);
+        let target = high_pass.passed(&capture);
+        Self { frame, capture, lamps, seed, high_pass, target }
+    }
+
     /// `w·h(A x)`.
     pub(super) fn seen(&self, blur: &Blur<'_>, light: &Array2<f32>) -> Array2<f32> {
-        let mut image = self.frame.plane();
+        let mut image = Array2::zeros(self.frame.size());
         blur.apply(light, &mut image);
         self.high_pass.passed(&image)
     }

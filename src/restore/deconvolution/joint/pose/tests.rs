@@ -29,6 +29,19 @@ fn panel([turn_deg, scale]: Pose2) -> Psf {
     Psf::from_energy(Array3::from_shape_fn((3, 101, 101), |(_, y, x)| light(y, x) as f32)).unwrap()
 }
 
+/// A core and a lattice of orders, out to 80 pixels, of a panel in a pose.
+fn lattice([turn_deg, scale]: Pose2) -> Psf {
+    let (sin, cos) = turn_deg.to_radians().sin_cos();
+    let light = |y: usize, x: usize| {
+        let (dy, dx) = (y as f64 - 80.0, x as f64 - 80.0);
+        let [u, v] = [cos * dx - sin * dy, sin * dx + cos * dy].map(|at| at / (1.0 + scale));
+        let nearest = |at: f64| 8.0 * (at / 8.0).round();
+        let squares = (u - nearest(u)).powi(2) + (v - nearest(v)).powi(2);
+        (-(u * u + v * v) / 2.0).exp() + 1e-3 * (-squares / 2.0 - u.hypot(v) / 50.0).exp()
+    };
+    Psf::from_energy(Array3::from_shape_fn((3, 161, 161), |(_, y, x)| light(y, x) as f32)).unwrap()
+}
+
 /// A textured scene with discs of light: (row, column, radius, light).
 fn scene(lamps: &[(f64, f64, f64, f32)]) -> LinearImage {
     let mut rng = stream(11, "walls");
@@ -55,8 +68,11 @@ fn search(capture: &LinearImage, level: f32) -> Option<PoseEstimate> {
 }
 
 fn search_beyond(capture: &LinearImage, level: f32, least_move: Pose2) -> Option<PoseEstimate> {
-    let config = PoseConfig { alpha: 0.25, saturation: [level; CHANNELS], least_move };
-    find_pose(capture, &panel([0.0; 2]), &config, &Progress::default()).unwrap()
+    find_pose(capture, &panel([0.0; 2]), &config(level, least_move), &Progress::default()).unwrap()
+}
+
+fn config(level: f32, least_move: Pose2) -> PoseConfig {
+    PoseConfig { alpha: 0.25, saturation: [level; CHANNELS], least_move }
 }
 
 /// Searches a pose; the estimate is within four of its deviations.
@@ -91,6 +107,25 @@ fn finds_the_pose_from_a_sun() {
 fn finds_the_pose_from_lamps() {
     assert_found(&LAMPS, [0.3, 0.004]);
     assert_found(&LAMPS, [-0.55, -0.006]);
+}
+
+/// The sun itself is not in the frame: it tells by its orders alone, and shines in pixels that the pose of the PSF would not have it in.
+#[test]
+fn finds_the_pose_from_a_sun_beyond_the_border() {
+    const CUT: usize = 24;
+    let (sun, config) = ([(70.3, 8.6, 1.5, 6000.0)], config(LEVEL, [0.0; 2]));
+    for pose in [[0.4, 0.005], [-0.3, -0.006], [0.0, 0.0]] {
+        let seen = capture(&scene(&sun), &lattice(pose), LEVEL).crop(0, CUT, SIDE, SIDE - CUT);
+        let found =
+            find_pose_by_lamp_outside(&seen, &lattice([0.0; 2]), &config, &Progress::default()).unwrap();
+        let found = found.expect("the flare is strong");
+        assert!((found.turn_deg - pose[0]).abs() < 4.0 * found.turn_sigma_deg, "{found:?} for {pose:?}");
+        assert!((found.scale - pose[1]).abs() < 4.0 * found.scale_sigma, "{found:?} for {pose:?}");
+        assert!((found.turn_deg - pose[0]).abs() < 0.1, "{found:?} for {pose:?}");
+    }
+    let none = scene(&[]).crop(0, CUT, SIDE, SIDE - CUT);
+    let found = find_pose_by_lamp_outside(&none, &lattice([0.0; 2]), &config, &Progress::default());
+    assert_eq!(found.unwrap(), None);
 }
 
 /// The orders that are clipped too tell nothing by themselves, and light that may shine there would explain those beside them.

@@ -5,16 +5,18 @@
 //! explain the scene's own detail. One place that explains much in all colours is believed, and nothing else: what is taken for a
 //! lamp and is none costs up to 18 dB.
 
+mod suspect;
+
 use std::borrow::Cow;
 use std::fmt;
 
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, Zip};
 use serde::Serialize;
 
 use super::super::{Border, DeconvolutionConfig};
 use super::coarse::Half;
-use super::fit::{Fit, Places, grown, largest};
-use super::frame::{Blur, Frame};
+use super::fit::{Places, grown, largest};
+use super::frame::Frame;
 use super::known::local_brightness;
 use super::relief::Flared;
 use crate::core::error::Result;
@@ -23,32 +25,20 @@ use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
+use suspect::{FRAME_PX, Known, MOST_PX, ROUNDS, STEPS, Suspect, keep_visible};
 
 /// Samples of a transform up to which lamps are looked for, and up to which their light is measured: larger captures are halved.
 const SEARCHED_SAMPLES: usize = 250_000;
 const MEASURED_SAMPLES: usize = 2_000_000;
 
-/// Steps in which light spreads over the surroundings, and the rounds in which it gathers with the steps of each.
-const FIRST_STEPS: usize = 6;
-const ROUNDS: usize = 3;
-const STEPS: usize = 8;
+/// Pixels, along rows and columns, by which the places where each colour sees most are apart at most where it is one lamp that they see,
+/// however many pixels shine around it: a PSF turned by 0.3° spreads a sun's light over 174 of them. Of 192 captures, suns have 0 to 2
+/// by exact PSFs and by such ones.
+const APART_PX: usize = 2;
 
-/// The part of the misfit of a colour that spread light leaves at most where it is worth to go on.
-const PROMISING: f64 = 0.85;
-
-/// The part of the most visible pixel's flare that others need to be kept.
-const VISIBLE: f32 = 0.2;
-
-/// Pixels that light which explains much of a colour has at most: suns have 4 to 30.
-const MOST_PX: usize = 100;
-
-/// The same of a single colour that sees more than the lamp of the others, and the part of its misfit that is left at most. What is no
-/// lamp has so many pixels in all colours; believed, it would cost three of 350 captures 5 to 9 dB.
-const MOST_PX_OF_ONE: usize = 400;
-const LEFT_OF_ONE: f64 = 0.7;
-
-/// Pixels of a frame for each of a lamp beyond it, at least. Of a frame of 5 × 3 pixels a lamp explains all, and leaves darkness.
-const FRAME_PX: usize = 10;
+/// The part of the misfit that few pixels leave at most where colours see different places, the geometric mean of the colours: several
+/// lamps leave 0.46 to 0.62, and a scene's own detail, which costs 2 to 5 dB as a lamp, 0.73.
+const LEFT_OF_SEVERAL: f64 = 0.65;
 
 /// Pixels of a lamp around its brightest, along rows and columns, where it is looked for.
 const LAMP_PX: usize = 8;
@@ -114,13 +104,13 @@ pub fn without_lamps_outside(
     config: &DeconvolutionConfig,
     progress: &Progress,
 ) -> Result<Option<Relieved>> {
-    if config.border != Border::Smooth || image.height() * image.width() < FRAME_PX * MOST_PX {
+    if config.border != Border::Smooth || !has_room(image) {
         return Ok(None);
     }
     let (mut lamps, mut flare) = (Vec::new(), Vec::new());
     let mut relieved: Option<LinearImage> = None;
     for _ in 0..MOST_LAMPS {
-        let full = View::new(relieved.as_ref().unwrap_or(image), psf, config);
+        let full = View::new(relieved.as_ref().unwrap_or(image), psf, config.saturation);
         let Some(measured) = full.measure(config.alpha, progress)? else { break };
         let lamp = full.lamp(&measured);
         if !would_outshine(&lamp, psf, (image, config)) {
@@ -139,8 +129,13 @@ pub fn without_lamps_outside(
         return Ok(None);
     }
     drop(relieved);
-    let image = View::new(image, psf, config).flared(config).without_doubtful(&flare)?;
+    let image = View::new(image, psf, config.saturation).flared(config).without_doubtful(&flare)?;
     Ok(Some(Relieved { image, lamps }))
+}
+
+/// Whether a frame is so large that light which explains it is told by more pixels than it has.
+pub(super) fn has_room(image: &LinearImage) -> bool {
+    image.height() * image.width() >= FRAME_PX * MOST_PX
 }
 
 /// Whether a lamp would saturate a pixel of the frame, or be brighter than all of it where nothing shows what saturates: dimmer light is
@@ -157,71 +152,22 @@ fn would_outshine(
     })
 }
 
-/// A channel of a capture.
-struct Known<'a> {
-    capture: ArrayView2<'a, f32>,
-    saturated: &'a Array2<bool>,
-    blur: Blur<'a>,
-    /// A with the squares of the PSF.
-    squared: Blur<'a>,
-    brightness: Array2<f32>,
-    /// The misfit of darkness.
-    before: f64,
-}
-
-impl Known<'_> {
-    fn fit<'s>(&'s self, places: Places<'s>) -> Fit<'s> {
-        Fit::new(&self.blur, (self.capture, self.saturated, self.brightness.view()), places)
-    }
-
-    /// The light of the surroundings that explains most, if few pixels do.
-    fn suspect(
-        &self,
-        surroundings: &Array2<bool>,
-        seed: f32,
-        progress: &Progress,
-    ) -> Result<Option<Suspect>> {
-        let fit = self.fit(Places { may_shine: surroundings, at_least: 0.0, seed });
-        let mut light = Array2::zeros(surroundings.dim());
-        fit.spread(&mut light, (FIRST_STEPS, &self.squared), progress)?;
-        if fit.misfit(&light) > PROMISING * self.before {
-            return Ok(None);
-        }
-        fit.gather_in_rounds(&mut light, (ROUNDS, STEPS, 0.0), progress)?;
-        keep_visible(&mut light, &fit.visibility(&self.squared));
-        let shining = light.iter().filter(|light| **light > 0.0).count();
-        let may_be_lamp = || {
-            let has_place = shining <= MOST_PX_OF_ONE && FRAME_PX * shining <= self.capture.len();
-            has_place && fit.misfit(&light) <= LEFT_OF_ONE * self.before
-        };
-        let is_small = shining <= MOST_PX;
-        Ok((is_small || may_be_lamp()).then_some(Suspect { light, is_small }))
-    }
-}
-
-/// Light that may be that of a lamp.
-struct Suspect {
-    light: Array2<f32>,
-    /// Whether it has no more pixels than a sun.
-    is_small: bool,
-}
-
 /// A capture at some resolution.
-struct View<'a> {
-    image: Cow<'a, LinearImage>,
-    psf: Cow<'a, Psf>,
+pub(super) struct View<'a> {
+    pub(super) image: Cow<'a, LinearImage>,
+    pub(super) psf: Cow<'a, Psf>,
     frame: Frame,
     /// Of each channel.
-    saturated: Vec<Array2<bool>>,
+    pub(super) saturated: Vec<Array2<bool>>,
 }
 
 /// Light around a frame, of each channel, on planes.
-type Light = Vec<Array2<f32>>;
+pub(super) type Light = Vec<Array2<f32>>;
 
 impl<'a> View<'a> {
-    fn new(image: &'a LinearImage, psf: &'a Psf, config: &DeconvolutionConfig) -> Self {
+    pub(super) fn new(image: &'a LinearImage, psf: &'a Psf, saturation: [f32; CHANNELS]) -> Self {
         let saturated = |channel: usize| {
-            let from = saturated_from(config.saturation[channel]);
+            let from = saturated_from(saturation[channel]);
             Zip::from(image.channel(channel)).par_map_collect(|y| *y >= from)
         };
         let saturated = (0..CHANNELS).map(saturated).collect();
@@ -233,7 +179,7 @@ impl<'a> View<'a> {
         }
     }
 
-    fn half(&self) -> Result<Option<View<'static>>> {
+    pub(super) fn half(&self) -> Result<Option<View<'static>>> {
         let Some(Half { image, psf, saturated }) = Half::of(&self.image, &self.psf, &self.saturated)? else {
             return Ok(None);
         };
@@ -241,8 +187,13 @@ impl<'a> View<'a> {
         Ok(Some(View { image: Cow::Owned(image), psf: Cow::Owned(psf), frame, saturated }))
     }
 
+    /// Samples of a transform.
+    pub(super) fn samples(&self) -> usize {
+        self.frame.transform_samples()
+    }
+
     /// The light of lamps around the frame, found at lower resolutions and measured at this one unless it is high.
-    fn measure(&self, alpha: f32, progress: &Progress) -> Result<Option<Light>> {
+    pub(super) fn measure(&self, alpha: f32, progress: &Progress) -> Result<Option<Light>> {
         let samples = self.frame.transform_samples();
         let coarse = match samples > SEARCHED_SAMPLES {
             true => self.half()?,
@@ -262,30 +213,28 @@ impl<'a> View<'a> {
         // Most lamps are seen a thousand times fainter than they would be in the frame.
         let frame = frame_around(&self.image, &self.psf, TransformPrecision::Double);
         let surroundings = self.surroundings();
-        let (mut suspects, mut large) = (Vec::with_capacity(CHANNELS), None);
+        let (mut channels, mut suspects) = (Vec::with_capacity(CHANNELS), Vec::with_capacity(CHANNELS));
         // Most is told by green.
         for channel in [1, 0, 2] {
             let known = self.known(channel, &frame, alpha)?;
             let Some(suspect) = known.suspect(&surroundings, SEEDS[0] * alpha, progress)? else {
                 return Ok(None);
             };
-            // Two colours see the lamp alone.
-            if !suspect.is_small && large.replace(channel).is_some() {
-                return Ok(None);
-            }
-            suspects.push((channel, known, suspect.light));
+            channels.push((channel, known));
+            suspects.push(suspect);
+        }
+        if !self.may_be_lamp(&suspects) {
+            return Ok(None);
         }
         let mut seen = self.frame.plane();
-        for (_, known, light) in &suspects {
-            let fit = known.fit(Places { may_shine: &surroundings, at_least: 0.0, seed: 0.0 });
-            let flare = light * &fit.visibility(&known.squared);
-            let most = brightest(&flare).max(f32::MIN_POSITIVE);
-            seen.zip_mut_with(&flare, |seen, flare| *seen += (flare / most).powi(2));
+        for Suspect { flare, .. } in &suspects {
+            let most = brightest(flare).max(f32::MIN_POSITIVE);
+            seen.zip_mut_with(flare, |seen, flare| *seen += (flare / most).powi(2));
         }
-        let may_shine = self.around_most(&seen, &surroundings);
+        let may_shine = self.around(self.place_of_most(&seen), &surroundings);
         let mut found = vec![self.frame.plane(); CHANNELS];
         let mut left = 1.0;
-        for (channel, known, mut light) in suspects {
+        for ((channel, known), Suspect { mut light, .. }) in channels.into_iter().zip(suspects) {
             let fit = known.fit(Places { may_shine: &may_shine, at_least: 0.0, seed: SEEDS[0] * alpha });
             light.zip_mut_with(&may_shine, |light, may_shine| {
                 if !*may_shine {
@@ -324,15 +273,32 @@ impl<'a> View<'a> {
         Ok(known)
     }
 
-    /// The surroundings that are near the pixel of most light.
-    fn around_most(&self, light: &Array2<f32>, surroundings: &Array2<bool>) -> Array2<bool> {
-        let [rows, columns] = [0, 1].map(|axis| self.axis(axis));
+    /// Whether all colours see most at one place, or few pixels explain much.
+    fn may_be_lamp(&self, suspects: &[Suspect]) -> bool {
+        let places: Vec<_> = suspects.iter().map(|suspect| self.place_of_most(&suspect.flare)).collect();
+        let agree = (0..2).all(|axis| {
+            let along = places.iter().map(|place| place[axis]);
+            let (first, last) = (along.clone().min().unwrap_or(0), along.max().unwrap_or(0));
+            first.abs_diff(last) <= APART_PX
+        });
+        let frame_px = self.image.height() * self.image.width();
+        agree || Suspect::are_small(suspects, frame_px) && Suspect::left_by(suspects) <= LEFT_OF_SEVERAL
+    }
+
+    /// The place of most light, the frame's first pixel being 0.
+    fn place_of_most(&self, light: &Array2<f32>) -> [isize; 2] {
         let (mut most, mut place) = (0.0, [0; 2]);
-        for ((y, x), light) in light.indexed_iter() {
+        for (at, light) in light.indexed_iter() {
             if *light > most {
-                (most, place) = (*light, [rows.offset(y), columns.offset(x)]);
+                (most, place) = (*light, [at.0, at.1]);
             }
         }
+        [0, 1].map(|axis| self.axis(axis).offset(place[axis]))
+    }
+
+    /// The surroundings that are near a place.
+    fn around(&self, place: [isize; 2], surroundings: &Array2<bool>) -> Array2<bool> {
+        let [rows, columns] = [0, 1].map(|axis| self.axis(axis));
         Zip::indexed(surroundings).par_map_collect(|(y, x), is_outside| {
             let apart = rows.offset(y).abs_diff(place[0]).max(columns.offset(x).abs_diff(place[1]));
             *is_outside && apart <= LAMP_PX
@@ -414,7 +380,7 @@ impl<'a> View<'a> {
         lamp
     }
 
-    fn surroundings(&self) -> Array2<bool> {
+    pub(super) fn surroundings(&self) -> Array2<bool> {
         let [height, width] = self.frame.size();
         Array2::from_shape_fn(self.frame.plane_size(), |(y, x)| y >= height || x >= width)
     }
@@ -455,23 +421,12 @@ fn frame_around(image: &LinearImage, psf: &Psf, precision: TransformPrecision) -
     Frame::new(size, of_psf, Border::Smooth, precision)
 }
 
-fn brightest(light: &Array2<f32>) -> f32 {
+pub(super) fn brightest(light: &Array2<f32>) -> f32 {
     light.iter().fold(0.0, |most: f32, light| most.max(*light))
 }
 
-/// Takes away light that is seen much less than the rest.
-fn keep_visible(light: &mut Array2<f32>, visibility: &Array2<f32>) {
-    let flare = &*light * visibility;
-    let least = VISIBLE * brightest(&flare);
-    light.zip_mut_with(&flare, |light, flare| {
-        if *flare <= least {
-            *light = 0.0;
-        }
-    });
-}
-
 /// Where there is light in some channel.
-fn shining(light: &Light) -> Array2<bool> {
+pub(super) fn shining(light: &Light) -> Array2<bool> {
     let mut shining = Array2::default(light[0].dim());
     for light in light {
         shining.zip_mut_with(light, |shines, light| *shines |= *light > 0.0);
@@ -481,6 +436,8 @@ fn shining(light: &Light) -> Array2<bool> {
 
 #[cfg(test)]
 mod tests {
+    use ndarray::{Array3, s};
+
     use super::*;
 
     #[test]
@@ -494,5 +451,27 @@ mod tests {
             assert_eq!(after - before + 1, plane.cast_signed());
             assert!(axis.index(before - 1).is_none() && axis.index(after + 1).is_none());
         }
+    }
+
+    /// What every colour sees at one place may have any number of pixels; what is seen at several has to explain much.
+    #[test]
+    fn colours_that_see_one_place_see_a_lamp() {
+        let plane = |value| Array3::from_elem((CHANNELS, 60, 60), value);
+        let image = LinearImage::from_planes(plane(0.2)).unwrap();
+        let psf = Psf::from_energy(Array3::from_elem((CHANNELS, 31, 31), 1.0)).unwrap();
+        let view = View::new(&image, &psf, [16.0; CHANNELS]);
+        let suspect = |columns: usize, x: usize, left: f64| {
+            let mut light = view.frame.plane();
+            light.slice_mut(s![20..30, 60..60 + columns]).fill(1.0);
+            let mut flare = light.clone();
+            flare[[22, 60 + x]] = 2.0;
+            Suspect { light, flare, left }
+        };
+        let of = |columns: usize, places: [usize; 3], left: f64| {
+            view.may_be_lamp(&places.map(|x| suspect(columns, x, left)))
+        };
+        assert!(of(14, [3, 4, 5], 0.8) && of(5, [3, 4, 5], 0.8));
+        assert!(!of(14, [3, 4, 6], 0.6), "many pixels");
+        assert!(!of(5, [3, 4, 6], 0.7) && of(5, [3, 4, 6], 0.6), "few pixels, of several lamps");
     }
 }
