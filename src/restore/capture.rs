@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::deconvolution::NOISE_FREE;
-use super::{FoundAngle, Lamp, LampOutside, PoseEstimate};
+use super::{Contradiction, FoundAngle, Lamp, LampOutside, PoseEstimate};
 use crate::capture::{Developed, Pictures, SCENE_BRACKET, Told, names_of};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
@@ -47,6 +47,8 @@ pub struct Restored {
     pub levels: Option<[f32; CHANNELS]>,
     /// What seems to saturate channels by the capture's brightest pixels, where the method took a level that these do not reach.
     pub doubted_levels: Option<[Option<f32>; CHANNELS]>,
+    /// How the PSF contradicts the capture, where it does so by much.
+    pub contradiction: Option<Contradiction>,
     /// By how much the PSF was moved, where the flare of the capture tells it.
     pub pose: Option<PoseEstimate>,
     /// Whether it is grey and was restored with the PSF of grey light.
@@ -203,6 +205,7 @@ impl Restored {
             lamps_outside: Vec::new(),
             levels: None,
             doubted_levels: None,
+            contradiction: None,
             pose: None,
             through_grey: false,
             relative_noise: None,

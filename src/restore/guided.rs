@@ -18,6 +18,7 @@ use super::memory::MemoryPlan;
 use super::planes::{PlaneConfig, planes_of};
 use super::restoration::Restoration;
 use super::shining::shining;
+use super::unexplained::Unexplained;
 use super::{Pose, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside};
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
@@ -147,6 +148,8 @@ pub(super) struct Part {
     pub(super) image: AnyImage,
     /// The standard deviation of the noise of `log(capture + α)`.
     pub(super) relative_noise: [f32; CHANNELS],
+    /// How the scene explains the capture.
+    pub(super) unexplained: Unexplained,
     /// Whether light above what saturates is in it.
     pub(super) shines_above: bool,
     pub(super) lamps: Vec<Lamp>,
@@ -179,7 +182,16 @@ impl Restoration {
                 self.restore_part((&whole, plan), (image, &posed.psf), solved, progress)?
             }
         };
-        let Part { image, relative_noise, shines_above, lamps, lamps_outside, angle, smaller_windows } = part;
+        let Part {
+            image,
+            relative_noise,
+            unexplained,
+            shines_above,
+            lamps,
+            lamps_outside,
+            angle,
+            smaller_windows,
+        } = part;
         let info = info_of(info, found, shines_above);
         let restored = Restored::new(image, info, told).with_alpha(curve.alpha);
         Ok(Restored {
@@ -189,6 +201,7 @@ impl Restoration {
             lamps_outside,
             levels: found,
             doubted_levels: doubted,
+            contradiction: unexplained.contradiction(),
             pose: posed.pose,
             smaller_windows,
             ..restored
@@ -230,6 +243,7 @@ impl Restoration {
         let PlaneConfig { curve, saturation, .. } = *planes;
         let Solved { relieved, lamps_outside, solution } = solved;
         let image = relieved.unwrap_or(image);
+        let unexplained = Unexplained::of(&image, &solution, (saturation, curve.alpha));
         let lamps = find_lamps(&image, &solution.scene, saturation);
         let (options, relative_noise) = (self.guided_options(), solution.relative_noise);
         let light = options.filter(|options| options.true_highlights).map(|_| solution.scene.clone());
@@ -263,7 +277,16 @@ impl Restoration {
             }
             None => AnyImage::ToneMapped(restored, Some(*told)),
         };
-        Ok(Part { image, relative_noise, shines_above, lamps, lamps_outside, angle, smaller_windows })
+        Ok(Part {
+            image,
+            relative_noise,
+            unexplained,
+            shines_above,
+            lamps,
+            lamps_outside,
+            angle,
+            smaller_windows,
+        })
     }
 
     /// What a network makes of a capture whose scene has been solved for, as far as the capture allows.

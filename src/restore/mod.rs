@@ -27,6 +27,7 @@ mod precision;
 mod restoration;
 mod shining;
 mod tiles;
+mod unexplained;
 
 pub use crate::network::Precision;
 pub use angle::{AngleSearch, FoundAngle, WEAK_LEAD, search_angle};
@@ -45,3 +46,4 @@ pub use pose::{Pose, read_pose, write_pose};
 pub use precision::in_precision;
 pub use restoration::Restoration;
 pub use tiles::Tiling;
+pub use unexplained::Contradiction;

@@ -8,6 +8,7 @@ use super::lamps::find_lamps;
 use super::memory::MemoryPlan;
 use super::restoration::Restoration;
 use super::tiles::{Span, Tiling, WindowCost};
+use super::unexplained::Unexplained;
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::progress::{PIXELS, Progress};
@@ -93,6 +94,7 @@ impl Restoration {
         let mut light = Array3::<f32>::zeros(image.planes().dim());
         let (mut joined, mut curve) = (Array3::<f32>::zeros(image.planes().dim()), None);
         let (mut shines_above, mut lamps_outside, mut smaller_windows) = (false, Vec::new(), None);
+        let mut unexplained = Unexplained::default();
         let bar = progress.bar((size[0] * size[1]) as u64, PIXELS);
         for tile in parts.tiles() {
             progress.check()?;
@@ -106,6 +108,7 @@ impl Restoration {
             smaller_windows = smaller_windows.or(part.smaller_windows);
             curve = part.image.curve();
             shines_above |= part.shines_above;
+            unexplained = unexplained.and(part.unexplained);
             add(&mut joined, &planes_of(part.image), tile);
             bar.inc(((rows.end - rows.start) * (columns.end - columns.start)) as u64);
         }
@@ -118,6 +121,7 @@ impl Restoration {
         Ok(Part {
             image: joined,
             relative_noise,
+            unexplained,
             shines_above,
             lamps,
             lamps_outside,

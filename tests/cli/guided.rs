@@ -3,10 +3,12 @@
 use std::path::Path;
 
 use ndarray::Array3;
+use rand::RngExt as _;
 use udc::core::capture::CaptureInfo;
 use udc::core::fft::{Boundary, Convolver};
 use udc::core::image::{Linear, LinearImage, ToneMapped};
 use udc::core::psf::Psf;
+use udc::core::rng::stream;
 use udc::core::tone::ToneCurve;
 use udc::io::{self, WriteOptions};
 
@@ -96,6 +98,29 @@ fn the_psf_alone_restores_a_capture_and_finds_its_lamp_and_its_level() {
         &["restore", "capture.exr", "--psf", "psf.exr", "-o", "photo.jpg", "--model", "guided"],
     );
     assert!(scratch.path().join("photo.jpg").is_file());
+}
+
+/// Of a capture with noise, whose PSF is as a picture of it has it that was encoded for a screen.
+#[test]
+fn a_psf_that_contradicts_its_capture_is_warned_of() {
+    let scratch = tempfile::tempdir().unwrap();
+    write_capture(scratch.path());
+    let mut noise = stream(7, "noise");
+    let noisy = seen().mapv(|light| {
+        let uniform: f32 = (0..12).map(|_| noise.random::<f32>()).sum::<f32>() - 6.0;
+        (light + 0.01 * (light + 0.1) * uniform).clamp(0.0, SATURATION)
+    });
+    let noisy = LinearImage::from_planes(noisy).unwrap();
+    io::write_image(&scratch.path().join("noisy.exr"), &noisy, &WriteOptions::default()).unwrap();
+    let encoded = Psf::from_energy(psf().planes().mapv(|energy| energy.max(0.0).powf(1.0 / 2.4))).unwrap();
+    io::write_psf(&scratch.path().join("encoded.exr"), &encoded, &WriteOptions::default()).unwrap();
+    for (psf, is_wrong) in [("psf.exr", false), ("encoded.exr", true)] {
+        let output =
+            udc(scratch.path(), &["restore", "noisy.exr", "--psf", psf, "-o", "out.exr", "--overwrite"]);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{said}");
+        assert_eq!(said.contains("explains it badly"), is_wrong, "{psf}: {said}");
+    }
 }
 
 /// Writes the capture of a wall with a sun six columns beyond the left border, behind a panel with many orders, and its PSF.

@@ -37,6 +37,7 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     let found = json!({
         "lamps": brightest(lamps), "lamps-in-all": lamps.len(), "lamps-outside": lamps_outside,
         "saturation": restored.levels, "relative-noise": restored.relative_noise, "pose": pose, "angle": angle,
+        "contradiction": restored.contradiction,
     });
     session.found(name, found);
     if let Some([red, green, blue]) = restored.levels {
@@ -55,6 +56,9 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     }
     if let Some(doubt) = restored.doubt() {
         session.warn(format_args!("{name}: {doubt}"));
+    }
+    if let Some(contradiction) = &restored.contradiction {
+        session.warn(format_args!("{name}: {contradiction}"));
     }
     if restored.through_grey {
         session.note(format_args!(
