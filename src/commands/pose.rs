@@ -12,7 +12,8 @@ use udc::core::psf::Psf;
 use udc::core::tone::{ToneCurve, ToneFlags};
 use udc::io::{DomainTag, check_extension, check_output, expand_inputs};
 use udc::restore::{
-    Capture, Pose, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside, psf_seen, write_pose,
+    Capture, FromOutside, Pose, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside, psf_seen,
+    write_pose,
 };
 
 use super::choices::DOMAINS;
@@ -124,7 +125,9 @@ impl PoseArgs {
             config.saturation = config.saturation.map(|level| level.min(own.x_max));
         }
         let find = || match find_pose(&image, &psf, &config, &session.progress)? {
-            None => find_pose_by_lamp_outside(&image, &psf, &config, &session.progress),
+            None => {
+                find_pose_by_lamp_outside(&image, &psf, &config, &session.progress).map(FromOutside::pose)
+            }
             found => Ok(found),
         };
         Ok(session.timed(format_args!("finding the pose in {}", file.display()), find)?)

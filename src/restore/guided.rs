@@ -19,7 +19,7 @@ use super::planes::{PlaneConfig, planes_of};
 use super::restoration::Restoration;
 use super::shining::shining;
 use super::unexplained::Unexplained;
-use super::{Pose, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside};
+use super::{FromOutside, Pose, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside};
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
@@ -72,12 +72,15 @@ impl Solved {
     /// Of a capture, or of a window of one, whose noise is then that of all of it.
     pub(super) fn of(
         (image, psf): (&LinearImage, &Psf),
-        planes: &PlaneConfig,
+        (planes, has_none_outside): (&PlaneConfig, bool),
         noise: Option<&CaptureNoise>,
         progress: &Progress,
     ) -> Result<Self> {
         let config = planes.deconvolution();
-        let relieved = without_lamps_outside(image, psf, &config, &progress.without_bars())?;
+        let relieved = match has_none_outside {
+            true => None,
+            false => without_lamps_outside(image, psf, &config, &progress.without_bars())?,
+        };
         let (relieved, lamps_outside) = match relieved {
             Some(Relieved { image, lamps }) => (Some(image), lamps),
             None => (None, Vec::new()),
@@ -131,6 +134,8 @@ struct Corrected {
 pub(super) struct Posed<'a> {
     pub(super) psf: Cow<'a, Psf>,
     pub(super) pose: Option<PoseEstimate>,
+    /// Whether lamps outside of the frame were looked for by this PSF, and there are none.
+    pub(super) has_none_outside: bool,
 }
 
 /// What holds of all of a capture.
@@ -218,13 +223,13 @@ impl Restoration {
         progress: &Progress,
     ) -> Result<Solved> {
         let noise = parted.as_ref().map(|(noise, _)| noise);
-        let solved = Solved::of((image, &posed.psf), planes, noise, progress)?;
+        let solved = Solved::of((image, &posed.psf), (planes, posed.has_none_outside), noise, progress)?;
         if posed.pose.is_some() && solved.solution.is_clean() {
             // Where no noise hides it, what is left of the capture says which of the two is right.
             let own = self.kernel().needed_psf()?;
-            let unmoved = Solved::of((image, own), planes, noise, progress)?;
+            let unmoved = Solved::of((image, own), (planes, false), noise, progress)?;
             if unmoved.left() < solved.left() {
-                *posed = Posed { psf: Cow::Borrowed(own), pose: None };
+                *posed = Posed { psf: Cow::Borrowed(own), pose: None, has_none_outside: false };
                 return Ok(unmoved);
             }
         }
@@ -325,7 +330,7 @@ impl Restoration {
     /// The PSF as the panel stands in a capture.
     fn posed_psf(&self, image: &LinearImage, planes: &PlaneConfig, progress: &Progress) -> Result<Posed<'_>> {
         let psf = self.kernel().needed_psf()?;
-        let own = Posed { psf: Cow::Borrowed(psf), pose: None };
+        let mut own = Posed { psf: Cow::Borrowed(psf), pose: None, has_none_outside: false };
         if !self.guided_options().is_some_and(|options| options.finds_pose) {
             return Ok(own);
         }
@@ -334,15 +339,16 @@ impl Restoration {
         let progress = &progress.without_bars();
         let found = match find_pose(image, psf, &config, progress)?.filter(|found| is_sure(found, SURE)) {
             None if self.border() == Border::Smooth => {
-                find_pose_by_lamp_outside(image, psf, &config, progress)?
-                    .filter(|found| is_sure(found, SURER))
+                let found = find_pose_by_lamp_outside(image, psf, &config, progress)?;
+                own.has_none_outside = found == FromOutside::NoLamp;
+                found.pose().filter(|found| is_sure(found, SURER))
             }
             found => found,
         };
         Ok(match found {
             Some(estimate) => {
                 let pose = Pose::of_estimates(psf, &[estimate]).expect("one estimate makes a pose");
-                Posed { psf: Cow::Owned(pose.apply(psf)?), pose: Some(estimate) }
+                Posed { psf: Cow::Owned(pose.apply(psf)?), pose: Some(estimate), has_none_outside: false }
             }
             None => own,
         })
@@ -435,7 +441,8 @@ mod tests {
         let curve = ToneCurve::default();
         let planes =
             PlaneConfig { curve, border: Border::Zero, saturation: [curve.x_max; CHANNELS], noise: None };
-        let solved = |psf: &Psf| Solved::of((&image, psf), &planes, None, &Progress::default()).unwrap();
+        let solved =
+            |psf: &Psf| Solved::of((&image, psf), (&planes, false), None, &Progress::default()).unwrap();
         let (right, wrong) = (solved(&psf), solved(&moved));
         assert!(right.solution.is_clean());
         assert!(right.left() < wrong.left(), "{} {}", right.left(), wrong.left());

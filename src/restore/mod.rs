@@ -33,7 +33,9 @@ pub use crate::network::Precision;
 pub use angle::{AngleSearch, FoundAngle, WEAK_LEAD, search_angle};
 pub use capture::{Capture, CaptureReading, Restored};
 pub use config::{MethodConfig, PoseSource, RestorationConfig, is_guided};
-pub use deconvolution::{LampOutside, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside};
+pub use deconvolution::{
+    FromOutside, LampOutside, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside,
+};
 pub use field::code_map;
 pub use grey::psf_seen;
 pub use highlights::{Highlights, blend_highlights};

@@ -101,7 +101,7 @@ impl Restoration {
             let [rows, columns] = tile;
             let window = cut(image, tile);
             let plan = alone.plan([window.height(), window.width()])?;
-            let solved = Solved::of((&window, psf), &whole.planes, noise, &quiet)?;
+            let solved = Solved::of((&window, psf), (&whole.planes, false), noise, &quiet)?;
             keep_saturated((&mut light, &window), solved.scene(), (tile, from));
             let part = alone.restore_part((&whole, &plan), (window, psf), solved, &quiet)?;
             lamps_outside.extend(part.lamps_outside.into_iter().filter_map(|lamp| outside(lamp, tile, size)));

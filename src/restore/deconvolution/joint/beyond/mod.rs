@@ -25,14 +25,14 @@ use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
-use suspect::{FRAME_PX, Known, MOST_PX, ROUNDS, STEPS, Suspect, keep_visible};
+use suspect::{FRAME_PX, Known, MOST_PX, MOST_PX_OF_ONE, ROUNDS, STEPS, Suspect, keep_visible};
 
 /// Samples of a transform up to which lamps are looked for, and up to which their light is measured: larger captures are halved.
 const SEARCHED_SAMPLES: usize = 250_000;
 const MEASURED_SAMPLES: usize = 2_000_000;
 
 /// Pixels, along rows and columns, by which the places where each colour sees most are apart at most where it is one lamp that they see,
-/// however many pixels shine around it: a PSF turned by 0.3° spreads a sun's light over 174 of them. Of 192 captures, suns have 0 to 2
+/// though more pixels shine around it: a PSF turned by 0.3° spreads a sun's light over 174 of them. Of 192 captures, suns have 0 to 2
 /// by exact PSFs and by such ones.
 const APART_PX: usize = 2;
 
@@ -220,6 +220,9 @@ impl<'a> View<'a> {
             let Some(suspect) = known.suspect(&surroundings, SEEDS[0] * alpha, progress)? else {
                 return Ok(None);
             };
+            if suspect.pixels() > MOST_PX_OF_ONE {
+                return Ok(None);
+            }
             channels.push((channel, known));
             suspects.push(suspect);
         }

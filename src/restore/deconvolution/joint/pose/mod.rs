@@ -38,7 +38,7 @@ use crate::restore::levels::find_levels;
 use evidence::{deviations, light_to_noise};
 use fit::LampFit;
 use moved::Movable;
-pub use outside::find_pose_by_lamp_outside;
+pub use outside::{FromOutside, find_pose_by_lamp_outside};
 use scene::Scene;
 
 /// A turn in degrees, and a scale as a share.

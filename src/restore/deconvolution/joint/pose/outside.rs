@@ -25,8 +25,26 @@ const SCALES: [f64; 5] = [-0.012, -0.006, 0.0, 0.006, 0.012];
 /// The light of a lamp's pixels at least as it gathers, over the brightest.
 const LEAST_LIGHT: f32 = 1e-3;
 
-/// As [`find_pose`](super::find_pose), by a lamp outside of the frame, whose light beyond the border is unknown; none where there is no
-/// such lamp.
+/// What a lamp outside of the frame tells of the pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FromOutside {
+    /// There is no such lamp.
+    NoLamp,
+    /// There is, and it may tell the pose.
+    Lamp(Option<PoseEstimate>),
+}
+
+impl FromOutside {
+    /// The pose, where it is told.
+    pub fn pose(self) -> Option<PoseEstimate> {
+        match self {
+            Self::NoLamp => None,
+            Self::Lamp(pose) => pose,
+        }
+    }
+}
+
+/// As [`find_pose`](super::find_pose), by a lamp outside of the frame, whose light beyond the border is unknown.
 ///
 /// # Method
 /// The lamp is found by the PSF as it is. A light that was fitted in a wrong pose lies where it makes up for it, and would follow the
@@ -40,10 +58,10 @@ pub fn find_pose_by_lamp_outside(
     psf: &Psf,
     config: &PoseConfig,
     progress: &Progress,
-) -> Result<Option<PoseEstimate>> {
+) -> Result<FromOutside> {
     config.check()?;
     if !has_room(capture) {
-        return Ok(None);
+        return Ok(FromOutside::NoLamp);
     }
     let is_large = |view: &View<'_>| {
         view.samples() > MOST_SAMPLES || view.psf.height().max(view.psf.width()) > LARGEST_PX
@@ -52,10 +70,11 @@ pub fn find_pose_by_lamp_outside(
     while is_large(&view) {
         match view.half()? {
             Some(half) => view = half,
-            None => return Ok(None),
+            // So small an image has no such PSF.
+            None => return Ok(FromOutside::Lamp(None)),
         }
     }
-    let Some(mut light) = view.measure(config.alpha, progress)? else { return Ok(None) };
+    let Some(mut light) = view.measure(config.alpha, progress)? else { return Ok(FromOutside::NoLamp) };
     let mut may_shine = grown(&shining(&light), AROUND_PX);
     may_shine.zip_mut_with(&view.surroundings(), |may_shine, is_outside| *may_shine &= *is_outside);
     // Of all colours green has most photosites.
@@ -65,7 +84,7 @@ pub fn find_pose_by_lamp_outside(
     let lamp = (may_shine, LEAST_LIGHT * brightest(&light));
     let seen = (view.image.channel(channel), &view.saturated[channel]);
     let scene = Scene::of_lamp_outside(seen, movable.size(), lamp, config.alpha);
-    Search::new(scene, &movable, progress)?.run_from(light, config.least_move)
+    Search::new(scene, &movable, progress)?.run_from(light, config.least_move).map(FromOutside::Lamp)
 }
 
 impl Search<'_> {

@@ -118,14 +118,14 @@ fn finds_the_pose_from_a_sun_beyond_the_border() {
         let seen = capture(&scene(&sun), &lattice(pose), LEVEL).crop(0, CUT, SIDE, SIDE - CUT);
         let found =
             find_pose_by_lamp_outside(&seen, &lattice([0.0; 2]), &config, &Progress::default()).unwrap();
-        let found = found.expect("the flare is strong");
+        let found = found.pose().expect("the flare is strong");
         assert!((found.turn_deg - pose[0]).abs() < 4.0 * found.turn_sigma_deg, "{found:?} for {pose:?}");
         assert!((found.scale - pose[1]).abs() < 4.0 * found.scale_sigma, "{found:?} for {pose:?}");
         assert!((found.turn_deg - pose[0]).abs() < 0.1, "{found:?} for {pose:?}");
     }
     let none = scene(&[]).crop(0, CUT, SIDE, SIDE - CUT);
     let found = find_pose_by_lamp_outside(&none, &lattice([0.0; 2]), &config, &Progress::default());
-    assert_eq!(found.unwrap(), None);
+    assert_eq!(found.unwrap(), FromOutside::NoLamp);
 }
 
 /// The orders that are clipped too tell nothing by themselves, and light that may shine there would explain those beside them.
