@@ -25,7 +25,7 @@ use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
-use suspect::{FRAME_PX, Known, MOST_PX, MOST_PX_OF_ONE, ROUNDS, STEPS, Suspect, keep_visible};
+use suspect::{FRAME_PX, Known, MOST_PX, ROUNDS, STEPS, Suspect, keep_visible};
 
 /// Samples of a transform up to which lamps are looked for, and up to which their light is measured: larger captures are halved.
 const SEARCHED_SAMPLES: usize = 250_000;
@@ -214,13 +214,15 @@ impl<'a> View<'a> {
         let frame = frame_around(&self.image, &self.psf, TransformPrecision::Double);
         let surroundings = self.surroundings();
         let (mut channels, mut suspects) = (Vec::with_capacity(CHANNELS), Vec::with_capacity(CHANNELS));
+        let frame_px = self.image.height() * self.image.width();
         // Most is told by green.
         for channel in [1, 0, 2] {
             let known = self.known(channel, &frame, alpha)?;
             let Some(suspect) = known.suspect(&surroundings, SEEDS[0] * alpha, progress)? else {
                 return Ok(None);
             };
-            if suspect.pixels() > MOST_PX_OF_ONE {
+            // Green sees lamps best, and what is large there is none: two gatherings of light are spared.
+            if suspects.is_empty() && !Suspect::are_small(std::slice::from_ref(&suspect), frame_px) {
                 return Ok(None);
             }
             channels.push((channel, known));

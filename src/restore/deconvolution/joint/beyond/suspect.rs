@@ -21,7 +21,7 @@ pub(super) const MOST_PX: usize = 100;
 
 /// The same of a single colour that sees more than the lamp of the others, and the part of its misfit that is left at most. What is no
 /// lamp has so many pixels in all colours; believed, it would cost three of 350 captures 5 to 9 dB.
-pub(super) const MOST_PX_OF_ONE: usize = 400;
+const MOST_PX_OF_ONE: usize = 400;
 const LEFT_OF_ONE: f64 = 0.7;
 
 /// The part of the most visible pixel's flare that others need to be kept.
@@ -79,7 +79,7 @@ pub(super) struct Suspect {
 }
 
 impl Suspect {
-    pub(super) fn pixels(&self) -> usize {
+    fn pixels(&self) -> usize {
         self.light.iter().filter(|light| **light > 0.0).count()
     }
 
