@@ -23,8 +23,9 @@ use super::{Session, text_of};
 /// Find by how much a panel is turned and scaled against its PSF, from the flare of lamps
 ///
 /// What the lamps of a capture throw over its surroundings tells in which pose the PSF explains it: to 0.02 degrees and 0.1 %
-/// where flare is strong, be it of lamps in the frame or of a sun beyond its border. Captures of one device, taken with the panel as it
-/// is, are combined, each by how much it tells; those without lamps, or with weak flare, tell nothing. Turns of up to 1 degree and scales of up to 1.5 % are looked for.
+/// where flare is strong, be it of lamps in the frame or of a sun beyond its border. Captures of one device,
+/// taken with the panel as it is, are combined, each by how much it tells; those without lamps, or with weak flare, tell
+/// nothing. Turns of up to 1 degree and scales of up to 1.5 % are looked for.
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new(PSF_FILES).args(["psf"]).multiple(true))]
 #[command(after_help = "Examples:\n  \
