@@ -3,6 +3,8 @@
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
 
+use crate::kernels::vectorised;
+
 /// Taps of a cubic B-spline along one axis.
 const TAPS: usize = 4;
 
@@ -65,6 +67,88 @@ impl CubicSpline {
         }
         value
     }
+
+    /// The values at `from`, row and column, and one `step` after another; zero outside of the rectangle that the samples span.
+    ///
+    /// Where a step is nearly one column, as of a plane that is turned and scaled by a little, this is many times as fast as
+    /// [`sample`](Self::sample) and differs by rounding only.
+    ///
+    /// # Panics
+    /// Never: the coefficients are kept C-contiguous.
+    pub fn sample_line(&self, from: [f64; 2], step: [f64; 2], values: &mut [f64]) {
+        let (height, width) = self.coefficients.dim();
+        let coefficients = self.coefficients.as_slice().expect("coefficients are C-contiguous");
+        let mut done = 0;
+        while done < values.len() {
+            let [y, x] = [0, 1].map(|axis| from[axis] + done as f64 * step[axis]);
+            let supports = Support::at(y, height).zip(Support::at(x, width));
+            let firsts = supports.as_ref().and_then(|(rows, columns)| rows.first.zip(columns.first));
+            let Some((top, left)) = firsts else {
+                values[done] = self.sample(y, x);
+                done += 1;
+                continue;
+            };
+            // Within a cell of the grid: tops and, but for one column a step, lefts stay.
+            let within = [y - (top + 1) as f64, x - (left + 1) as f64];
+            let moved = [step[0], step[1] - 1.0];
+            let stay = steps_within(within[0], moved[0]).min(steps_within(within[1], moved[1]));
+            let count = stay.min(values.len() - done).min(width - TAPS - left + 1);
+            let lines =
+                std::array::from_fn(|row| &coefficients[(top + row) * width + left..][..count + TAPS - 1]);
+            sum_taps(&mut values[done..][..count], lines, within, moved);
+            done += count;
+        }
+    }
+}
+
+/// How many values, the first one among them, lie within the cell from 0 to 1 that a position is in and moves through.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a positive number, and casts saturate"
+)]
+fn steps_within(position: f64, step: f64) -> usize {
+    let room = if step > 0.0 { 1.0 - position } else { position };
+    if step == 0.0 { usize::MAX } else { ((room / step.abs()).max(0.0) as usize).saturating_add(1) }
+}
+
+vectorised! {
+    /// The spline at positions within one row of cells, each a cell further than the one before, of the lines of their coefficients.
+    fn sum_taps<'a>(values: &'a mut [f64], lines: [&'a [f64]; TAPS], within: [f64; 2], moved: [f64; 2]) -> () {
+        let count = values.len();
+        let [first, second, third, fourth] = lines;
+        let taps = [beside(first, count), beside(second, count), beside(third, count), beside(fourth, count)];
+        for index in 0..count {
+            #[expect(clippy::cast_possible_truncation, reason = "lines of planes are far shorter")]
+            let steps = f64::from(index as u32);
+            let rows = weights(within[0] + steps * moved[0]);
+            let [a, b, c, d] = weights(within[1] + steps * moved[1]);
+            let mut value = 0.0;
+            for row in 0..TAPS {
+                let taps = &taps[row];
+                value += rows[row] * (taps[0][index] * a + taps[1][index] * b + taps[2][index] * c + taps[3][index] * d);
+            }
+            values[index] = value;
+        }
+    }
+}
+
+/// So many coefficients of a line from the first on, from the second on, and so forth.
+#[inline(always)]
+fn beside(line: &[f64], count: usize) -> [&[f64]; TAPS] {
+    [&line[..count], &line[1..][..count], &line[2..][..count], &line[3..][..count]]
+}
+
+/// The cubic B-splines of the samples around a position t after the second of them.
+#[inline(always)]
+fn weights(t: f64) -> [f64; TAPS] {
+    let u = 1.0 - t;
+    [
+        u * u * u / 6.0,
+        (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0,
+        (4.0 - 6.0 * u * u + 3.0 * u * u * u) / 6.0,
+        t * t * t / 6.0,
+    ]
 }
 
 /// The coefficients that a position touches along one axis, and how much of each.
@@ -89,14 +173,7 @@ impl Support {
             return None;
         }
         let before = position as usize;
-        let t = position - before as f64;
-        let u = 1.0 - t;
-        let weights = [
-            u * u * u / 6.0,
-            (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0,
-            (4.0 - 6.0 * u * u + 3.0 * u * u * u) / 6.0,
-            t * t * t / 6.0,
-        ];
+        let weights = weights(position - before as f64);
         let first = before.checked_sub(1).filter(|first| first + TAPS <= length);
         Some(Self { before, first, weights })
     }
@@ -199,6 +276,30 @@ mod tests {
         for position in [38.25, 40.5, 41.9] {
             let error = spline.sample(0.0, position) - cubic(position - 40.0);
             assert!(error.abs() < f64::from(largest * f32::EPSILON), "{position}: {error}");
+        }
+    }
+
+    /// Turned, scaled and mirrored lines, from outside to outside.
+    #[test]
+    fn a_line_has_the_values_of_its_places() {
+        for (height, width) in [(33, 40), (3, 50), (1, 1)] {
+            let spline = CubicSpline::fit(texture(height, width).view());
+            for step in
+                [[0.0, 1.0], [0.02, 0.99], [-0.03, 1.013], [0.7, 0.3], [0.0, -1.0], [1.0, 0.0], [0.0, 0.0]]
+            {
+                for from in [[-0.5, -3.0], [0.3, 0.0], [2.0, 1.0], [31.9, 4.25], [16.0, 45.0]] {
+                    let mut values = [f64::NAN; 64];
+                    spline.sample_line(from, step, &mut values);
+                    for (index, value) in values.iter().enumerate() {
+                        let [y, x] = [0, 1].map(|axis| from[axis] + index as f64 * step[axis]);
+                        let expected = spline.sample(y, x);
+                        assert!(
+                            (value - expected).abs() < 1e-11,
+                            "{step:?} from {from:?}, {index}: {value} {expected}"
+                        );
+                    }
+                }
+            }
         }
     }
 

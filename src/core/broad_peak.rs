@@ -1,6 +1,6 @@
 //! Where the middle of a blur is that has no sharp peak.
 
-use ndarray::{Array2, ArrayView2, s};
+use ndarray::{Array2, ArrayView2, Zip, s};
 
 /// Pixels together at least half as bright as the brightest from which on a peak is broad: of 6 pixels across. What is in focus has fewer.
 const BROAD: usize = 30;
@@ -12,10 +12,11 @@ const BROAD: usize = 30;
 /// 3 × 3 pixels, so that a lone one does not count.
 pub fn broad_peak(light: ArrayView2<'_, f64>) -> Option<[f64; 2]> {
     let (height, width) = light.dim();
-    let means = Array2::from_shape_fn((height, width), |(y, x)| {
-        let rows = y.saturating_sub(1)..(y + 2).min(height);
-        light.slice(s![rows, x.saturating_sub(1)..(x + 2).min(width)]).mean().unwrap_or_default()
-    });
+    let mut means = sums_around(light);
+    let pixels_around = |place: usize, length: usize| (place + 2).min(length) - place.saturating_sub(1);
+    for ((y, x), mean) in means.indexed_iter_mut() {
+        *mean /= (pixels_around(y, height) * pixels_around(x, width)) as f64;
+    }
     let highest = means.iter().copied().fold(0.0, f64::max);
     let mut bright = means.mapv(|mean| highest > 0.0 && mean >= 0.5 * highest);
     let mut largest = (0, [0, 0]);
@@ -27,6 +28,29 @@ pub fn broad_peak(light: ArrayView2<'_, f64>) -> Option<[f64; 2]> {
     }
     let (count, sums) = largest;
     (count >= BROAD).then(|| sums.map(|sum| sum as f64 / count as f64))
+}
+
+/// The sums of the 3 × 3 pixels around each pixel, as far as they are in the plane.
+pub fn sums_around(plane: ArrayView2<'_, f64>) -> Array2<f64> {
+    let mut along_rows = plane.to_owned();
+    if plane.ncols() > 1 {
+        Zip::from(along_rows.slice_mut(s![.., 1..]))
+            .and(plane.slice(s![.., ..-1]))
+            .for_each(|sum, left| *sum += left);
+        Zip::from(along_rows.slice_mut(s![.., ..-1]))
+            .and(plane.slice(s![.., 1..]))
+            .for_each(|sum, right| *sum += right);
+    }
+    let mut sums = along_rows.clone();
+    if plane.nrows() > 1 {
+        Zip::from(sums.slice_mut(s![1.., ..]))
+            .and(along_rows.slice(s![..-1, ..]))
+            .for_each(|sum, above| *sum += above);
+        Zip::from(sums.slice_mut(s![..-1, ..]))
+            .and(along_rows.slice(s![1.., ..]))
+            .for_each(|sum, below| *sum += below);
+    }
+    sums
 }
 
 /// Clears the connected region of set pixels that holds `first`; returns how many there were, and the sums of their
@@ -62,6 +86,18 @@ mod tests {
         assert!((y - 20.0).abs() < 1e-9 && (x - 23.0).abs() < 1e-9, "{y} {x}");
         let [y, x] = broad_peak(ring(0.2).view()).unwrap();
         assert!((y - 20.0).abs() < 1.0 && (x - 23.0).abs() < 0.5, "{y} {x}");
+    }
+
+    #[test]
+    fn sums_are_of_the_pixels_around() {
+        for size in [(1, 1), (1, 5), (4, 1), (2, 2), (6, 7)] {
+            let plane = Array2::from_shape_fn(size, |(y, x)| ((3 * y + 5 * x) % 7) as f64);
+            for ((y, x), sum) in sums_around(plane.view()).indexed_iter() {
+                let around =
+                    plane.indexed_iter().filter(|((v, u), _)| v.abs_diff(y) < 2 && u.abs_diff(x) < 2);
+                assert_eq!(around.map(|(_, value)| value).sum::<f64>(), *sum, "{size:?} {y} {x}");
+            }
+        }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 
 use ndarray::{Array2, Array3, ArrayView2, s};
 
-use crate::core::broad_peak::broad_peak;
+use crate::core::broad_peak::{broad_peak, sums_around};
 use crate::core::error::{Error, Result};
 
 /// Values this close to the brightest, as a share of it, are as bright: the rounding of half floats is 2⁻¹¹, and a core
@@ -224,10 +224,7 @@ fn brightest_spot(plane: &ArrayView2<'_, f64>) -> Array2<bool> {
     let around = |y: usize, x: usize| {
         (y.saturating_sub(1)..(y + 2).min(height), x.saturating_sub(1)..(x + 2).min(width))
     };
-    let sums = Array2::from_shape_fn((height, width), |(y, x)| {
-        let (rows, columns) = around(y, x);
-        plane.slice(s![rows, columns]).sum()
-    });
+    let sums = sums_around(plane.view());
     let highest = sums.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let mut spot = Array2::from_elem((height, width), false);
     for ((y, x), &sum) in sums.indexed_iter() {

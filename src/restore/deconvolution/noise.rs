@@ -5,6 +5,8 @@ use std::f64::consts::TAU;
 use ndarray::{Array2, ArrayView2, Axis, Zip};
 use rustfft::num_complex::Complex64;
 
+use crate::core::image::row_of;
+
 /// The median of the modulus of a standard normal variable.
 pub(super) const MEDIAN_OF_NORMAL: f64 = 0.6745;
 
@@ -96,12 +98,13 @@ impl Band {
         Some(details)
     }
 
-    /// Gives the detail of each place where the taps fit to `visit`, as large as white noise itself, with the place in their
-    /// middle.
-    pub(super) fn visit(&self, plane: &Array2<f32>, mut visit: impl FnMut((usize, usize), f32)) {
+    /// Gives the details of each row where the taps fit to `visit`, as large as white noise itself, with the place in the middle of the
+    /// first one's taps.
+    pub(super) fn visit(&self, plane: &Array2<f32>, mut visit: impl FnMut((usize, usize), &[f32])) {
         let half = self.0.len() / 2;
-        for ((y, x), detail) in self.details(plane).iter().flat_map(|details| details.indexed_iter()) {
-            visit((y + half, x + half), *detail);
+        let Some(details) = self.details(plane) else { return };
+        for y in 0..details.nrows() {
+            visit((y + half, half), row_of(details.view(), y));
         }
     }
 

@@ -13,6 +13,7 @@
 //!    what would take its place is nowhere seen.
 
 use ndarray::{Array2, ArrayView1, ArrayView2, Axis, Zip};
+use rayon::prelude::*;
 
 use super::channel::first_smoothness;
 use super::coarse::{between_blocks, mean_of_blocks};
@@ -68,6 +69,18 @@ struct Reduced {
     psf: Array2<f32>,
 }
 
+/// The light around a frame that explains most of a channel, and what tells whether it is there.
+struct Look {
+    light: Array2<f32>,
+    /// How the scene varies as it is restored with what the frame goes on to around it, and with that light.
+    own: f64,
+    without: f64,
+    /// The contrast of the light's haze over the frame.
+    contrast: f64,
+    /// How bright the frame is at its border beside that light.
+    seen: f64,
+}
+
 /// Light around a frame.
 pub(super) struct Around {
     halvings: usize,
@@ -104,26 +117,17 @@ impl Around {
             return Ok(None);
         }
         let coarse = frame.surrounded_like(size, of_psf);
-        let (mut planes, mut own, mut without) = (Vec::with_capacity(known.len()), 0.0, 0.0);
-        let (mut contrast, mut seen) = (0.0, 0.0);
-        for (Reduced { capture, psf }, (known, noise)) in reduced.iter().zip(known.iter().zip(noise)) {
-            let (blur, alpha, smoothness) =
-                (coarse.blur(psf.view())?, known.config.alpha, first_smoothness(noise));
-            let surrounded = coarse.surround(capture.view());
-            let brightness = local_mean(&surrounded, NEAR_PX).mapv_into(|mean| mean + alpha);
-            let of = |capture: ArrayView2<'_, f32>| {
-                let scene = inverse(&blur, (capture, &brightness), smoothness);
-                variation(coarse.cut(&scene), alpha)
-            };
-            own += of(capture.view());
-            let light = most_around(&blur, (capture, &brightness), alpha, progress)?;
-            let rest = rest_of(&blur, capture.view(), &light);
-            without += of(rest.view());
-            contrast += contrast_of(&(capture - &rest)) / reduced.len() as f64;
-            seen += share_seen(capture, &light) / reduced.len() as f64;
-            planes.push(light);
-        }
+        // Planes are small, and channels are worked on side by side.
+        let looks = reduced.par_iter().zip(known).zip(noise).map(|((reduced, known), noise)| {
+            Look::at(reduced, &coarse, (known.config.alpha, first_smoothness(noise)), progress)
+        });
+        let looks = looks.collect::<Result<Vec<_>>>()?;
+        let sum = |of: fn(&Look) -> f64| looks.iter().map(of).sum::<f64>();
+        let [own, without] = [sum(|look| look.own), sum(|look| look.without)];
+        let [contrast, seen] =
+            [sum(|look| look.contrast), sum(|look| look.seen)].map(|sum| sum / looks.len() as f64);
         let is_around = without < MOST_VARIATION * own && contrast * seen >= LEAST_CUT;
+        let planes = looks.into_iter().map(|look| look.light).collect();
         Ok(is_around.then_some(Self { halvings, frame: coarse, planes }))
     }
 
@@ -169,6 +173,32 @@ impl Around {
             }
         });
         scene
+    }
+}
+
+impl Look {
+    fn at(
+        Reduced { capture, psf }: &Reduced,
+        frame: &Frame,
+        (alpha, smoothness): (f32, f32),
+        progress: &Progress,
+    ) -> Result<Self> {
+        let blur = frame.blur(psf.view())?;
+        let surrounded = frame.surround(capture.view());
+        let brightness = local_mean(&surrounded, NEAR_PX).mapv_into(|mean| mean + alpha);
+        let variation_of = |capture: ArrayView2<'_, f32>| {
+            let scene = inverse(&blur, (capture, &brightness), smoothness);
+            variation(frame.cut(&scene), alpha)
+        };
+        let light = most_around(&blur, (capture, &brightness), alpha, progress)?;
+        let rest = rest_of(&blur, capture.view(), &light);
+        Ok(Self {
+            own: variation_of(capture.view()),
+            without: variation_of(rest.view()),
+            contrast: contrast_of(&(capture - &rest)),
+            seen: share_seen(capture, &light),
+            light,
+        })
     }
 }
 

@@ -385,10 +385,11 @@ impl<'a> Channel<'a> {
         Ok(())
     }
 
-    /// The standard deviation of the capture's noise at a pixel; zero at lamps.
-    pub(super) fn noise_at(&self, place: [usize; 2]) -> f32 {
-        let n = self.brightness[place];
-        if n > 0.0 { n * self.noise.at(n) } else { 0.0 }
+    /// Writes the standard deviation of the capture's noise at some pixels of a row; zero at lamps.
+    pub(super) fn write_noise(&self, y: usize, columns: impl Iterator<Item = usize>, out: &mut [f32]) {
+        let brightness = row(&self.brightness, y);
+        out.iter_mut().zip(columns).for_each(|(out, x)| *out = brightness[x].max(0.0));
+        self.noise.replace_by_deviations(out);
     }
 
     /// Adds the doubt about lamps and their flare to a deviation.

@@ -6,6 +6,8 @@ use ndarray::{Array2, ArrayView2, s};
 use rayon::prelude::*;
 
 use super::super::noise::{BANDS, Detail, MEDIAN_OF_NORMAL, of_details};
+use crate::core::image::row_of;
+use crate::kernels::vectorised;
 
 /// Classes of brightness, each of as many pixels: photon and read noise change over stops, not within one.
 const CLASSES: usize = 6;
@@ -44,27 +46,35 @@ impl NoiseLevel {
     ) -> Self {
         let strips = logarithms(capture, alpha);
         let limits = limits_of_classes(&strips, saturated_from);
-        let mut classes: Vec<[Vec<f32>; 3]> = limits.iter().map(|_| Default::default()).collect();
-        for (strip, logarithm) in &strips {
-            for (index, band) in BANDS.iter().enumerate() {
-                band.visit(logarithm, |place, detail| {
-                    if strip[place] < saturated_from {
-                        let class = limits.partition_point(|(_, most)| *most < logarithm[place]);
-                        classes[class.min(limits.len() - 1)][index].push(detail.abs());
+        let of_bands = BANDS.par_iter().map(|band| {
+            let mut classes = vec![Vec::new(); limits.len()];
+            for (strip, logarithm) in &strips {
+                band.visit(logarithm, |(y, x), details| {
+                    let pixels = row_of(*strip, y)[x..].iter().zip(&row_of(logarithm.view(), y)[x..]);
+                    for (detail, (captured, level)) in details.iter().zip(pixels) {
+                        if *captured < saturated_from {
+                            let class = limits.iter().filter(|(_, most)| most < level).count();
+                            classes[class.min(limits.len() - 1)].push(detail.abs());
+                        }
                     }
                 });
             }
-        }
-        let told: Vec<_> =
-            limits.iter().zip(classes).filter(|(_, details)| details[0].len() >= LEAST_PIXELS).collect();
-        let mut all: [Vec<f32>; 3] = std::array::from_fn(|band| {
-            told.iter().flat_map(|(_, details)| &details[band]).copied().collect()
+            classes
         });
-        let overall = deviation(&mut all, left);
-        let mut knots: Vec<_> = told
-            .into_iter()
-            .map(|((middle, _), mut details)| (*middle, deviation(&mut details, left)))
-            .collect();
+        let mut of_bands: Vec<Vec<Vec<f32>>> = of_bands.collect();
+        let is_told: Vec<bool> = of_bands[0].iter().map(|details| details.len() >= LEAST_PIXELS).collect();
+        let deviations = of_bands.par_iter_mut().map(|classes| {
+            let told = classes.iter_mut().zip(&is_told).filter(|(_, is_told)| **is_told);
+            let told: Vec<&mut Vec<f32>> = told.map(|(details, _)| details).collect();
+            let mut all: Vec<f32> = told.iter().flat_map(|details| details.iter()).copied().collect();
+            (variance_of(&mut all), told.into_iter().map(|details| variance_of(details)).collect::<Vec<_>>())
+        });
+        let variances: Vec<(f64, Vec<f64>)> = deviations.collect();
+        let overall = deviation(std::array::from_fn(|band| variances[band].0), left);
+        let middles = limits.iter().zip(&is_told).filter(|(_, is_told)| **is_told);
+        let of_class = |class: usize| deviation(std::array::from_fn(|band| variances[band].1[class]), left);
+        let mut knots: Vec<_> =
+            middles.enumerate().map(|(class, ((middle, _), _))| (*middle, of_class(class))).collect();
         if knots.is_empty() {
             knots.push((0.0, LEAST));
         }
@@ -130,16 +140,71 @@ impl NoiseLevel {
         }
     }
 
+    /// Replaces the brightness of pixels, `y + α`, by the standard deviation of their light, as [`at`](Self::at) tells it to 10⁻⁶; zero
+    /// stays.
+    pub(crate) fn replace_by_deviations(&self, brightness: &mut [f32]) {
+        let ramp = |pair: &[(f32, f32)]| {
+            let [(from, low), (to, high)] = [pair[0], pair[1]];
+            Ramp { from, length: to - from, slope: (high - low) / (to - from).max(f32::MIN_POSITIVE) }
+        };
+        let ramps: Vec<Ramp> = self.knots.windows(2).map(ramp).collect();
+        times_ramps(brightness, self.knots[0].1, &ramps);
+    }
+
     /// The deviation of the middle class.
     pub(crate) fn middle(&self) -> f32 {
         self.knots[self.knots.len() / 2].1
     }
 }
 
-/// The deviation of the noise of pixels that have these details, which are put in another order, in each band.
-fn deviation(details: &mut [Vec<f32>; 3], left: [f64; 3]) -> f32 {
-    let details =
-        std::array::from_fn(|band| Detail { variance: variance_of(&mut details[band]), left: left[band] });
+/// How a deviation changes from one knot to the next.
+#[derive(Clone, Copy)]
+struct Ramp {
+    from: f32,
+    length: f32,
+    slope: f32,
+}
+
+vectorised! {
+    /// Multiplies each brightness by the deviation there: the first knot's, and what all ramps below add to it.
+    fn times_ramps<'a>(brightness: &'a mut [f32], first: f32, ramps: &'a [Ramp]) -> () {
+        const LANES: usize = 16;
+        for values in brightness.chunks_mut(LANES) {
+            let mut levels = [0.0; LANES];
+            levels.iter_mut().zip(&*values).for_each(|(level, n)| *level = logarithm(*n));
+            let mut deviations = [first; LANES];
+            for ramp in ramps {
+                for (deviation, level) in deviations.iter_mut().zip(&levels) {
+                    *deviation += ramp.slope * (level - ramp.from).max(0.0).min(ramp.length);
+                }
+            }
+            values.iter_mut().zip(&deviations).for_each(|(n, deviation)| *n *= deviation);
+        }
+    }
+}
+
+/// The natural logarithm of a positive number, to 2·10⁻⁷; a large negative one of zero.
+///
+/// # Equation
+/// With `x = 2ᵉ·m`, m from √½ to √2: `ln x = e·ln 2 + 2·artanh(z)`, `z = (m − 1)/(m + 1)`, of whose series five terms tell 10⁻⁸.
+#[inline(always)]
+fn logarithm(x: f32) -> f32 {
+    const ROOT_OF_HALF: i32 = std::f32::consts::FRAC_1_SQRT_2.to_bits().cast_signed();
+    const MANTISSA_BITS: u32 = 23;
+    let bits = x.to_bits().cast_signed();
+    let exponent = (bits - ROOT_OF_HALF) >> MANTISSA_BITS;
+    let mantissa = f32::from_bits((bits - (exponent << MANTISSA_BITS)).cast_unsigned());
+    let z = (mantissa - 1.0) / (mantissa + 1.0);
+    let square = z * z;
+    let series = 1.0 + square * (1.0 / 3.0 + square * (0.2 + square * (1.0 / 7.0 + square / 9.0)));
+    #[expect(clippy::cast_precision_loss, reason = "exponents are small")]
+    let exponent = exponent as f32;
+    exponent * std::f32::consts::LN_2 + 2.0 * z * series
+}
+
+/// The deviation of the noise of pixels whose details have these variances in each band.
+fn deviation(variances: [f64; 3], left: [f64; 3]) -> f32 {
+    let details = std::array::from_fn(|band| Detail { variance: variances[band], left: left[band] });
     narrow(of_details(details)).max(LEAST)
 }
 
@@ -173,9 +238,22 @@ fn limits_of_classes(strips: &[(ArrayView2<'_, f32>, Array2<f32>)], saturated_fr
     if levels.is_empty() {
         return vec![(0.0, f32::MAX)];
     }
-    levels.par_sort_unstable_by(f32::total_cmp);
-    let at = |part: usize| levels[(levels.len() - 1) * part / (2 * CLASSES)];
+    let parts: Vec<usize> = (0..=2 * CLASSES).map(|part| (levels.len() - 1) * part / (2 * CLASSES)).collect();
+    put_in_place(&mut levels, &parts, 0);
+    let at = |part: usize| levels[parts[part]];
     (0..CLASSES).map(|class| (at(2 * class + 1), at(2 * class + 2))).collect()
+}
+
+/// Orders values as far as those at these places, in ascending order, are what they were if all were ordered; the values begin at the
+/// place `first`.
+fn put_in_place(values: &mut [f32], places: &[usize], first: usize) {
+    let middle = places.len() / 2;
+    let Some(place) = places.get(middle) else { return };
+    let (below, _, above) = values.select_nth_unstable_by(place - first, f32::total_cmp);
+    // Of few values several places are one.
+    let lower = &places[..places.partition_point(|lower| lower < place)];
+    let upper = &places[places.partition_point(|upper| upper <= place)..];
+    rayon::join(|| put_in_place(below, lower, first), || put_in_place(above, upper, place + 1));
 }
 
 /// Replaces each deviation by the median of it and its neighbours: one class of mere texture is no noise.
@@ -239,6 +317,20 @@ mod tests {
         }
     }
 
+    #[test]
+    fn many_deviations_are_those_of_each() {
+        let knots = vec![(-3.0, 0.02), (-1.5, 0.05), (0.5, 0.01), (2.0, 0.03)];
+        for noise in [NoiseLevel { knots, overall: 0.02 }, NoiseLevel::even(0.013)] {
+            let brightness: Vec<f32> = (0..400).map(|index| 1e-3 * 1.035f32.powi(index)).collect();
+            let mut deviations = [&brightness[..], &[0.0]].concat();
+            noise.replace_by_deviations(&mut deviations);
+            assert_eq!(deviations.pop(), Some(0.0));
+            for (n, found) in brightness.iter().zip(deviations) {
+                assert!((found / (n * noise.at(*n)) - 1.0).abs() < 2e-6, "{n}: {found} {}", n * noise.at(*n));
+            }
+        }
+    }
+
     /// Noise that is told is taken at the brightness that the capture has.
     #[test]
     fn what_is_told_is_not_estimated() {
@@ -271,6 +363,18 @@ mod tests {
         assert_eq!(agreed([[0.013, 0.013], [LEAST, 0.008], [LEAST, LEAST]]), [0.013, 0.008, 0.008]);
         assert_eq!(agreed([[0.02, 0.02], [0.03, 0.03], [0.01, LEAST]]), [0.02, 0.03, 0.01]);
         assert_eq!(agreed([[LEAST, LEAST], [0.01, 0.01], [LEAST, LEAST]]), [LEAST, 0.01, LEAST]);
+    }
+
+    #[test]
+    fn values_at_some_places_are_those_of_all_in_order() {
+        for length in [1, 2, 7, 1000] {
+            let mut values: Vec<f32> = (0..length).map(|index| ((index * 7919 + 13) % 1009) as f32).collect();
+            let mut ordered = values.clone();
+            ordered.sort_unstable_by(f32::total_cmp);
+            let places: Vec<usize> = (0..=12).map(|part| (length - 1) * part / 12).collect();
+            put_in_place(&mut values, &places, 0);
+            assert!(places.iter().all(|place| values[*place] == ordered[*place]), "{length}");
+        }
     }
 
     #[test]

@@ -2,7 +2,8 @@
 
 use std::array;
 
-use ndarray::{Array2, ArrayView2, s};
+use ndarray::{Array2, ArrayView1, ArrayView2, s};
+use rayon::prelude::*;
 
 use super::super::noise::BANDS;
 use super::noise_level::strips;
@@ -47,18 +48,21 @@ fn add_places(
     places: &mut Vec<Place>,
 ) {
     let logarithms = strip.map(|plane| plane.mapv(|y| (y.max(0.0) + alpha).ln()));
-    let planes: [[Array2<f32>; CHANNELS]; BANDS.len()] = array::from_fn(|band| {
-        array::from_fn(|channel| {
-            let mut details = Array2::from_elem(logarithms[channel].dim(), f32::NAN);
-            BANDS[band].visit(&logarithms[channel], |place, detail| details[place] = detail);
-            details
-        })
+    let planes = (0..BANDS.len() * CHANNELS).into_par_iter().map(|index| {
+        let logarithm = &logarithms[index % CHANNELS];
+        let mut plane = Array2::from_elem(logarithm.dim(), f32::NAN);
+        BANDS[index / CHANNELS].visit(logarithm, |(y, x), details| {
+            plane.slice_mut(s![y, x..x + details.len()]).assign(&ArrayView1::from(details));
+        });
+        plane
     });
+    let planes: Vec<Array2<f32>> = planes.collect();
     for (place, _) in strip[0].indexed_iter() {
         if (0..CHANNELS).any(|channel| strip[channel][place] >= saturated_from[channel]) {
             continue;
         }
-        let details = planes.each_ref().map(|planes| planes.each_ref().map(|plane| plane[place]));
+        let details: [[f32; CHANNELS]; BANDS.len()] =
+            array::from_fn(|band| array::from_fn(|channel| planes[CHANNELS * band + channel][place]));
         if details[2].iter().all(|detail| detail.is_finite()) {
             places.push(Place { details });
         }

@@ -287,9 +287,9 @@ impl Pass<'_, '_> {
         let (height, width) = self.pilots[0].dim();
         let middle = |at: usize, length: usize| (at + SIDE / 2).saturating_sub(BEFORE).min(length - 1);
         for (noises, channel) in noises.iter_mut().zip(self.channels) {
-            for (block, noise) in noises.iter_mut().enumerate() {
-                *noise = channel.noise_at([middle(y, height), middle(STEP * block, width)]).powi(2);
-            }
+            let columns = (0..).map(|block| middle(STEP * block, width));
+            channel.write_noise(middle(y, height), columns, noises);
+            noises.iter_mut().for_each(|noise| *noise *= *noise);
         }
     }
 }

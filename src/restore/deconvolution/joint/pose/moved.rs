@@ -44,14 +44,17 @@ impl Movable {
         let (sin, cos) = (sin / (1.0 + scale), cos / (1.0 + scale));
         let [centre_y, centre_x] = self.size.map(|side| (side / 2) as f64);
         let mut moved = Array2::zeros(self.size);
+        let width = self.size[1];
         let rows = moved.outer_iter_mut().into_par_iter().enumerate();
-        rows.for_each(|(y, mut row)| {
-            for (x, value) in row.iter_mut().enumerate() {
-                let (dy, dx) = (y as f64 - centre_y, x as f64 - centre_x);
-                let (from_y, from_x) = (centre_y + dy * cos + dx * sin, centre_x + dx * cos - dy * sin);
-                *value = narrow(self.spline.sample(from_y, from_x).max(0.0));
-            }
-        });
+        rows.for_each_init(
+            || vec![0.0; width],
+            |values, (y, mut row)| {
+                let (dy, dx) = (y as f64 - centre_y, -centre_x);
+                let from = [centre_y + dy * cos + dx * sin, centre_x + dx * cos - dy * sin];
+                self.spline.sample_line(from, [sin, cos], values);
+                row.iter_mut().zip(values).for_each(|(moved, value)| *moved = narrow(value.max(0.0)));
+            },
+        );
         let sum: f64 = moved.iter().map(|value| f64::from(*value)).sum();
         let factor = narrow(1.0 / sum.max(f64::MIN_POSITIVE));
         moved.mapv_into(|value| value * factor)
