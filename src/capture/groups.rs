@@ -53,7 +53,8 @@ impl CaptureGroups {
         let captures =
             files.into_iter().map(|file| CaptureFiles { name: stem_of_input(&file), files: vec![file] });
         let in_folder = inputs.iter().any(|input| names_folder(input));
-        Ok(Self { captures: captures.collect(), in_folder, warnings: Vec::new() })
+        let warnings = inputs.iter().filter_map(|input| folders_left_out(&of_published(input))).collect();
+        Ok(Self { captures: captures.collect(), in_folder, warnings })
     }
 
     /// Takes each folder of pictures for a bracket, and all files that are named themselves for one; of a folder that holds
@@ -119,6 +120,26 @@ impl CaptureGroups {
     }
 }
 
+/// What to tell of the folders inside of one whose images are taken, if some hold images, too.
+fn folders_left_out(folder: &Path) -> Option<String> {
+    let names = if folder.is_dir() { list_folder(folder).ok()? } else { return None };
+    let holds_images = |name: &&String| {
+        let path = folder.join(name);
+        !is_hidden(name) && path.is_dir() && expand_inputs(&[path]).is_ok()
+    };
+    let inner: Vec<&String> = names.iter().filter(holds_images).collect();
+    let which = match inner[..] {
+        [] => return None,
+        [one] => format!("the folder {one}"),
+        [first, ..] => format!("{} folders, {first} for one,", inner.len()),
+    };
+    Some(format!(
+        "{}: images in {which} inside of it are left out; to take them, name each folder or a pattern such as '{}/*/*'",
+        folder.display(),
+        folder.display()
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -142,5 +163,21 @@ mod tests {
         assert_eq!(found.captures.len(), 2);
         assert!(found.warnings[0].contains("1 image of no bracket"), "{:?}", found.warnings);
         assert!(CaptureGroups::of_brackets(&[scratch.path().join("notes")]).is_err());
+    }
+
+    #[test]
+    fn folders_inside_of_a_folder_of_captures_are_told_of() {
+        let scratch = tempfile::tempdir().unwrap();
+        for name in ["1.exr", "a/1.exr", "notes/read.me", ".hidden/1.exr"] {
+            let path = scratch.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, "").unwrap();
+        }
+        let found = CaptureGroups::of_files(&[scratch.path().to_owned()]).unwrap();
+        assert_eq!(found.captures.len(), 1);
+        assert!(found.warnings[0].contains("images in the folder a inside"), "{:?}", found.warnings);
+        let found =
+            CaptureGroups::of_files(&[scratch.path().join("a"), scratch.path().join("1.exr")]).unwrap();
+        assert_eq!(found.warnings, [""; 0]);
     }
 }

@@ -418,6 +418,9 @@ impl<'a> Run<'a> {
         {
             self.lost.call_once(|| self.session.warn(lost));
         }
+        if domain == DomainTag::ToneMapped {
+            found::tell_of_steps(self.session, &job.output, &restored, self.args.half);
+        }
         restored.write(&job.output, domain, &options)
     }
 }

@@ -15,7 +15,7 @@ use udc::io::{self, WriteOptions};
 use super::common::{fail, succeed, udc};
 use super::restore::scratch;
 
-const SATURATION: f32 = 4.0;
+pub(super) const SATURATION: f32 = 4.0;
 
 /// A core, a halo and four orders, as of a panel with a square grid.
 fn psf() -> Psf {
@@ -48,7 +48,7 @@ fn seen() -> Array3<f32> {
 }
 
 /// Writes the capture of the scene through the PSF, and the PSF.
-fn write_capture(folder: &Path) {
+pub(super) fn write_capture(folder: &Path) {
     let psf = psf();
     let capture = LinearImage::from_planes(seen().mapv(|light| light.min(SATURATION))).unwrap();
     io::write_image(&folder.join("capture.exr"), &capture, &WriteOptions::default()).unwrap();

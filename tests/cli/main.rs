@@ -61,6 +61,7 @@ mod synth;
 mod synth_resume;
 #[path = "../common/tiff.rs"]
 mod tiff;
+mod told_light;
 mod tone;
 mod tone_of_files;
 mod train;

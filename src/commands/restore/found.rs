@@ -1,10 +1,12 @@
 //! Tells what a restoration found in a capture: its light, its levels, the pose of its panel.
 
+use std::path::Path;
+
 use serde_json::{Map, Value, json};
 
 use udc::core::saturation::saturated_from;
 use udc::core::tone::ToneCurve;
-use udc::io::AnyImage;
+use udc::io::{AnyImage, Format};
 use udc::restore::{Capture, Lamp, PoseEstimate, Restored};
 
 use super::Session;
@@ -15,15 +17,59 @@ const TOLD_LAMPS: usize = 16;
 /// The share of a capture's pixels from which on its being saturated is warned of.
 const MUCH_SATURATED: f64 = 0.5;
 
-/// Tells where a user says of a capture that it saturates above the level that its file tells, which is believed.
+/// Multiples of the level that a user tells above which light contradicts it: noise and shading are less.
+const ABOVE: f32 = 1.25;
+
+/// The share of a capture's values from which on such light is told of.
+const MUCH_ABOVE: f64 = 1e-4;
+
+/// Steps of stored light, as a part of it, that are told of.
+const COARSE: f32 = 0.02;
+
+/// Tells where the level that a user tells of a capture contradicts the file, which is believed, or the capture's light.
 pub(super) fn tell_of_level(session: &Session, name: &str, capture: &Capture, x_max: Option<f32>) {
+    let (AnyImage::Linear(image), Some(x_max)) = (&capture.image, x_max) else { return };
     let of_file = capture.info.as_ref().and_then(|info| info.saturation);
     let most = of_file.map(|levels| levels.into_iter().fold(0.0, f32::max));
-    if let (AnyImage::Linear(_), Some(most), Some(x_max)) = (&capture.image, most, x_max)
-        && most < saturated_from(x_max)
-    {
+    if let Some(most) = most.filter(|most| *most < saturated_from(x_max)) {
         session.warn(format_args!(
             "{name}: its file says that it saturates at {most}, which is taken; --x-max {x_max} is above that and changes nothing"
+        ));
+        return;
+    }
+    let above = image.as_slice().iter().filter(|light| **light > ABOVE * x_max).count();
+    let share = above as f64 / image.as_slice().len() as f64;
+    if share > MUCH_ABOVE {
+        session.warn(format_args!(
+            "{name}: {:.2} % of its light is above --x-max {x_max}, up to {}, and is taken for saturated; a capture that saturates there \
+             has none: tell the light at which it saturates, or leave --x-max out",
+            100.0 * share,
+            image.max()
+        ));
+    }
+}
+
+/// Tells where a tone-mapped file holds the light of a capture in other units than networks know in steps that are seen.
+pub(super) fn tell_of_steps(session: &Session, output: &Path, restored: &Restored, is_half: bool) {
+    let (curve, Some(alpha)) = (restored.curve, restored.alpha) else { return };
+    let Ok(format) = Format::of_extension(output) else { return };
+    // Its α is about as bright as the scene.
+    let mapped = alpha / (alpha + curve.alpha);
+    let step = match format {
+        Format::Exr | Format::Npy if is_half => mapped / 2048.0,
+        Format::Exr | Format::Npy => return,
+        Format::Hdr => mapped / 256.0,
+        Format::Png | Format::Tiff => 1.0 / 65535.0,
+        Format::Jpeg => 1.0 / 255.0,
+    };
+    let relative = step * (alpha + curve.alpha) / (curve.alpha * mapped);
+    if relative > COARSE {
+        session.warn(format_args!(
+            "{}: its light is about {alpha:.3} and the tone curve's α {}, so that the file's tone-mapped values hold it in steps of {:.0} %: \
+             write linear light, or tell --alpha {alpha:.3}",
+            output.display(),
+            curve.alpha,
+            100.0 * relative
         ));
     }
 }
