@@ -305,7 +305,7 @@ impl Restoration {
         let PlaneConfig { curve, border, saturation, .. } = *config;
         let (left, is_clean) = (Left::of(solution.residual.view()), solution.is_clean());
         // What lamps leave is more than is told.
-        let is_told = solution.is_measured && !has_lamps;
+        let is_told = solution.is_told && !has_lamps;
         let mut planes = planes_of(model.architecture().planes(), (image, psf), Some(solution), config)?;
         let (conditioning, angle) = self.conditioning(model, tone_mapped, saturation, progress)?;
         let given = (tone_mapped, &mut planes);

@@ -63,7 +63,7 @@ use channel::{Channel, Workspace};
 use coarse::Half;
 use effort::further_rounds;
 use frame::Frame;
-use interpolation::is_interpolated;
+use interpolation::Finest;
 use known::Known;
 pub(in crate::restore) use noise_level::NOISE_FREE;
 use noise_level::NoiseLevel;
@@ -86,9 +86,10 @@ pub struct Solution {
     pub residual: Array3<f32>,
     /// The standard deviation of the noise of `log(capture + α)` in each channel, where it is of middling brightness.
     pub relative_noise: [f32; CHANNELS],
-    /// Whether the noise shows that pixels were measured: it is white, and that of one colour tells nothing of another's. Neither is
-    /// so of demosaiced captures, and nothing is shown by captures without noise.
-    pub is_measured: bool,
+    /// Whether the deviation is that of the error: of captures whose noise shows that pixels were measured, as it is white, and that of one
+    /// colour tells nothing of another's, and of those with detail that all colours share, finer than noise. Nothing is shown by captures
+    /// without noise, and of other demosaiced ones the error is larger.
+    pub is_told: bool,
 }
 
 impl Solution {
@@ -102,8 +103,7 @@ impl Solution {
 #[derive(Clone, Debug)]
 pub(in crate::restore) struct CaptureNoise {
     levels: Vec<NoiseLevel>,
-    /// Whether pixels seem to have been interpolated from others.
-    is_interpolated: bool,
+    finest: Finest,
 }
 
 impl CaptureNoise {
@@ -115,14 +115,15 @@ impl CaptureNoise {
         window: [usize; 2],
     ) -> Result<Self> {
         let from = config.saturation.map(saturated_from);
-        let is_interpolated = is_interpolated(image, config.alpha, from);
+        let finest = Finest::of(image, config.alpha, from);
         let known = |channel: usize| {
             let (capture, psf) = (image.channel(channel), psf.channel(channel));
+            let is_interpolated = finest.is_interpolated;
             Known { capture, psf, channel, config, is_interpolated, is_reduced: false }
         };
         let frame =
             Frame::new(window, [psf.height(), psf.width()], config.border, TransformPrecision::Single);
-        Ok(Self { levels: noise_levels(&frame, (image, config), known)?, is_interpolated })
+        Ok(Self { levels: noise_levels(&frame, (image, config), known)?, finest })
     }
 
     /// The standard deviation of the noise of `log(capture + α)` in each channel, where it is of middling brightness.
@@ -193,13 +194,16 @@ pub(super) fn solve(
         }
     };
     let is_noisy = colors.channels.iter().any(Channel::is_noisy);
-    let is_interpolated = || match noise {
-        Some(noise) => noise.is_interpolated,
-        None => is_interpolated(image, config.alpha, config.saturation.map(saturated_from)),
+    let finest = || match noise {
+        Some(noise) => noise.finest,
+        None => Finest::of(image, config.alpha, config.saturation.map(saturated_from)),
     };
-    let is_measured = is_noisy && !is_interpolated();
+    let is_told = is_noisy && {
+        let Finest { is_interpolated, is_shared } = finest();
+        !is_interpolated || is_shared
+    };
     let residual = colors.residual(&scene)?;
-    Ok(Solution { scene: LinearImage::from_planes(scene)?, deviation, residual, relative_noise, is_measured })
+    Ok(Solution { scene: LinearImage::from_planes(scene)?, deviation, residual, relative_noise, is_told })
 }
 
 /// Rounds that look for the light that a scene does not tell, and steps in each.
@@ -373,7 +377,8 @@ impl<'a> Colors<'a> {
         let has_lamps = saturated.iter().flatten().any(|saturated| *saturated);
         let is_interpolated = has_lamps
             && whole
-                .map_or_else(|| is_interpolated(image, config.alpha, from), |whole| whole.is_interpolated);
+                .map_or_else(|| Finest::of(image, config.alpha, from), |whole| whole.finest)
+                .is_interpolated;
         Given { image, psf, config, saturated, is_interpolated, whole, noise: None }.start(frame, progress)
     }
 

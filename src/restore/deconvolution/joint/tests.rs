@@ -374,13 +374,13 @@ fn local_spectra_refine_a_noisy_scene() {
     assert!(after > before + 1.0, "{after} after {before}");
 }
 
-/// Of a noisy capture the solution says that its pixels were measured, of a computed one and of one whose neighbours were averaged
-/// it does not: the guard of the network's corrections asks.
+/// Of a noisy capture the solution says that its error is told, as its pixels were measured, of a computed one and of one whose neighbours
+/// were averaged it does not: the guard of the network's corrections asks.
 #[test]
-fn a_solution_says_whether_pixels_were_measured() {
-    let is_measured = |capture: &LinearImage| {
+fn a_solution_says_whether_its_error_is_told() {
+    let is_told = |capture: &LinearImage| {
         let config = config(Method::Joint, Border::Zero, 16.0);
-        solve((capture, &psf()), &config, None, &Progress::default()).unwrap().is_measured
+        solve((capture, &psf()), &config, None, &Progress::default()).unwrap().is_told
     };
     let noisy = capture(&room(1.0), 0.02, 16.0);
     let averaged = image(
@@ -390,9 +390,9 @@ fn a_solution_says_whether_pixels_were_measured() {
         },
         [SIZE, SIZE],
     );
-    assert!(is_measured(&noisy));
-    assert!(!is_measured(&averaged));
-    assert!(!is_measured(&capture(&room(1.0), 0.0, 16.0)));
+    assert!(is_told(&noisy));
+    assert!(!is_told(&averaged));
+    assert!(!is_told(&capture(&room(1.0), 0.0, 16.0)));
 }
 
 /// A few lamps in much darkness: of a large capture so little is clipped that a small one would not be halved for it. Measured at the full
