@@ -145,7 +145,8 @@ impl NoiseLevel {
     pub(crate) fn replace_by_deviations(&self, brightness: &mut [f32]) {
         let ramp = |pair: &[(f32, f32)]| {
             let [(from, low), (to, high)] = [pair[0], pair[1]];
-            Ramp { from, length: to - from, slope: (high - low) / (to - from).max(f32::MIN_POSITIVE) }
+            let length = (to - from).max(SHORTEST_RAMP);
+            Ramp { from, length, slope: (high - low) / length }
         };
         let ramps: Vec<Ramp> = self.knots.windows(2).map(ramp).collect();
         times_ramps(brightness, self.knots[0].1, &ramps);
@@ -156,6 +157,9 @@ impl NoiseLevel {
         self.knots[self.knots.len() / 2].1
     }
 }
+
+/// The length of a ramp between two knots at one brightness, as of a capture of which much is flat: a step.
+const SHORTEST_RAMP: f32 = 1e-5;
 
 /// How a deviation changes from one knot to the next.
 #[derive(Clone, Copy)]
@@ -328,6 +332,18 @@ mod tests {
             for (n, found) in brightness.iter().zip(deviations) {
                 assert!((found / (n * noise.at(*n)) - 1.0).abs() < 2e-6, "{n}: {found} {}", n * noise.at(*n));
             }
+        }
+    }
+
+    /// Two classes whose middle pixels are one flat area.
+    #[test]
+    fn deviations_step_where_knots_are_at_one_brightness() {
+        let noise = NoiseLevel { knots: vec![(-2.0, 0.02), (-1.0, 0.03), (-1.0, 0.05)], overall: 0.03 };
+        let mut deviations = [0.3, 0.36, 0.37, 0.38, 1.0];
+        let expected = deviations.map(|n| n * noise.at(n));
+        noise.replace_by_deviations(&mut deviations);
+        for (found, expected) in deviations.into_iter().zip(expected) {
+            assert!((found / expected - 1.0f32).abs() < 2e-6, "{found} {expected}");
         }
     }
 
