@@ -134,9 +134,9 @@ fn folders_left_out(folder: &Path) -> Option<String> {
         [first, ..] => format!("{} folders, {first} for one,", inner.len()),
     };
     Some(format!(
-        "{}: images in {which} inside of it are left out; to take them, name each folder or a pattern such as '{}/*/*'",
+        "{}: images in {which} inside of it are left out; to take them, name each folder or a pattern such as '{}'",
         folder.display(),
-        folder.display()
+        folder.join("*/*").display()
     ))
 }
 

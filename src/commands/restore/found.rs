@@ -57,10 +57,10 @@ pub(super) fn tell_of_steps(session: &Session, output: &Path, restored: &Restore
     let mapped = alpha / (alpha + curve.alpha);
     let step = match format {
         Format::Exr | Format::Npy if is_half => mapped / 2048.0,
-        Format::Exr | Format::Npy => return,
+        // A JPEG is a photograph.
+        Format::Exr | Format::Npy | Format::Jpeg => return,
         Format::Hdr => mapped / 256.0,
         Format::Png | Format::Tiff => 1.0 / 65535.0,
-        Format::Jpeg => 1.0 / 255.0,
     };
     let relative = step * (alpha + curve.alpha) / (curve.alpha * mapped);
     if relative > COARSE {

@@ -21,6 +21,7 @@
 mod apart;
 mod around;
 pub(super) mod beyond;
+mod capture_noise;
 mod channel;
 mod coarse;
 mod conjugate;
@@ -57,8 +58,9 @@ use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
-use apart::{is_quantised, noise_apart};
 use around::Around;
+pub(in crate::restore) use capture_noise::CaptureNoise;
+use capture_noise::noise_levels;
 use channel::{Channel, Workspace};
 use coarse::Half;
 use effort::further_rounds;
@@ -67,7 +69,6 @@ use interpolation::Finest;
 use known::Known;
 pub(in crate::restore) use noise_level::NOISE_FREE;
 use noise_level::NoiseLevel;
-use places::places_of;
 use prior::{Edges, InverseBrightness};
 use refine::{Pilot, Refined, refine};
 
@@ -97,67 +98,6 @@ impl Solution {
     pub fn is_clean(&self) -> bool {
         self.relative_noise.iter().all(|sigma| *sigma <= NOISE_FREE)
     }
-}
-
-/// What a capture tells of its noise, for windows of it whose scenes are solved for one by one.
-#[derive(Clone, Debug)]
-pub(in crate::restore) struct CaptureNoise {
-    levels: Vec<NoiseLevel>,
-    finest: Finest,
-}
-
-impl CaptureNoise {
-    /// That of a capture which is solved for in windows of `[height, width]`.
-    pub(super) fn of(
-        image: &LinearImage,
-        psf: &Psf,
-        config: &DeconvolutionConfig,
-        window: [usize; 2],
-    ) -> Result<Self> {
-        let from = config.saturation.map(saturated_from);
-        let finest = Finest::of(image, config.alpha, from);
-        let known = |channel: usize| {
-            let (capture, psf) = (image.channel(channel), psf.channel(channel));
-            let is_interpolated = finest.is_interpolated;
-            Known { capture, psf, channel, config, is_interpolated, is_reduced: false }
-        };
-        let frame =
-            Frame::new(window, [psf.height(), psf.width()], config.border, TransformPrecision::Single);
-        Ok(Self { levels: noise_levels(&frame, (image, config), known)?, finest })
-    }
-
-    /// The standard deviation of the noise of `log(capture + α)` in each channel, where it is of middling brightness.
-    pub(in crate::restore) fn relative(&self) -> [f32; CHANNELS] {
-        std::array::from_fn(|channel| self.levels[channel].middle())
-    }
-
-    /// Whether there is none, as in computed captures.
-    pub(in crate::restore) fn is_clean(&self) -> bool {
-        self.relative().iter().all(|sigma| *sigma <= NOISE_FREE)
-    }
-}
-
-/// The noise of all channels, as seen through a PSF in a frame.
-fn noise_levels<'a>(
-    frame: &Frame,
-    (image, config): (&LinearImage, &DeconvolutionConfig),
-    known: impl Fn(usize) -> Known<'a> + Sync,
-) -> Result<Vec<NoiseLevel>> {
-    let of_channel = |channel| Ok(frame.blur(known(channel).psf)?.parts_left());
-    let left: Vec<_> = (0..CHANNELS).map(of_channel).collect::<Result<_>>()?;
-    let of_channel = |channel: usize| known(channel).noise_level(left[channel]);
-    let mut levels: Vec<_> = (0..CHANNELS).into_par_iter().map(of_channel).collect();
-    if config.noise.is_none() {
-        if NoiseLevel::hide(&levels) && is_quantised(image) {
-            // The capture has noise, and detail as fine.
-            let places = places_of(image, config.alpha, config.saturation.map(saturated_from));
-            if let Some(apart) = noise_apart(&places, std::array::from_fn(|channel| left[channel])) {
-                levels.iter_mut().zip(apart).for_each(|(level, noise)| *level = NoiseLevel::even(noise));
-            }
-        }
-        NoiseLevel::agree(&mut levels);
-    }
-    Ok(levels)
 }
 
 /// Estimates the scene of which `image` is the convolution with `psf`, clipped at `config.saturation`.
