@@ -362,6 +362,11 @@ impl Restoration {
     /// Those of [`plan`](Self::plan) and of the method; [`Error::Unsupported`] when an angle cannot be found;
     /// [`Error::Interrupted`].
     pub fn restore(&self, capture: Capture, progress: &Progress) -> Result<Restored> {
+        // On a thread of the pool, which begins each of thousands of small operations at once instead of waking another.
+        rayon::scope(|_| self.restore_here(capture, progress))
+    }
+
+    fn restore_here(&self, capture: Capture, progress: &Progress) -> Result<Restored> {
         let capture = self.cut(capture);
         let is_told_by_code = self.is_network() && !self.reads_planes();
         if self.kernel.psf().is_none() || is_told_by_code || !is_grey(&capture.image) {

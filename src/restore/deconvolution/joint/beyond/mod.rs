@@ -5,12 +5,14 @@
 //! explain the scene's own detail. One place that explains much in all colours is believed, and few pixels that explain more, which may be
 //! several lamps, and nothing else: what is taken for a lamp and is none costs up to 18 dB.
 
+mod axis;
 mod suspect;
 
 use std::borrow::Cow;
 use std::fmt;
 
 use ndarray::{Array2, Zip};
+use rayon::prelude::*;
 use serde::Serialize;
 
 use super::super::{Border, DeconvolutionConfig};
@@ -25,11 +27,18 @@ use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
+use axis::PlaneAxis;
 use suspect::{FRAME_PX, Known, MOST_PX, ROUNDS, STEPS, Suspect, keep_visible};
 
 /// Samples of a transform up to which lamps are looked for, and up to which their light is measured: larger captures are halved.
 const SEARCHED_SAMPLES: usize = 250_000;
 const MEASURED_SAMPLES: usize = 2_000_000;
+
+/// Samples of a transform up to which channels are worked on side by side, each with planes of its own.
+const ABREAST_SAMPLES: usize = 700_000;
+
+/// All channels.
+const ALL: [usize; CHANNELS] = [0, 1, 2];
 
 /// Pixels, along rows and columns, by which the places where each colour sees most are apart at most where it is one lamp that they see,
 /// though more pixels shine around it: a PSF turned by 0.3° spreads a sun's light over 174 of them. Of 192 captures, suns have 0 to 2
@@ -111,7 +120,7 @@ pub fn without_lamps_outside(
     let mut relieved: Option<LinearImage> = None;
     for _ in 0..MOST_LAMPS {
         let full = View::new(relieved.as_ref().unwrap_or(image), psf, config.saturation);
-        let Some(measured) = full.measure(config.alpha, progress)? else { break };
+        let Some(measured) = full.measure((config.alpha, &ALL), progress)? else { break };
         let lamp = full.lamp(&measured);
         if !would_outshine(&lamp, psf, (image, config)) {
             break;
@@ -192,19 +201,23 @@ impl<'a> View<'a> {
         self.frame.transform_samples()
     }
 
-    /// The light of lamps around the frame, found at lower resolutions and measured at this one unless it is high.
-    pub(super) fn measure(&self, alpha: f32, progress: &Progress) -> Result<Option<Light>> {
+    /// The light of lamps around the frame, found at lower resolutions and measured in these channels at this one unless it is high.
+    pub(super) fn measure(
+        &self,
+        (alpha, channels): (f32, &[usize]),
+        progress: &Progress,
+    ) -> Result<Option<Light>> {
         let samples = self.frame.transform_samples();
         let coarse = match samples > SEARCHED_SAMPLES {
             true => self.half()?,
             false => None,
         };
         let Some(coarse) = coarse else { return self.search(alpha, progress) };
-        let Some(light) = coarse.measure(alpha, progress)? else { return Ok(None) };
+        let Some(light) = coarse.measure((alpha, channels), progress)? else { return Ok(None) };
         let light = self.refined(&light, &coarse);
         match samples > MEASURED_SAMPLES {
             true => Ok(Some(light)),
-            false => self.improve(light, alpha, progress).map(Some),
+            false => self.improve(light, (alpha, channels), progress).map(Some),
         }
     }
 
@@ -215,18 +228,21 @@ impl<'a> View<'a> {
         let surroundings = self.surroundings();
         let (mut channels, mut suspects) = (Vec::with_capacity(CHANNELS), Vec::with_capacity(CHANNELS));
         let frame_px = self.image.height() * self.image.width();
-        // Most is told by green.
-        for channel in [1, 0, 2] {
-            let known = self.known(channel, &frame, alpha)?;
-            let Some(suspect) = known.suspect(&surroundings, SEEDS[0] * alpha, progress)? else {
-                return Ok(None);
+        // Green sees lamps best, and where it sees none, or what is large, there is none: two gatherings of light are spared.
+        for of_turn in [&[1][..], &[0, 2]] {
+            let suspect = |channel: &usize| {
+                let known = self.known(*channel, &frame, alpha)?;
+                let suspect = known.suspect(&surroundings, SEEDS[0] * alpha, progress)?;
+                Ok((*channel, known, suspect))
             };
-            // Green sees lamps best, and what is large there is none: two gatherings of light are spared.
-            if suspects.is_empty() && !Suspect::are_small(std::slice::from_ref(&suspect), frame_px) {
+            for found in of_turn.par_iter().map(suspect).collect::<Vec<Result<_>>>() {
+                let (channel, known, Some(suspect)) = found? else { return Ok(None) };
+                channels.push((channel, known));
+                suspects.push(suspect);
+            }
+            if suspects.len() == 1 && !Suspect::are_small(&suspects, frame_px) {
                 return Ok(None);
             }
-            channels.push((channel, known));
-            suspects.push(suspect);
         }
         if !self.may_be_lamp(&suspects) {
             return Ok(None);
@@ -237,9 +253,7 @@ impl<'a> View<'a> {
             seen.zip_mut_with(flare, |seen, flare| *seen += (flare / most).powi(2));
         }
         let may_shine = self.around(self.place_of_most(&seen), &surroundings);
-        let mut found = vec![self.frame.plane(); CHANNELS];
-        let mut left = 1.0;
-        for ((channel, known), Suspect { mut light, .. }) in channels.into_iter().zip(suspects) {
+        let gather = |(known, Suspect { mut light, .. }): (&Known<'_>, Suspect)| {
             let fit = known.fit(Places { may_shine: &may_shine, at_least: 0.0, seed: SEEDS[0] * alpha });
             light.zip_mut_with(&may_shine, |light, may_shine| {
                 if !*may_shine {
@@ -251,12 +265,19 @@ impl<'a> View<'a> {
             let shines = light.mapv(|light| light > 0.0);
             let fit = known.fit(Places { may_shine: &shines, at_least: 0.0, seed: 0.0 });
             fit.gather_in_rounds(&mut light, (ROUNDS - 1, STEPS, 0.0), progress)?;
-            let left_of_channel = fit.misfit(&light) / known.before;
+            let left = fit.misfit(&light) / known.before;
+            Ok((light, left))
+        };
+        let gathered: Vec<Result<_>> =
+            channels.par_iter().map(|(_, known)| known).zip(suspects).map(gather).collect();
+        let (mut found, mut left) = (vec![self.frame.plane(); CHANNELS], 1.0);
+        for ((channel, _), gathered) in channels.iter().zip(gathered) {
+            let (light, left_of_channel) = gathered?;
             if left_of_channel > EXPLAINED_OF_EACH {
                 return Ok(None);
             }
             left *= left_of_channel;
-            found[channel] = light;
+            found[*channel] = light;
         }
         Ok((left <= EXPLAINED.powi(3)).then_some(found))
     }
@@ -310,19 +331,30 @@ impl<'a> View<'a> {
         })
     }
 
-    /// Measures light in and next to where it was found at half the resolution.
-    fn improve(&self, light: Light, alpha: f32, progress: &Progress) -> Result<Light> {
+    /// Measures the light of some channels in and next to where it was found at half the resolution.
+    fn improve(
+        &self,
+        light: Light,
+        (alpha, channels): (f32, &[usize]),
+        progress: &Progress,
+    ) -> Result<Light> {
         let mut may_shine = grown(&shining(&light), 2);
         let surroundings = self.surroundings();
         may_shine.zip_mut_with(&surroundings, |may_shine, is_outside| *may_shine &= *is_outside);
         let improve = |(channel, mut light): (usize, Array2<f32>)| {
+            if !channels.contains(&channel) {
+                return Ok(light);
+            }
             let known = self.known(channel, &self.frame, alpha)?;
             let seed = SEEDS[1] * brightest(&light);
             let fit = known.fit(Places { may_shine: &may_shine, at_least: 0.0, seed });
             fit.gather_in_rounds(&mut light, (ROUNDS - 1, STEPS, 0.0), progress)?;
             Ok(light)
         };
-        light.into_iter().enumerate().map(improve).collect()
+        match self.samples() > ABREAST_SAMPLES {
+            true => light.into_iter().enumerate().map(improve).collect(),
+            false => light.into_par_iter().enumerate().map(improve).collect(),
+        }
     }
 
     /// Light that was found at half the resolution, each pixel's shared by the four of its block.
@@ -395,31 +427,6 @@ impl<'a> View<'a> {
     }
 }
 
-/// An axis of a plane: behind the frame come its surroundings, those that follow it and those that precede it.
-#[derive(Clone, Copy)]
-struct PlaneAxis {
-    frame: usize,
-    plane: usize,
-}
-
-impl PlaneAxis {
-    /// The place of a sample, the frame's first being 0.
-    fn offset(self, index: usize) -> isize {
-        let following = (self.plane - self.frame).div_ceil(2);
-        if index < self.frame + following {
-            index.cast_signed()
-        } else {
-            index.cast_signed() - self.plane.cast_signed()
-        }
-    }
-
-    /// The sample of a place, if the plane has it.
-    fn index(self, offset: isize) -> Option<usize> {
-        let index = if offset < 0 { offset + self.plane.cast_signed() } else { offset };
-        usize::try_from(index).ok().filter(|index| *index < self.plane && self.offset(*index) == offset)
-    }
-}
-
 /// A frame with unknown surroundings.
 fn frame_around(image: &LinearImage, psf: &Psf, precision: TransformPrecision) -> Frame {
     let (size, of_psf) = ([image.height(), image.width()], [psf.height(), psf.width()]);
@@ -444,19 +451,6 @@ mod tests {
     use ndarray::{Array3, s};
 
     use super::*;
-
-    #[test]
-    fn samples_of_a_plane_have_their_places_around_the_frame() {
-        for (frame, plane) in [(5, 5), (5, 9), (5, 10), (4, 7)] {
-            let axis = PlaneAxis { frame, plane };
-            let offsets: Vec<_> = (0..plane).map(|index| axis.offset(index)).collect();
-            assert_eq!(offsets[..frame], (0..frame.cast_signed()).collect::<Vec<_>>());
-            assert!(offsets.iter().enumerate().all(|(index, offset)| axis.index(*offset) == Some(index)));
-            let [before, after] = [offsets.iter().min(), offsets.iter().max()].map(|most| most.unwrap());
-            assert_eq!(after - before + 1, plane.cast_signed());
-            assert!(axis.index(before - 1).is_none() && axis.index(after + 1).is_none());
-        }
-    }
 
     /// What every colour sees at one place may have any number of pixels; what is seen at several has to explain much.
     #[test]

@@ -74,11 +74,12 @@ pub fn find_pose_by_lamp_outside(
             None => return Ok(FromOutside::Lamp(None)),
         }
     }
-    let Some(mut light) = view.measure(config.alpha, progress)? else { return Ok(FromOutside::NoLamp) };
-    let mut may_shine = grown(&shining(&light), AROUND_PX);
-    may_shine.zip_mut_with(&view.surroundings(), |may_shine, is_outside| *may_shine &= *is_outside);
     // Of all colours green has most photosites.
     let channel = 1;
+    let measured = view.measure((config.alpha, &[channel]), progress)?;
+    let Some(mut light) = measured else { return Ok(FromOutside::NoLamp) };
+    let mut may_shine = grown(&shining(&light), AROUND_PX);
+    may_shine.zip_mut_with(&view.surroundings(), |may_shine, is_outside| *may_shine &= *is_outside);
     let light = light.swap_remove(channel);
     let movable = Movable::new(view.psf.channel(channel));
     let lamp = (may_shine, LEAST_LIGHT * brightest(&light));
