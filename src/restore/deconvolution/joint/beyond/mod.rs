@@ -58,10 +58,11 @@ const EXPLAINED: f64 = 0.85;
 const EXPLAINED_OF_EACH: f64 = 0.97;
 
 /// The part of the misfit that it leaves at most at twice the resolution at which it was looked for, where dots are finer, the geometric
-/// mean of the colours: of 22 captures true lamps leave 0.06 to 0.88, and detail of a room, of which it took 7 dB, 0.94.
+/// mean of the colours: in 21 captures true lamps leave 0.08 to 0.89, and detail of a room, taken for a lamp, which costs 9 dB, 0.94.
 const EXPLAINED_AGAIN: f64 = 0.92;
 
-/// The part of the misfit by which a step lowers it at least where steps are long: 22 captures are restored the same without it.
+/// The part of the misfit by which a step lowers it at least where steps are long. Six captures of 800 × 800 have 31.7 dB with and without:
+/// a sky through one panel loses 0.5 dB, through another it gains 0.3.
 const LEAST_GAIN: f64 = 2e-3;
 
 /// Lamps that are looked for, one after another.
