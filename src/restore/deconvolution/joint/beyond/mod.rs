@@ -108,8 +108,8 @@ pub struct Relieved {
 ///
 /// # Method
 /// At a low resolution, light of all surroundings is fitted to the fine detail of each colour by weighted least squares; around the
-/// pixel whose flare is seen best in all colours together it is fitted alone. If it explains much in every colour, it is a lamp:
-/// its light is measured at a higher resolution, its flare taken from the capture, and the next one looked for. Where errors of all that
+/// pixel whose flare is seen best in all colours together it is fitted alone. If it explains much in every colour, and so it does at
+/// twice that resolution, it is a lamp: its light is measured, its flare taken from the capture, and the next one looked for. Where errors of all that
 /// flare drown the scene, the scene around takes its place.
 ///
 /// # Errors
