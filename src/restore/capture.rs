@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::deconvolution::NOISE_FREE;
+use super::deconvolution::{DoubtedNoise, NOISE_FREE};
 use super::{Contradiction, FoundAngle, Lamp, LampOutside, PoseEstimate};
 use crate::capture::{Developed, Pictures, SCENE_BRACKET, Told, names_of};
 use crate::core::capture::CaptureInfo;
@@ -43,10 +43,12 @@ pub struct Restored {
     pub lamps: Vec<Lamp>,
     /// The lamps outside of the frame whose flare was taken away, the most visible first.
     pub lamps_outside: Vec<LampOutside>,
-    /// What saturates each channel, where that was found in the capture.
-    pub levels: Option<[f32; CHANNELS]>,
+    /// What saturates each channel, where that was found in the capture; none of a channel that it does not show saturated.
+    pub levels: Option<[Option<f32>; CHANNELS]>,
     /// What seems to saturate channels by the capture's brightest pixels, where the method took a level that these do not reach.
     pub doubted_levels: Option<[Option<f32>; CHANNELS]>,
+    /// Noise that was told of the capture and can't be its own.
+    pub doubted_noise: Option<DoubtedNoise>,
     /// How the PSF contradicts the capture, where it does so by much.
     pub contradiction: Option<Contradiction>,
     /// By how much the PSF was moved, where the flare of the capture tells it.
@@ -180,6 +182,23 @@ fn told_restored(file: &Path, provenance: Option<&Provenance>) -> Option<String>
     })
 }
 
+/// The levels of those channels that have one, in words.
+fn in_words(levels: [Option<f32>; CHANNELS]) -> String {
+    let levels: Vec<(f32, &str)> = levels
+        .into_iter()
+        .zip(["red", "green", "blue"])
+        .filter_map(|(level, name)| Some((level?, name)))
+        .collect();
+    match levels[..] {
+        [(red, _), (green, _), (blue, _)]
+            if red.total_cmp(&green).is_eq() && green.total_cmp(&blue).is_eq() =>
+        {
+            format!("{red} in all colours")
+        }
+        _ => levels.iter().map(|(level, name)| format!("{level} in {name}")).collect::<Vec<_>>().join(", "),
+    }
+}
+
 impl From<LinearImage> for Capture {
     fn from(image: LinearImage) -> Self {
         Self { image: AnyImage::Linear(image), info: None }
@@ -205,6 +224,7 @@ impl Restored {
             lamps_outside: Vec::new(),
             levels: None,
             doubted_levels: None,
+            doubted_noise: None,
             contradiction: None,
             pose: None,
             through_grey: false,
@@ -231,16 +251,19 @@ impl Restored {
         ))
     }
 
+    /// What to tell of the levels that were found in the capture.
+    pub fn describe_levels(&self) -> Option<String> {
+        let levels = in_words(self.levels?);
+        Some(format!("saturates at {levels}, as its brightest pixels show; --x-max says otherwise"))
+    }
+
     /// What to tell where the capture's brightest pixels seem to be clipped and the method took them for light as it is.
     pub fn doubt(&self) -> Option<String> {
         let doubted = self.doubted_levels?;
-        let levels = ["red", "green", "blue"].into_iter().zip(doubted);
-        let ends: Vec<String> =
-            levels.filter_map(|(name, level)| Some(format!("{} in {name}", level?))).collect();
         Some(format!(
             "the brightest pixels end at {}, as of a sensor that clips there, and are taken for light as it is; if they are \
              clipped, tell the x-max: {}",
-            ends.join(", "),
+            in_words(doubted),
             doubted.into_iter().flatten().fold(0.0, f32::max)
         ))
     }

@@ -1,10 +1,12 @@
 //! Restores a capture by inverting the convolution with its PSF.
 
 use super::capture::{Capture, Restored};
-use super::deconvolution::{DeconvolutionConfig, Method, Relieved, invert, without_lamps_outside};
+use super::deconvolution::{
+    DeconvolutionConfig, Method, Relieved, doubt_told_noise, invert, without_lamps_outside,
+};
 use super::highlights::blend_highlights;
 use super::lamps::find_lamps;
-use super::levels::{doubted_levels, find_levels_below, info_of, is_surpassed};
+use super::levels::{doubted_levels, find_levels_below, info_of, is_surpassed, reached_levels};
 use super::restoration::Restoration;
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage};
@@ -47,6 +49,7 @@ impl Restoration {
         let alpha = self.curve_of(known, &image, is_told).alpha;
         let config = DeconvolutionConfig { saturation, alpha, ..*config };
         let psf = self.kernel().needed_psf()?;
+        let doubted_noise = doubt_told_noise(&image, psf, &config)?;
         let relieved = match is_joint {
             true => without_lamps_outside(&image, psf, &config, progress)?,
             false => None,
@@ -63,7 +66,8 @@ impl Restoration {
         let info = info_of(info, levels, shines_above);
         // No light that the capture may hold is cut off.
         let curve = ToneCurve { x_max: curve.x_max.max(known.x_max), ..curve };
+        let levels = levels.map(|levels| reached_levels(&image, levels));
         let restored = Restored::new(AnyImage::Linear(restored), info, curve).with_alpha(alpha);
-        Ok(Restored { lamps, lamps_outside, levels, doubted_levels: doubted, ..restored })
+        Ok(Restored { lamps, lamps_outside, levels, doubted_levels: doubted, doubted_noise, ..restored })
     }
 }

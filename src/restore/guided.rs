@@ -8,12 +8,15 @@ use serde::Serialize;
 use super::angle::FoundAngle;
 use super::capture::{Capture, Restored};
 use super::deconvolution::{
-    Border, CaptureNoise, LampOutside, Relieved, Solution, solve, solve_window, without_lamps_outside,
+    Border, CaptureNoise, LampOutside, Relieved, Solution, doubt_told_noise, solve, solve_window,
+    without_lamps_outside,
 };
 use super::guard::{Guard, Left};
 use super::highlights::blend_highlights;
 use super::lamps::{Lamp, find_lamps};
-use super::levels::{corrected_levels, doubted_levels, find_levels_below, info_of, is_surpassed};
+use super::levels::{
+    corrected_levels, doubted_levels, find_levels_below, info_of, is_surpassed, reached_levels,
+};
 use super::memory::MemoryPlan;
 use super::planes::{PlaneConfig, planes_of};
 use super::restoration::Restoration;
@@ -177,8 +180,10 @@ impl Restoration {
         let (image, Levels { saturation, found, doubted }) = self.light_and_levels(image, of_file);
         let told = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..self.curve() };
         let curve = self.curve_of(told, &image, of_file.is_some());
+        let levels = found.map(|levels| reached_levels(&image, levels));
         let planes = PlaneConfig { curve, border: self.border(), saturation, noise: self.noise_curve() };
         let mut posed = self.posed_psf(&image, &planes, progress)?;
+        let doubted_noise = doubt_told_noise(&image, &posed.psf, &planes.deconvolution())?;
         let whole = Whole { model, planes, told, parted: None };
         let part = match &plan.parts {
             Some(parts) => self.restore_in_parts((whole, parts), &image, &mut posed, progress)?,
@@ -204,8 +209,9 @@ impl Restoration {
             relative_noise: Some(relative_noise),
             lamps,
             lamps_outside,
-            levels: found,
+            levels,
             doubted_levels: doubted,
+            doubted_noise,
             contradiction: unexplained.contradiction(),
             pose: posed.pose,
             smaller_windows,

@@ -99,13 +99,21 @@ impl Lamp {
 impl fmt::Display for Lamp {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [y, x] = self.position;
-        let [red, green, blue] = self.times_saturation;
+        // What is dark beside a level, or has none that is known, tells nothing.
+        const LEAST: f32 = 0.05;
+        let names = ["red", "green", "blue"];
+        let times: Vec<String> = names
+            .into_iter()
+            .zip(self.times_saturation)
+            .filter(|(_, times)| *times >= LEAST)
+            .map(|(name, times)| format!("{times:.1} in {name}"))
+            .collect();
         let pixels = if self.pixels == 1 { "pixel" } else { "pixels" };
         write!(
             f,
-            "lamp at row {y:.0}, column {x:.0}: {} saturated {pixels} with {red:.1}, {green:.1} and {blue:.1} times the light of \
-             saturation in red, green and blue",
-            self.pixels
+            "lamp at row {y:.0}, column {x:.0}: {} saturated {pixels}, as bright as saturation times {}",
+            self.pixels,
+            times.join(", ")
         )
     }
 }
@@ -129,7 +137,12 @@ mod tests {
         assert!((lamps[0].position[0] - 8.0).abs() < 0.01 && (lamps[0].position[1] - 15.0).abs() < 0.01);
         let [red, green, _] = lamps[1].times_saturation;
         assert!((red - 2.5125).abs() < 1e-4 && (green - 5.0125).abs() < 1e-4, "{red} {green}");
-        assert!(lamps[0].to_string().starts_with("lamp at row 8, column 15: 1 saturated pixel with"));
+        assert!(lamps[0].to_string().starts_with("lamp at row 8, column 15: 1 saturated pixel, as"));
+        let faint = Lamp { times_saturation: [0.002, 7.25, 1.5], ..lamps[0].clone() };
+        assert!(
+            faint.to_string().ends_with("as bright as saturation times 7.2 in green, 1.5 in blue"),
+            "{faint}"
+        );
     }
 
     /// Their shares added up in 32 bits are off by a hundredth and more.

@@ -193,6 +193,14 @@ pub(super) fn doubted_levels(image: &LinearImage, told: [f32; CHANNELS]) -> Opti
     doubted.iter().any(Option::is_some).then_some(doubted)
 }
 
+/// The levels that light of the capture reaches: those of the others were not found in it.
+pub(super) fn reached_levels(image: &LinearImage, levels: [f32; CHANNELS]) -> [Option<f32>; CHANNELS] {
+    std::array::from_fn(|channel| {
+        let level = levels[channel];
+        image.channel(channel).iter().any(|light| *light >= saturated_from(level)).then_some(level)
+    })
+}
+
 /// Whether a restored image holds light above what saturates its capture, by more than pixels of a plateau differ.
 pub(super) fn is_surpassed(saturation: [f32; CHANNELS], restored: &LinearImage) -> bool {
     let brightest = |channel| restored.channel(channel).iter().copied().fold(0.0, f32::max);
@@ -393,6 +401,16 @@ mod tests {
         // Most of it zero, the rest steps.
         let steps = night(1e-3).map_values(|value| (value * 1023.0 - 0.8).round().max(0.0) / 1023.0);
         assert!((0.005..=0.021).contains(&alpha(&steps)), "{}", alpha(&steps));
+    }
+
+    #[test]
+    fn a_channel_that_does_not_saturate_has_no_level_to_tell() {
+        let mut planes = scene(1e3).into_planes();
+        planes.index_axis_mut(ndarray::Axis(0), 1).mapv_inplace(|light| light.min(16.0));
+        let image = LinearImage::from_planes(planes).unwrap();
+        let (levels, count) = find_levels(&image, USUAL);
+        assert_eq!((levels, count > 0), ([500.0, 16.0, 500.0], true));
+        assert_eq!(reached_levels(&image, levels), [None, Some(16.0), None]);
     }
 
     /// Counts of 8 bits, which do not reach the usual x-max.

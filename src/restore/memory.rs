@@ -133,6 +133,17 @@ impl MemoryBudget {
     }
 }
 
+impl MemoryPlan {
+    /// What the limit costs, where that is much.
+    fn cost_of_parts(&self) -> Option<String> {
+        const MUCH: f64 = 2.0;
+        let times = self.parts.as_ref()?.times();
+        (times >= MUCH).then(|| {
+            format!("; they overlap and are {times:.1} times the pixels: a larger --max-memory takes as much less time")
+        })
+    }
+}
+
 impl fmt::Display for MemoryPlan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [height, width] = self.size;
@@ -142,7 +153,7 @@ impl fmt::Display for MemoryPlan {
             let (height, width) = tiling.window();
             write!(f, "{} {windows} of up to {height} × {width}, ", tiling.len())?;
         }
-        write!(f, "memory up to {}", format_bytes(self.bytes))
+        write!(f, "memory up to {}{}", format_bytes(self.bytes), self.cost_of_parts().unwrap_or_default())
     }
 }
 

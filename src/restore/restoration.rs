@@ -329,8 +329,11 @@ impl Restoration {
 
     /// Whether α follows the units of a capture.
     fn suits_alpha(&self) -> bool {
-        let is_joint = matches!(&self.how, How::Deconvolution(config) if config.method == Method::Joint);
-        !self.tells_alpha && (self.reads_planes() || is_joint && self.asks_for_levels)
+        let asks = |config: &DeconvolutionConfig| {
+            self.asks_for_levels && matches!(config.method, Method::Joint | Method::Constrained)
+        };
+        let is_asked = matches!(&self.how, How::Deconvolution(config) if asks(config));
+        !self.tells_alpha && (self.reads_planes() || is_asked)
     }
 
     /// What is done where captures are saturated.

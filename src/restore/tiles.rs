@@ -163,6 +163,15 @@ impl Tiling {
         (largest(&self.rows), largest(&self.columns))
     }
 
+    /// How many times the image's pixels its windows have in all.
+    pub(super) fn times(&self) -> f64 {
+        let of_axis = |spans: &[Span]| {
+            let windows: usize = spans.iter().map(Span::window_len).sum();
+            windows as f64 / spans.last().map_or(1, |last| last.end) as f64
+        };
+        of_axis(&self.rows) * of_axis(&self.columns)
+    }
+
     /// Bytes that the restoration of the whole image takes at least, the image and the result included.
     pub(super) fn bytes(&self, operator: &dyn WindowCost) -> u64 {
         let (height, width) = self.window();
@@ -383,6 +392,13 @@ mod tests {
         assert_eq!(restore(Small(200_000), &AtomicUsize::new(0)).unwrap(), (expected, None));
         let refusal = restore(Small(10_000), &AtomicUsize::new(0)).unwrap_err();
         assert!(refusal.is_of_device(), "{refusal:?}");
+    }
+
+    #[test]
+    fn overlapping_windows_have_each_pixel_several_times() {
+        let tiling = Tiling::with_tile([64, 32], 32, &Corners).unwrap();
+        let halo = Corners.halo() as f64;
+        assert!((tiling.times() - (64.0 + 2.0 * halo) / 64.0).abs() < 1e-9, "{}", tiling.times());
     }
 
     #[test]

@@ -86,11 +86,8 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
         "contradiction": restored.contradiction,
     });
     session.found(name, found);
-    if let Some([red, green, blue]) = restored.levels {
-        session.note(format_args!(
-            "{name}: saturates at {red}, {green} and {blue} in red, green and blue, as its brightest pixels show; --x-max says \
-             otherwise"
-        ));
+    if let Some(levels) = restored.describe_levels() {
+        session.note(format_args!("{name}: {levels}"));
     }
     let saturated = lamps.iter().map(|lamp| lamp.pixels).sum::<usize>() as f64;
     let share = saturated / restored.image.size().into_iter().product::<usize>() as f64;
@@ -101,6 +98,9 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
         ));
     }
     if let Some(doubt) = restored.doubt() {
+        session.warn(format_args!("{name}: {doubt}"));
+    }
+    if let Some(doubt) = &restored.doubted_noise {
         session.warn(format_args!("{name}: {doubt}"));
     }
     if let Some(contradiction) = &restored.contradiction {

@@ -18,11 +18,11 @@ mod spectral;
 mod wiener;
 mod wiener_orieux;
 
-pub use joint::Solution;
 pub use joint::beyond::{LampOutside, Relieved, without_lamps_outside};
 pub(super) use joint::pose::write_pose_in_words;
 pub use joint::pose::{FromOutside, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside};
 pub(super) use joint::{CaptureNoise, NOISE_FREE};
+pub use joint::{DoubtedNoise, Solution};
 use ndarray::{Array2, Array3, ArrayView2, Axis};
 pub use noise_curve::NoiseCurve;
 use serde::{Deserialize, Serialize};
@@ -258,6 +258,19 @@ pub(super) fn noise_of_capture(
 ) -> Result<CaptureNoise> {
     config.validate()?;
     CaptureNoise::of(image, psf, config, window)
+}
+
+/// Doubts the noise that is told of a capture, if any is, where the capture shows quite another.
+///
+/// # Errors
+/// As [`deconvolve`].
+pub(super) fn doubt_told_noise(
+    image: &LinearImage,
+    psf: &Psf,
+    config: &DeconvolutionConfig,
+) -> Result<Option<DoubtedNoise>> {
+    config.validate()?;
+    CaptureNoise::doubt(image, psf, config)
 }
 
 /// What a linear filter makes of a capture that is told the true spectrum of every neighbourhood of the scene, its own noise, and the

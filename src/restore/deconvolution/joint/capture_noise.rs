@@ -1,5 +1,7 @@
 //! What a capture tells of its noise: how much of it there is in each channel, and what its finest detail is.
 
+use std::fmt;
+
 use rayon::prelude::*;
 
 use super::super::DeconvolutionConfig;
@@ -14,6 +16,40 @@ use crate::core::fft::TransformPrecision;
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
+
+/// How many times as much noise as a capture shows, or as little, is that of light in other units: of 48 captures, what is told is 0.7
+/// to 2.5 times what they show.
+const OTHER_UNITS: f32 = 5.0;
+
+/// Noise that is told, and the one that a capture shows, where they cannot be of the same units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DoubtedNoise {
+    /// Standard deviations of the noise of `log(capture + α)` in middling brightness, of each channel.
+    pub told: [f32; CHANNELS],
+    /// As the capture shows it.
+    pub shown: [f32; CHANNELS],
+}
+
+impl DoubtedNoise {
+    /// Whether all of this noise is far above, or far below, what is shown. Demosaicing hides noise, however much.
+    fn of(told: [f32; CHANNELS], shown: [f32; CHANNELS], is_interpolated: bool) -> Option<Self> {
+        let times = |channel: usize| told[channel] / shown[channel].max(NOISE_FREE);
+        let is_above = !is_interpolated && (0..CHANNELS).all(|channel| times(channel) > OTHER_UNITS);
+        let is_below = (0..CHANNELS).all(|channel| times(channel) < 1.0 / OTHER_UNITS);
+        (is_above || is_below).then_some(Self { told, shown })
+    }
+}
+
+impl fmt::Display for DoubtedNoise {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [told, shown] = [self.told, self.shown].map(|noise| 100.0 * noise[1]);
+        write!(
+            f,
+            "--noise tells {told:.2} % of green light, and the capture shows {shown:.2} %: a sensor's file counts light whose white is 1; \
+             if the capture's units are others, leave --noise out or divide its light by its white"
+        )
+    }
+}
 
 /// What a capture tells of its noise, for windows of it whose scenes are solved for one by one.
 #[derive(Clone, Debug)]
@@ -40,6 +76,21 @@ impl CaptureNoise {
         let frame =
             Frame::new(window, [psf.height(), psf.width()], config.border, TransformPrecision::Single);
         Ok(Self { levels: noise_levels(&frame, (image, config), known)?, finest })
+    }
+
+    /// Doubts the noise that is told of a capture, if any is, where the capture shows quite another.
+    pub(in crate::restore::deconvolution) fn doubt(
+        image: &LinearImage,
+        psf: &Psf,
+        config: &DeconvolutionConfig,
+    ) -> Result<Option<DoubtedNoise>> {
+        if config.noise.is_none() {
+            return Ok(None);
+        }
+        let size = [image.height(), image.width()];
+        let told = Self::of(image, psf, config, size)?;
+        let shown = Self::of(image, psf, &DeconvolutionConfig { noise: None, ..*config }, size)?;
+        Ok(DoubtedNoise::of(told.relative(), shown.relative(), shown.finest.is_interpolated))
     }
 
     /// The standard deviation of the noise of `log(capture + α)` in each channel, where it is of middling brightness.
@@ -74,4 +125,18 @@ pub(super) fn noise_levels<'a>(
         NoiseLevel::agree(&mut levels);
     }
     Ok(levels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_of_other_units_is_doubted_and_no_other() {
+        let doubt = |told: f32, is_interpolated| DoubtedNoise::of([told; 3], [0.01; 3], is_interpolated);
+        assert!(doubt(0.03, false).is_none() && doubt(0.003, false).is_none());
+        assert!(doubt(0.2, false).is_some() && doubt(0.0005, false).is_some());
+        assert!(doubt(0.2, true).is_none() && doubt(0.0005, true).is_some());
+        assert!(DoubtedNoise::of([0.001; 3], [0.0; 3], false).is_none(), "too little to be seen");
+    }
 }

@@ -60,6 +60,7 @@ use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
 use around::Around;
 pub(in crate::restore) use capture_noise::CaptureNoise;
+pub use capture_noise::DoubtedNoise;
 use capture_noise::noise_levels;
 use channel::{Channel, Workspace};
 use coarse::Half;
