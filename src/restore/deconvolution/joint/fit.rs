@@ -151,7 +151,7 @@ impl<'a> Fit<'a> {
     }
 
     /// `w·h(y − A s)`, and the sum of its squares.
-    fn residual(&self, light: &Array2<f32>) -> (Loan<'_, Array2<f32>>, f64) {
+    pub(super) fn residual(&self, light: &Array2<f32>) -> (Loan<'_, Array2<f32>>, f64) {
         let [mut left, mut residual] = [(); 2].map(|()| self.lend_frame());
         self.blur.apply(light, &mut left);
         Zip::from(&mut *left).and(self.capture).par_for_each(|left, y| *left = y - *left);

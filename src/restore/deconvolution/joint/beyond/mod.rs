@@ -6,6 +6,7 @@
 //! several lamps, and nothing else: what is taken for a lamp and is none costs up to 18 dB.
 
 mod axis;
+mod blocks;
 mod suspect;
 
 use std::borrow::Cow;
@@ -28,6 +29,7 @@ use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
 use axis::PlaneAxis;
+use blocks::Blocks;
 use suspect::{FRAME_PX, Known, MOST_PX, ROUNDS, STEPS, Suspect, keep_visible};
 
 /// Samples of a transform up to which lamps are looked for, and up to which their light is measured: larger captures are halved.
@@ -108,8 +110,8 @@ pub struct Relieved {
 ///
 /// # Method
 /// At a low resolution, light of all surroundings is fitted to the fine detail of each colour by weighted least squares; around the
-/// pixel whose flare is seen best in all colours together it is fitted alone. If it explains much in every colour, and so it does at
-/// twice that resolution, it is a lamp: its light is measured, its flare taken from the capture, and the next one looked for. Where errors of all that
+/// pixel whose flare is seen best in all colours together it is fitted alone. If it explains much in every colour, not only in few places,
+/// and so it does at twice that resolution, it is a lamp: its light is measured, its flare taken from the capture, and the next one looked for. Where errors of all that
 /// flare drown the scene, the scene around takes its place.
 ///
 /// # Errors
@@ -275,21 +277,33 @@ impl<'a> View<'a> {
             let shines = light.mapv(|light| light > 0.0);
             let fit = known.fit(Places { may_shine: &shines, at_least: 0.0, seed: 0.0 });
             fit.gather_in_rounds(&mut light, (ROUNDS - 1, STEPS, 0.0), progress)?;
-            let left = fit.misfit(&light) / known.before;
-            Ok((light, left))
+            let dark = fit.residual(&self.frame.plane()).0;
+            let (residual, misfit) = fit.residual(&light);
+            Ok((light, misfit / known.before, Blocks::of([&dark, &residual], known.before)))
         };
-        let gathered: Vec<Result<_>> =
+        let gathered: Result<Vec<_>> =
             channels.par_iter().map(|(_, known)| known).zip(suspects).map(gather).collect();
+        Ok(self.believed(channels.iter().map(|(channel, _)| *channel).zip(gathered?)))
+    }
+
+    /// The light of each channel, if it explains much of all of them, and not only in few places; with it is the part of the misfit that it
+    /// leaves.
+    fn believed(&self, gathered: impl Iterator<Item = (usize, (Array2<f32>, f64, Blocks))>) -> Option<Light> {
         let (mut found, mut left) = (vec![self.frame.plane(); CHANNELS], 1.0);
-        for ((channel, _), gathered) in channels.iter().zip(gathered) {
-            let (light, left_of_channel) = gathered?;
+        let mut blocks: Option<Blocks> = None;
+        for (channel, (light, left_of_channel, of_channel)) in gathered {
             if left_of_channel > EXPLAINED_OF_EACH {
-                return Ok(None);
+                return None;
             }
             left *= left_of_channel;
-            found[*channel] = light;
+            found[channel] = light;
+            blocks = Some(match blocks {
+                Some(blocks) => blocks.and(&of_channel),
+                None => of_channel,
+            });
         }
-        Ok((left <= EXPLAINED.powi(3)).then_some(found))
+        let is_lamp = left <= EXPLAINED.powi(3) && blocks.is_some_and(Blocks::are_explained);
+        is_lamp.then_some(found)
     }
 
     fn known<'k>(&'k self, channel: usize, frame: &'k Frame, alpha: f32) -> Result<Known<'k>> {
