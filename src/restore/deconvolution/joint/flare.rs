@@ -132,6 +132,12 @@ impl Clipped<'_> {
         (plausible, misfit)
     }
 
+    /// Whether a light explains so much of what the level does not that it is believed whatever else there is.
+    pub(super) fn is_convincing(&self, light: &Array2<f32>) -> bool {
+        let fit = self.fit();
+        fit.misfit(light) <= CONVINCING * fit.misfit(&self.at_level())
+    }
+
     /// The level at which they saturate for the light of all saturated pixels.
     pub(super) fn at_level(&self) -> Array2<f32> {
         Zip::from(self.saturated).par_map_collect(|saturated| if *saturated { self.level } else { 0.0 })

@@ -26,6 +26,10 @@ const MOST_MEASURED: f64 = 0.042;
 /// The same at reduced resolutions, where skies whose sun has set gain 3 dB by it: a block counts if one of its pixels does.
 const MOST_MEASURED_REDUCED: f64 = 0.03;
 
+/// The share up to which their light is looked for, and believed if what it explains is convincing, as a sun's is whose glare saturates
+/// much of a small frame.
+const MOST_LOOKED_AT: f64 = 0.2;
+
 /// How much more of the misfit light found at half the resolution may leave than light that was spread at full: the fit clings to the
 /// scene's detail, and what it makes of that needs more steps. A workshop gains 7 dB by it.
 const SPREAD_CREDIT: f64 = 1.03;
@@ -106,6 +110,33 @@ fn throws_flare(psf: ArrayView2<'_, f32>) -> bool {
     psf.indexed_iter().map(beyond).sum::<f32>() > LEAST_FLARE * psf.sum()
 }
 
+/// How far the light of saturated pixels that flare tells is believed.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Belief {
+    Always,
+    IfConvincing,
+    Never,
+}
+
+impl Belief {
+    /// Of that of a share of the pixels of a frame, of which so many may be saturated for it to be believed always.
+    fn of(share: f64, most: f64) -> Self {
+        match share {
+            share if share <= most => Self::Always,
+            share if share <= MOST_LOOKED_AT => Self::IfConvincing,
+            _ => Self::Never,
+        }
+    }
+}
+
+/// What the light in a window is, and whence.
+struct Found {
+    light: Array2<f32>,
+    is_measured: bool,
+    /// Whether half the resolution tells it.
+    is_coarse: bool,
+}
+
 /// The light of saturated pixels, which is all that is kept of them until that of all channels is found.
 pub(super) struct Light {
     of_pixels: OfMembers,
@@ -133,7 +164,10 @@ impl Saturated<'_> {
         let Self { frame, capture, psf, pixels, .. } = *self;
         let count = pixels.iter().filter(|saturated| **saturated).count();
         let most = if is_reduced { MOST_MEASURED_REDUCED } else { MOST_MEASURED };
-        let is_measured = throws_flare(psf) && count as f64 <= most * pixels.len() as f64;
+        let belief = match throws_flare(psf) {
+            true => Belief::of(count as f64 / pixels.len() as f64, most),
+            false => Belief::Never,
+        };
         let coarse = coarse.map(|scene| coarse::light(scene, pixels, capture));
         let windows = match frame.repeats() {
             true => vec![Window::whole(frame.size())],
@@ -142,46 +176,67 @@ impl Saturated<'_> {
                 Window::apart(pixels, reach)
             }
         };
-        let (mut light, mut is_coarse) = (Array2::zeros(frame.size()), false);
+        let (mut light, mut is_coarse, mut is_measured) = (Array2::zeros(frame.size()), false, true);
         for window in &windows {
             let coarse = coarse.as_ref().map(|light| window.cut(light.view()).to_owned());
-            let (of_window, is_of_coarse) =
-                self.light_in(window, brightness, (coarse, is_measured), progress)?;
-            light.slice_mut(window.slices()).assign(&of_window);
-            is_coarse |= is_of_coarse;
+            let found = self.light_in(window, brightness, (coarse, belief), progress)?;
+            light.slice_mut(window.slices()).assign(&found.light);
+            is_coarse |= found.is_coarse;
+            is_measured &= found.is_measured;
         }
         Ok(Light { of_pixels: OfMembers::new(pixels, |place| light[place]), is_measured, is_coarse })
     }
 
-    /// The light in a window, and whether it is what half the resolution tells, `coarse`.
+    /// The light in a window, where half the resolution tells `coarse` of it.
     fn light_in(
         &self,
         window: &Window,
         brightness: ArrayView2<'_, f32>,
-        (coarse, is_measured): (Option<Array2<f32>>, bool),
+        (coarse, belief): (Option<Array2<f32>>, Belief),
         progress: &Progress,
-    ) -> Result<(Array2<f32>, bool)> {
+    ) -> Result<Found> {
         let Self { frame, psf, level, .. } = *self;
         let of_window = &frame.like(window.size(), [psf.nrows(), psf.ncols()]);
         let saturated = &window.cut(self.pixels.view()).to_owned();
         let [capture, brightness] = [self.capture, brightness].map(|plane| window.cut(plane));
         let clipped = Clipped { blur: &of_window.blur(psf)?, capture, saturated, brightness, level };
-        let measured = || match is_measured {
-            true => clipped.measure(&of_window.squared_blur(psf)?, progress),
-            false => Ok(Measured { light: clipped.at_level(), is_gathered: false }),
+        let is_believed = |light: &Array2<f32>| match belief {
+            Belief::Always => true,
+            Belief::IfConvincing => clipped.is_convincing(light),
+            Belief::Never => false,
         };
-        Ok(match coarse {
-            Some(light) if is_measured && is_large(frame) => (clipped.corrected(light, progress)?, true),
-            Some(light) if is_measured => {
-                let Measured { light: measured, is_gathered } = measured()?;
-                let allowed = if is_gathered { 1.0 } else { SPREAD_CREDIT };
-                let is_better = clipped.misfit(&light) < allowed * clipped.misfit(&measured);
-                (if is_better { light } else { measured }, is_better)
+        let unknown = |coarse: Option<Array2<f32>>| {
+            let coarse = coarse.filter(|_| throws_flare(psf));
+            let is_coarse = coarse.is_some();
+            Found { light: coarse.unwrap_or_else(|| clipped.at_level()), is_measured: false, is_coarse }
+        };
+        if belief == Belief::Never {
+            return Ok(unknown(coarse));
+        }
+        match coarse {
+            Some(light) if is_large(frame) && is_believed(&light) => {
+                let light = clipped.corrected(light, progress)?;
+                Ok(Found { light, is_measured: true, is_coarse: true })
             }
-            Some(light) if throws_flare(psf) => (light, true),
-            Some(_) => (clipped.at_level(), false),
-            None => (measured()?.light, false),
-        })
+            Some(light) if is_large(frame) => Ok(unknown(Some(light))),
+            coarse => {
+                let Measured { light, is_gathered } =
+                    clipped.measure(&of_window.squared_blur(psf)?, progress)?;
+                let allowed = if is_gathered { 1.0 } else { SPREAD_CREDIT };
+                let of_light = clipped.misfit(&light);
+                let better = |coarse: &Array2<f32>| clipped.misfit(coarse) < allowed * of_light;
+                let best = match &coarse {
+                    Some(coarse) if better(coarse) => Some(coarse),
+                    _ => None,
+                };
+                if !is_believed(best.unwrap_or(&light)) {
+                    return Ok(unknown(coarse));
+                }
+                let is_coarse = best.is_some();
+                let light = if is_coarse { coarse.unwrap_or(light) } else { light };
+                Ok(Found { light, is_measured: true, is_coarse })
+            }
+        }
     }
 
     /// The first scene with the light of saturated pixels in it, a whole plane. `brightness` is D, also a plane, and becomes zero at
