@@ -132,10 +132,11 @@ impl Clipped<'_> {
         (plausible, misfit)
     }
 
-    /// Whether a light explains so much of what the level does not that it is believed whatever else there is.
+    /// Whether a light is that of a sun or lamps, whose glare saturates what is around them, and explains so much of what the level does
+    /// not that it is believed whatever else there is. Windows shine all over.
     pub(super) fn is_convincing(&self, light: &Array2<f32>) -> bool {
-        let fit = self.fit();
-        fit.misfit(light) <= CONVINCING * fit.misfit(&self.at_level())
+        let (fit, level) = (self.fit(), self.at_level());
+        self.shining(&(light - &level)) <= WIDESPREAD && fit.misfit(light) <= CONVINCING * fit.misfit(&level)
     }
 
     /// The level at which they saturate for the light of all saturated pixels.
@@ -295,6 +296,17 @@ mod tests {
             assert!(dark.map(|(light, _)| *light).all(|light| light == 0.0));
             let part = light.sum() / (4000.0 * LEVEL);
             assert!((part - 1.0).abs() < 0.05, "{part}");
+        });
+    }
+
+    #[test]
+    fn light_convinces_where_it_explains_much_and_is_that_of_few_pixels() {
+        Lamp::new(30_000.0).with(|clipped, squared, _| {
+            let light = clipped.measure(squared, &Progress::default()).unwrap().light;
+            assert!(clipped.is_convincing(&light));
+            assert!(!clipped.is_convincing(&clipped.at_level()), "explains nothing");
+            let spread = clipped.saturated.mapv(|saturated| if saturated { 8.0 * LEVEL } else { 0.0 });
+            assert!(!clipped.is_convincing(&spread), "shines all over");
         });
     }
 

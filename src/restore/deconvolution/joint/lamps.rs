@@ -111,7 +111,7 @@ fn throws_flare(psf: ArrayView2<'_, f32>) -> bool {
 }
 
 /// How far the light of saturated pixels that flare tells is believed.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Belief {
     Always,
     IfConvincing,
@@ -383,97 +383,4 @@ impl Lamps {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::tests::panel_psf;
-    use super::*;
-    use crate::core::fft::TransformPrecision;
-    use crate::restore::deconvolution::Border;
-
-    const LEVEL: f32 = 16.0;
-
-    #[test]
-    fn a_psf_of_few_pixels_throws_no_flare() {
-        let square = |side: usize, middle: usize| {
-            Array2::from_shape_fn((33, 33), |(y, x)| {
-                let is_core = y.abs_diff(16) <= middle && x.abs_diff(16) <= middle;
-                if is_core && y < side && x < side { 1.0 } else { 0.0 }
-            })
-        };
-        assert!(!throws_flare(square(33, 0).view()) && !throws_flare(square(17, 1).view()));
-        assert!(throws_flare(panel_psf(33).view()));
-    }
-
-    /// The light of the lamp is that at which it saturates either way; what is around it is nearer to the scene.
-    #[test]
-    fn scenes_with_lamps_begin_sharper_from_an_inverse() {
-        let truth = Array2::from_shape_fn((96, 96), |(y, x)| match (y, x) {
-            (48..50, 48..50) => 1.5 * LEVEL,
-            _ => 0.2 + 0.3 * ((y / 4 + x / 4) % 2) as f32,
-        });
-        let psf = panel_psf(65);
-        let frame = Frame::new([96, 96], [65, 65], Border::Zero, TransformPrecision::Single);
-        let mut capture = frame.plane();
-        frame.blur(psf.view()).unwrap().apply(&truth, &mut capture);
-        let pixels = Array2::from_shape_fn((96, 96), |(y, x)| (47..51).contains(&y) && (47..51).contains(&x));
-        capture.zip_mut_with(&pixels, |y, saturated| *y = if *saturated { LEVEL } else { *y });
-        let saturated = Saturated {
-            frame: &frame,
-            capture: capture.view(),
-            psf: psf.view(),
-            pixels: &pixels,
-            level: LEVEL,
-        };
-        let first = |smoothness: Option<f32>| {
-            let of_pixels = OfMembers::new(&pixels, |_| LEVEL);
-            let light = Light { of_pixels, is_measured: true, is_coarse: true };
-            let mut brightness = local_mean(&capture, 4.0) + 0.25;
-            let given = Presumed { darkness: 0.2, is_interpolated: false, smoothness };
-            saturated.start(light, &mut brightness, given).unwrap().1
-        };
-        let scenes = [None, Some(0.01)].map(first);
-        let errors = scenes.map(|scene| {
-            assert!(scene.iter().zip(&pixels).all(|(light, saturated)| !*saturated || *light == LEVEL));
-            let apart = ndarray::s![8..40, 8..88];
-            (&scene.slice(apart) - &truth.slice(apart)).mapv(|error| error * error).sum()
-        });
-        assert!(errors[1] < 0.3 * errors[0], "{errors:?}");
-    }
-
-    /// What its flare does not reach has no part in the light of a lamp: it is the same in what is cut out around it.
-    #[test]
-    fn light_is_told_by_what_its_flare_reaches() {
-        let (size, psf) = ([150, 190], panel_psf(33));
-        let truth = Array2::from_shape_fn(size, |(y, x)| match (y, x) {
-            (118..121, 30..32) => 300.0 * LEVEL,
-            _ => 0.2 + 0.3 * ((y / 5 + x / 7) % 2) as f32,
-        });
-        let frame = Frame::new(size, [33, 33], Border::Smooth, TransformPrecision::Single);
-        let mut capture = Array2::zeros(size);
-        frame.blur(psf.view()).unwrap().apply(&truth, &mut capture);
-        capture.mapv_inplace(|y| y.clamp(0.0, LEVEL));
-        let pixels = capture.mapv(|y| y >= LEVEL);
-        let window = Window::around(&pixels, [16 + high_pass_reach(); 2]).unwrap();
-        let [height, width] = window.size();
-        assert!(height < 120 && width < 120, "{height} × {width}");
-        let found = |capture: Array2<f32>, pixels: Array2<bool>| {
-            let frame =
-                Frame::new(capture.dim().into(), [33, 33], Border::Smooth, TransformPrecision::Single);
-            let saturated = Saturated {
-                frame: &frame,
-                capture: capture.view(),
-                psf: psf.view(),
-                pixels: &pixels,
-                level: LEVEL,
-            };
-            let brightness = capture.mapv(|y| y + 0.25);
-            let light = saturated.light(brightness.view(), (None, false), &Progress::default()).unwrap();
-            let mut plane = Array2::zeros(pixels.dim());
-            light.of_pixels.write(&pixels, &mut plane);
-            plane
-        };
-        let of_window = found(window.cut(capture.view()).to_owned(), window.cut(pixels.view()).to_owned());
-        let of_frame = found(capture, pixels);
-        assert_eq!(window.cut(of_frame.view()), of_window);
-        assert_eq!(of_frame.sum(), of_window.sum());
-    }
-}
+mod tests;
