@@ -134,6 +134,13 @@ impl MemoryBudget {
 }
 
 impl MemoryPlan {
+    /// How many pieces an image of so many pixels is restored in, one after another, each like a whole one, and the pixels of each.
+    pub fn pieces(&self, pixels: f64) -> (usize, f64) {
+        self.parts
+            .as_ref()
+            .map_or((1, pixels), |parts| (parts.len(), pixels * parts.times() / parts.len() as f64))
+    }
+
     /// What the limit costs, where that is much.
     fn cost_of_parts(&self) -> Option<String> {
         const MUCH: f64 = 2.0;

@@ -41,8 +41,10 @@ impl Run<'_> {
                 _ => None,
             };
             let size = own.unwrap_or(first_size);
-            estimate.cost = estimate.cost.and(cost.of(pixels_of(size)));
-            estimate.memory_bytes = estimate.memory_bytes.max(self.restoration.plan(size)?.bytes);
+            let plan = self.restoration.plan(size)?;
+            let (pieces, pixels) = plan.pieces(pixels_of(size));
+            estimate.cost = estimate.cost.and(cost.of(pixels).times(pieces as f64));
+            estimate.memory_bytes = estimate.memory_bytes.max(plan.bytes);
             estimate.disk_bytes += self.disk_bytes(job, size);
         }
         Ok(estimate)
