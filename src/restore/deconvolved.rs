@@ -49,7 +49,7 @@ impl Restoration {
         let alpha = self.curve_of(known, &image, is_told).alpha;
         let config = DeconvolutionConfig { saturation, alpha, ..*config };
         let psf = self.kernel().needed_psf()?;
-        let doubted_noise = doubt_told_noise(&image, psf, &config)?;
+        let doubted_noise = doubt_told_noise(&image, psf, &config, [image.height(), image.width()])?;
         let relieved = match is_joint {
             true => without_lamps_outside(&image, psf, &config, progress)?,
             false => None,

@@ -183,7 +183,9 @@ impl Restoration {
         let levels = found.map(|levels| reached_levels(&image, levels));
         let planes = PlaneConfig { curve, border: self.border(), saturation, noise: self.noise_curve() };
         let mut posed = self.posed_psf(&image, &planes, progress)?;
-        let doubted_noise = doubt_told_noise(&image, &posed.psf, &planes.deconvolution())?;
+        let window =
+            plan.parts.as_ref().map_or([image.height(), image.width()], |parts| parts.window().into());
+        let doubted_noise = doubt_told_noise(&image, &posed.psf, &planes.deconvolution(), window)?;
         let whole = Whole { model, planes, told, parted: None };
         let part = match &plan.parts {
             Some(parts) => self.restore_in_parts((whole, parts), &image, &mut posed, progress)?,

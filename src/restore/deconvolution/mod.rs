@@ -260,7 +260,8 @@ pub(super) fn noise_of_capture(
     CaptureNoise::of(image, psf, config, window)
 }
 
-/// Doubts the noise that is told of a capture, if any is, where the capture shows quite another.
+/// Doubts the noise that is told of a capture, if any is, where the capture shows quite another; it is solved for in windows of
+/// `[height, width]`.
 ///
 /// # Errors
 /// As [`deconvolve`].
@@ -268,9 +269,10 @@ pub(super) fn doubt_told_noise(
     image: &LinearImage,
     psf: &Psf,
     config: &DeconvolutionConfig,
+    window: [usize; 2],
 ) -> Result<Option<DoubtedNoise>> {
     config.validate()?;
-    CaptureNoise::doubt(image, psf, config)
+    CaptureNoise::doubt(image, psf, config, window)
 }
 
 /// What a linear filter makes of a capture that is told the true spectrum of every neighbourhood of the scene, its own noise, and the

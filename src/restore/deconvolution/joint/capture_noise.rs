@@ -78,18 +78,19 @@ impl CaptureNoise {
         Ok(Self { levels: noise_levels(&frame, (image, config), known)?, finest })
     }
 
-    /// Doubts the noise that is told of a capture, if any is, where the capture shows quite another.
+    /// Doubts the noise that is told of a capture, if any is, where the capture shows quite another; it is solved for in windows of
+    /// `[height, width]`.
     pub(in crate::restore::deconvolution) fn doubt(
         image: &LinearImage,
         psf: &Psf,
         config: &DeconvolutionConfig,
+        window: [usize; 2],
     ) -> Result<Option<DoubtedNoise>> {
         if config.noise.is_none() {
             return Ok(None);
         }
-        let size = [image.height(), image.width()];
-        let told = Self::of(image, psf, config, size)?;
-        let shown = Self::of(image, psf, &DeconvolutionConfig { noise: None, ..*config }, size)?;
+        let told = Self::of(image, psf, config, window)?;
+        let shown = Self::of(image, psf, &DeconvolutionConfig { noise: None, ..*config }, window)?;
         Ok(DoubtedNoise::of(told.relative(), shown.relative(), shown.finest.is_interpolated))
     }
 

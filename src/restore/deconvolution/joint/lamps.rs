@@ -19,7 +19,7 @@ use crate::core::progress::Progress;
 const GUARD_PX: usize = 1;
 
 /// The share of a channel's pixels that may be saturated for their light to be measured by the spikes of their flare, which large
-/// areas do not throw: beyond, the level is what the steps begin with. Halls with 1 % lose 2 dB by that, streets at night with 4 %
+/// areas do not throw: beyond, the level is what the steps begin with, unless the light is convincing. Halls with 1 % lose 2 dB by that, streets at night with 4 %
 /// lose 1.5; windows with 5 % gain 1, and those with 18 % 15 dB.
 const MOST_MEASURED: f64 = 0.042;
 
