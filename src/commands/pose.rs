@@ -12,8 +12,8 @@ use udc::core::psf::Psf;
 use udc::core::tone::{ToneCurve, ToneFlags};
 use udc::io::{DomainTag, check_extension, check_output, expand_inputs};
 use udc::restore::{
-    Capture, FromOutside, Pose, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside, psf_seen,
-    write_pose,
+    Capture, FoundPose, FromOutside, Pose, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside,
+    psf_seen, write_pose,
 };
 
 use super::choices::DOMAINS;
@@ -72,18 +72,17 @@ impl PoseArgs {
             let found = self.estimate(file, &psf, curve, session);
             let found = found.with_context(|| format!("finding the pose in {}", file.display()))?;
             match &found {
-                Some(found) => session.tell(format_args!("{}: {found}", file.display())),
-                None => session.tell(format_args!("{}: tells nothing", file.display())),
+                Ok(found) => session.tell(format_args!("{}: {found}", file.display())),
+                Err(why) => session.tell(format_args!("{}: tells nothing: {why}", file.display())),
             }
-            session.found(&text_of(file), json!({ "pose": found.as_ref().map(estimate_for_scripts) }));
+            session.found(&text_of(file), pose_for_scripts(&found));
             estimates.extend(found);
             bar.iter().for_each(|bar| bar.inc(1));
         }
         let Some(pose) = Pose::of_estimates(&psf, &estimates) else {
             let at = self.x_max.map_or(String::new(), |x_max| format!(" at --x-max {x_max}"));
             bail!(
-                "no capture tells the pose: there are no lamps with strong flare in view{at}, or the panel is turned by more than \
-                 1 degree; take one of a bright lamp"
+                "no capture tells the pose{at}; take one of a bright lamp, small in the frame, before what is dark"
             );
         };
         if let Some(contradiction) = Pose::describe_contradiction(&estimates) {
@@ -107,13 +106,7 @@ impl PoseArgs {
         ToneFlags { alpha: self.alpha, x_max: self.x_max }
     }
 
-    fn estimate(
-        &self,
-        file: &Path,
-        psf: &Psf,
-        curve: ToneCurve,
-        session: &Session,
-    ) -> Result<Option<PoseEstimate>> {
+    fn estimate(&self, file: &Path, psf: &Psf, curve: ToneCurve, session: &Session) -> Result<FoundPose> {
         let told = Told { domain: self.domain, tone: self.tone(), ..Told::default() };
         let (capture, warnings) = Capture::open(file, &told, &session.progress)?;
         warnings.iter().for_each(|warning| session.warn(warning));
@@ -125,13 +118,24 @@ impl PoseArgs {
             // No light above is in the file.
             config.saturation = config.saturation.map(|level| level.min(own.x_max));
         }
-        let find = || match find_pose(&image, &psf, &config, &session.progress)? {
-            None => {
-                find_pose_by_lamp_outside(&image, &psf, &config, &session.progress).map(FromOutside::pose)
+        let find = || -> Result<FoundPose> {
+            let found = find_pose(&image, &psf, &config, &session.progress)?;
+            if found.is_ok() {
+                return Ok(found);
             }
-            found => Ok(found),
+            Ok(match find_pose_by_lamp_outside(&image, &psf, &config, &session.progress)? {
+                FromOutside::Lamp(by_lamp_outside) => by_lamp_outside,
+                FromOutside::NoLamp => found,
+            })
         };
-        Ok(session.timed(format_args!("finding the pose in {}", file.display()), find)?)
+        session.timed(format_args!("finding the pose in {}", file.display()), find)
+    }
+}
+
+fn pose_for_scripts(found: &FoundPose) -> Value {
+    match found {
+        Ok(found) => json!({ "pose": estimate_for_scripts(found) }),
+        Err(why) => json!({ "pose": null, "why": why.to_string() }),
     }
 }
 

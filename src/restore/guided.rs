@@ -345,7 +345,8 @@ impl Restoration {
         let config =
             PoseConfig { alpha: planes.curve.alpha, saturation: planes.saturation, least_move: LEAST_MOVE };
         let progress = &progress.without_bars();
-        let found = match find_pose(image, psf, &config, progress)?.filter(|found| is_sure(found, SURE)) {
+        let found = match find_pose(image, psf, &config, progress)?.ok().filter(|found| is_sure(found, SURE))
+        {
             None if self.border() == Border::Smooth => {
                 let found = find_pose_by_lamp_outside(image, psf, &config, progress)?;
                 own.has_none_outside = found == FromOutside::NoLamp;

@@ -34,7 +34,8 @@ pub use angle::{AngleSearch, FoundAngle, WEAK_LEAD, search_angle};
 pub use capture::{Capture, CaptureReading, Restored};
 pub use config::{MethodConfig, PoseSource, RestorationConfig, is_guided};
 pub use deconvolution::{
-    DoubtedNoise, FromOutside, LampOutside, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside,
+    DoubtedNoise, FoundPose, FromOutside, LampOutside, PoseConfig, PoseEstimate, UntoldPose, find_pose,
+    find_pose_by_lamp_outside,
 };
 pub use field::code_map;
 pub use grey::psf_seen;

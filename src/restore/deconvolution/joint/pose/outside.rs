@@ -6,7 +6,7 @@ use super::super::beyond::{View, brightest, has_room, shining};
 use super::super::fit::grown;
 use super::moved::{LARGEST_PX, Movable};
 use super::scene::Scene;
-use super::{FIRST_STEPS, Pose2, PoseConfig, PoseEstimate, Search};
+use super::{FIRST_STEPS, FoundPose, Pose2, PoseConfig, PoseEstimate, Search, UntoldPose};
 use crate::core::error::Result;
 use crate::core::image::LinearImage;
 use crate::core::progress::Progress;
@@ -31,7 +31,7 @@ pub enum FromOutside {
     /// There is no such lamp.
     NoLamp,
     /// There is, and it may tell the pose.
-    Lamp(Option<PoseEstimate>),
+    Lamp(FoundPose),
 }
 
 impl FromOutside {
@@ -39,7 +39,7 @@ impl FromOutside {
     pub fn pose(self) -> Option<PoseEstimate> {
         match self {
             Self::NoLamp => None,
-            Self::Lamp(pose) => pose,
+            Self::Lamp(found) => found.ok(),
         }
     }
 }
@@ -71,7 +71,7 @@ pub fn find_pose_by_lamp_outside(
         match view.half()? {
             Some(half) => view = half,
             // So small an image has no such PSF.
-            None => return Ok(FromOutside::Lamp(None)),
+            None => return Ok(FromOutside::Lamp(Err(UntoldPose::WeakFlare))),
         }
     }
     // Of all colours green has most photosites.
@@ -90,7 +90,7 @@ pub fn find_pose_by_lamp_outside(
 
 impl Search<'_> {
     /// As [`run`](Self::run), from a light that explains the capture in the pose of the PSF.
-    fn run_from(mut self, light: Array2<f32>, least_move: Pose2) -> Result<Option<PoseEstimate>> {
+    fn run_from(mut self, light: Array2<f32>, least_move: Pose2) -> Result<FoundPose> {
         self.light = light;
         self.weigh()?;
         self.pose = self.pose_of_best_point()?;

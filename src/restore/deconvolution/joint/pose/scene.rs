@@ -68,7 +68,8 @@ impl Scene {
             true => clipped_from,
             false => clipped_from.min(bright_from(channel)),
         };
-        let [top, left] = window_of_lamps(&channel.mapv(|y| y >= lamps_from))?;
+        // What is dark all over has none.
+        let [top, left] = window_of_lamps(&channel.mapv(|y| y > 0.0 && y >= lamps_from))?;
         let side = |length: usize| length.min(LARGEST_PX);
         let (height, width) = (side(channel.nrows()), side(channel.ncols()));
         let capture = channel.slice(s![top..top + height, left..left + width]).mapv(|y| y.max(0.0));

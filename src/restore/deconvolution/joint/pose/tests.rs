@@ -30,14 +30,19 @@ fn panel([turn_deg, scale]: Pose2) -> Psf {
 }
 
 /// A core and a lattice of orders, out to 80 pixels, of a panel in a pose.
-fn lattice([turn_deg, scale]: Pose2) -> Psf {
+fn lattice(pose: Pose2) -> Psf {
+    lattice_of(pose, 2.0)
+}
+
+/// The same of orders as small as that: twice the square of their deviation, in pixels.
+fn lattice_of([turn_deg, scale]: Pose2, size: f64) -> Psf {
     let (sin, cos) = turn_deg.to_radians().sin_cos();
     let light = |y: usize, x: usize| {
         let (dy, dx) = (y as f64 - 80.0, x as f64 - 80.0);
         let [u, v] = [cos * dx - sin * dy, sin * dx + cos * dy].map(|at| at / (1.0 + scale));
         let nearest = |at: f64| 8.0 * (at / 8.0).round();
         let squares = (u - nearest(u)).powi(2) + (v - nearest(v)).powi(2);
-        (-(u * u + v * v) / 2.0).exp() + 1e-3 * (-squares / 2.0 - u.hypot(v) / 50.0).exp()
+        (-(u * u + v * v) / 2.0).exp() + 1e-3 * (-squares / size - u.hypot(v) / 50.0).exp()
     };
     Psf::from_energy(Array3::from_shape_fn((3, 161, 161), |(_, y, x)| light(y, x) as f32)).unwrap()
 }
@@ -63,11 +68,11 @@ fn capture(scene: &LinearImage, psf: &Psf, level: f32) -> LinearImage {
     LinearImage::from_planes(seen.mapv(|value| value.clamp(0.0, level))).unwrap()
 }
 
-fn search(capture: &LinearImage, level: f32) -> Option<PoseEstimate> {
+fn search(capture: &LinearImage, level: f32) -> FoundPose {
     search_beyond(capture, level, [0.0; 2])
 }
 
-fn search_beyond(capture: &LinearImage, level: f32, least_move: Pose2) -> Option<PoseEstimate> {
+fn search_beyond(capture: &LinearImage, level: f32, least_move: Pose2) -> FoundPose {
     find_pose(capture, &panel([0.0; 2]), &config(level, least_move), &Progress::default()).unwrap()
 }
 
@@ -138,6 +143,26 @@ fn finds_far_poses_from_a_sun_whose_orders_are_clipped() {
     }
 }
 
+/// The poses of the grid pass beside orders of 0.6 pixels, up to 80 pixels from the lamp, and tell nothing.
+#[test]
+fn finds_poses_between_those_of_the_grid_by_sharp_orders() {
+    const SIZE: f64 = 0.7;
+    let (psf, progress) = (lattice_of([0.0; 2], SIZE), Progress::default());
+    let movable = Movable::new(psf.channel(1));
+    for pose in [[-0.82, -0.0059], [0.52, 0.0031], [0.38, -0.009]] {
+        let dim = LAMPS.map(|(y, x, radius, light)| (y, x, radius, 0.6 * light));
+        let seen = capture(&scene(&dim), &lattice_of(pose, SIZE), LEVEL);
+        let scene = Scene::new(seen.channel(1), movable.size(), (LEVEL, 0.25)).unwrap();
+        let mut search = Search::new(scene, &movable, &progress).unwrap();
+        search.start().unwrap();
+        assert!(!search.tells_much().unwrap(), "{pose:?} is none between those of the grid");
+        let found = find_pose(&seen, &psf, &config(LEVEL, [0.0; 2]), &progress).unwrap();
+        let found = found.expect("the flare is strong");
+        assert!((found.turn_deg - pose[0]).abs() < 0.05, "{found:?} for {pose:?}");
+        assert!((found.scale - pose[1]).abs() < 1e-3, "{found:?} for {pose:?}");
+    }
+}
+
 #[test]
 fn hot_pixels_are_no_lamps() {
     let pose = [0.2, -0.003];
@@ -163,27 +188,30 @@ fn a_psf_in_its_pose_stays_there() {
 fn moves_below_the_least_are_not_told() {
     let seen = |pose| capture(&scene(&SUN), &panel(pose), LEVEL);
     let least_move = [0.02, 1e-3];
-    assert_eq!(search_beyond(&seen([0.0, 0.0]), LEVEL, least_move), None);
+    assert_eq!(search_beyond(&seen([0.0, 0.0]), LEVEL, least_move), Err(UntoldPose::InPlace));
     for pose in [[0.1, 0.0], [0.0, 0.004]] {
         let seen = seen(pose);
-        assert_eq!(search_beyond(&seen, LEVEL, least_move), Some(search(&seen, LEVEL).unwrap()), "{pose:?}");
+        assert_eq!(search_beyond(&seen, LEVEL, least_move), Ok(search(&seen, LEVEL).unwrap()), "{pose:?}");
     }
 }
 
 #[test]
 fn without_lamps_nothing_is_told() {
-    assert_eq!(search(&capture(&scene(&[]), &panel([0.3, 0.004]), LEVEL), LEVEL), None);
+    assert_eq!(search(&capture(&scene(&[]), &panel([0.3, 0.004]), LEVEL), LEVEL), Err(UntoldPose::NoLamps));
     let flat = LinearImage::from_planes(Array3::from_elem((3, SIDE, SIDE), LEVEL)).unwrap();
-    assert_eq!(search(&flat, LEVEL), None, "nothing but light");
+    assert_eq!(search(&flat, LEVEL), Err(UntoldPose::WeakFlare), "nothing but light");
     let dark = LinearImage::from_planes(Array3::zeros((3, SIDE, SIDE))).unwrap();
-    assert_eq!(search(&dark, LEVEL), None);
+    assert_eq!(search(&dark, LEVEL), Err(UntoldPose::NoLamps));
 }
 
 /// Light that is clipped by a hair has no flare that could be told from the scene's detail.
 #[test]
 fn weak_flare_tells_nothing() {
-    let window = [(60.0, 80.0, 9.0, 1.2)];
-    assert_eq!(search(&capture(&scene(&window), &panel([0.3, 0.004]), LEVEL), LEVEL), None);
+    let window = [(60.0, 80.0, 9.0, 1.2 * LEVEL)];
+    assert_eq!(
+        search(&capture(&scene(&window), &panel([0.3, 0.004]), LEVEL), LEVEL),
+        Err(UntoldPose::WeakFlare)
+    );
 }
 
 #[test]
@@ -194,14 +222,21 @@ fn refuses_a_saturation_that_is_no_light() {
     assert!(error.to_string().contains("saturation"), "{error}");
 }
 
-/// Whole steps would swing about 0.3 from 0 to 0.6 and back, nine tenths as far each time.
+/// Whole steps would swing about 0.3 from 0 to 0.6 and back, nine tenths as far each time; or take 22 rounds to come as close to it.
 #[test]
-fn steps_that_turn_back_end_in_the_middle() {
-    let (mut place, mut step) = (0.0, 0.0);
-    for _ in 0..2 {
-        step = turned_back(1.9 * (0.3 - place), step);
-        place += step;
+fn steps_that_turn_back_or_are_short_end_in_the_middle() {
+    for share in [1.9, 0.4] {
+        let (mut place, mut of_last) = (0.0, (0.0, 0.0));
+        for _ in 0..2 {
+            let step = share * (0.3 - place);
+            let taken = secant(step, of_last);
+            of_last = (step, taken);
+            place += taken;
+        }
+        assert!((place - 0.3_f64).abs() < 1e-12, "{place} of {share}");
     }
-    assert!((place - 0.3_f64).abs() < 1e-12, "{place}");
-    assert_eq!([turned_back(0.2, 0.5), turned_back(-0.2, -0.5), turned_back(0.2, 0.0)], [0.2, -0.2, 0.2]);
+    assert_eq!(secant(0.2, (0.5, 0.5)), 0.2 / 0.6, "two thirds of the step are left of each");
+    assert_eq!(secant(0.2, (0.2, 0.2)), 0.2 * FURTHER, "no end is in sight");
+    assert_eq!(secant(0.2, (0.1, 0.1)), 0.2 * FURTHER, "steps become longer");
+    assert_eq!([secant(0.2, (0.0, 0.0)), secant(0.0, (0.1, 0.1))], [0.2, 0.0]);
 }
