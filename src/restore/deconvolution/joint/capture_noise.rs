@@ -70,8 +70,8 @@ impl CaptureNoise {
         let finest = Finest::of(image, config.alpha, from);
         let known = |channel: usize| {
             let (capture, psf) = (image.channel(channel), psf.channel(channel));
-            let is_interpolated = finest.is_interpolated;
-            Known { capture, psf, channel, config, is_interpolated, is_reduced: false }
+            let is_guarded = finest.is_guarded;
+            Known { capture, psf, channel, config, is_guarded, is_reduced: false }
         };
         let frame =
             Frame::new(window, [psf.height(), psf.width()], config.border, TransformPrecision::Single);

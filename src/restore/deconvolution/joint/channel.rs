@@ -91,10 +91,10 @@ impl<'a> Channel<'a> {
         progress: &Progress,
     ) -> Result<Self> {
         progress.check()?;
-        let Known { capture, psf, channel, config, is_interpolated, .. } = known;
+        let Known { capture, psf, channel, config, is_guarded, .. } = known;
         if let Some(Found { light, mut brightness }) = found {
             let is_computed = noise.middle() <= NOISE_FREE && !frame.has_surrounding();
-            let is_interpolated = is_interpolated && !is_computed;
+            let is_guarded = is_guarded && !is_computed;
             let darkness = DARKNESS * config.alpha;
             let saturated = known.saturated(frame, &pixels);
             let is_sharp = noise.middle() > NOISE_FREE
@@ -102,7 +102,7 @@ impl<'a> Channel<'a> {
                 && light.is_coarse()
                 && takes_few_steps(frame.transform_samples());
             let smoothness = is_sharp.then(|| first_smoothness(&noise));
-            let given = Presumed { darkness, is_interpolated, smoothness };
+            let given = Presumed { darkness, is_guarded, smoothness };
             let (lamps, mut scene) = saturated.start(light, &mut brightness, given)?;
             match noise.middle() <= NOISE_FREE {
                 true => frame.cap_surrounding(&mut scene),

@@ -31,8 +31,8 @@ pub(super) struct Known<'a> {
     /// Which channel it is.
     pub(super) channel: usize,
     pub(super) config: &'a DeconvolutionConfig,
-    /// Whether pixels may have been interpolated from others.
-    pub(super) is_interpolated: bool,
+    /// Whether pixels beside saturated ones may have been interpolated from them.
+    pub(super) is_guarded: bool,
     /// Whether pixels are the means of blocks.
     pub(super) is_reduced: bool,
 }

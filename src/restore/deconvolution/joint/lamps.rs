@@ -92,7 +92,7 @@ pub(super) struct Presumed {
     /// What is added to the scene's brightness that differences of neighbours are relative to.
     pub(super) darkness: f32,
     /// Whether pixels next to saturated ones may have been interpolated from them.
-    pub(super) is_interpolated: bool,
+    pub(super) is_guarded: bool,
     /// The smoothness of an inverse of what is left without the flare, where the first scene is to be that.
     pub(super) smoothness: Option<f32>,
 }
@@ -245,11 +245,11 @@ impl Saturated<'_> {
         &self,
         light: Light,
         brightness: &mut Array2<f32>,
-        Presumed { darkness, is_interpolated, smoothness }: Presumed,
+        Presumed { darkness, is_guarded, smoothness }: Presumed,
     ) -> Result<(Lamps, Array2<f32>)> {
         let Self { frame, capture, psf, pixels: saturated, level } = *self;
         let Light { of_pixels, is_measured, is_coarse: has_coarse_light } = light;
-        let guarded = is_interpolated.then(|| grown(saturated, GUARD_PX));
+        let guarded = is_guarded.then(|| grown(saturated, GUARD_PX));
         let hidden = guarded.as_ref().unwrap_or(saturated);
         let blur = frame.blur(psf)?;
         let mut scene = {

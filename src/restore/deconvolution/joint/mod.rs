@@ -140,7 +140,7 @@ pub(super) fn solve(
         None => Finest::of(image, config.alpha, config.saturation.map(saturated_from)),
     };
     let is_told = is_noisy && {
-        let Finest { is_interpolated, is_shared } = finest();
+        let Finest { is_interpolated, is_shared, .. } = finest();
         !is_interpolated || is_shared
     };
     let residual = colors.residual(&scene)?;
@@ -202,7 +202,7 @@ struct Given<'a> {
     /// Saturated pixels, of each channel.
     saturated: Vec<Array2<bool>>,
     /// Whether pixels beside saturated ones may have been interpolated from them.
-    is_interpolated: bool,
+    is_guarded: bool,
     /// The noise of the whole capture, where this is a window of it.
     whole: Option<&'a CaptureNoise>,
     /// The noise at full resolution, where this one is reduced: below it, the means of blocks are not explained either.
@@ -211,10 +211,10 @@ struct Given<'a> {
 
 impl<'a> Given<'a> {
     fn known(&self, channel: usize) -> Known<'a> {
-        let Self { image, psf, config, is_interpolated, .. } = *self;
+        let Self { image, psf, config, is_guarded, .. } = *self;
         let is_reduced = self.noise.is_some();
         let (capture, psf) = (image.channel(channel), psf.channel(channel));
-        Known { capture, psf, channel, config, is_interpolated, is_reduced }
+        Known { capture, psf, channel, config, is_guarded, is_reduced }
     }
 
     fn start(self, frame: &'a Frame, progress: &Progress) -> Result<Colors<'a>> {
@@ -281,7 +281,7 @@ impl<'a> Given<'a> {
         let frame = frame_of(&image, &psf, self.config);
         let (image, psf) = (&image, &psf);
         let (config, noise) = (self.config, Some(noise));
-        let given = Given { image, psf, config, saturated, is_interpolated: false, whole: None, noise };
+        let given = Given { image, psf, config, saturated, is_guarded: false, whole: None, noise };
         let progress = progress.without_bars();
         Ok(Some(given.start(&frame, &progress)?.restore(&progress)?.scene()))
     }
@@ -316,11 +316,9 @@ impl<'a> Colors<'a> {
             |channel: usize| Zip::from(image.channel(channel)).par_map_collect(|y: &f32| *y >= from[channel]);
         let saturated: Vec<_> = (0..CHANNELS).map(saturated).collect();
         let has_lamps = saturated.iter().flatten().any(|saturated| *saturated);
-        let is_interpolated = has_lamps
-            && whole
-                .map_or_else(|| Finest::of(image, config.alpha, from), |whole| whole.finest)
-                .is_interpolated;
-        Given { image, psf, config, saturated, is_interpolated, whole, noise: None }.start(frame, progress)
+        let is_guarded = has_lamps
+            && whole.map_or_else(|| Finest::of(image, config.alpha, from), |whole| whole.finest).is_guarded;
+        Given { image, psf, config, saturated, is_guarded, whole, noise: None }.start(frame, progress)
     }
 
     fn restore(mut self, progress: &Progress) -> Result<Self> {

@@ -430,7 +430,7 @@ fn lamps_in_large_captures_are_found_at_half_the_resolution_first() {
             psf: &psf,
             config: &config,
             saturated,
-            is_interpolated: false,
+            is_guarded: false,
             whole: None,
             noise: None,
         };

@@ -50,7 +50,7 @@ fn scenes_with_lamps_begin_sharper_from_an_inverse() {
         let of_pixels = OfMembers::new(&pixels, |_| LEVEL);
         let light = Light { of_pixels, is_measured: true, is_coarse: true };
         let mut brightness = local_mean(&capture, 4.0) + 0.25;
-        let given = Presumed { darkness: 0.2, is_interpolated: false, smoothness };
+        let given = Presumed { darkness: 0.2, is_guarded: false, smoothness };
         saturated.start(light, &mut brightness, given).unwrap().1
     };
     let scenes = [None, Some(0.01)].map(first);
