@@ -39,7 +39,7 @@ pub(super) struct Finest {
     /// Whether all colours share it: it is the scene's, and stronger than noise.
     pub(super) is_shared: bool,
     /// Whether pixels beside saturated ones may hold a part of what was clipped: whether they seem to have been interpolated, and not by
-    /// detail alone that the pairs of colours share evenly. To disbelieve those that were measured costs 2 to 10 dB of print on overexposed
+    /// detail alone that the pairs of colours share evenly. To disbelieve those that were measured costs 4 to 10 dB of print on overexposed
     /// paper; to believe those that were not costs 0.9 dB of 16 demosaiced captures.
     pub(super) is_guarded: bool,
 }
