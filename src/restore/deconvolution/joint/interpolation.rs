@@ -27,7 +27,7 @@ const UNLIKE: f32 = 0.1;
 const SHARED: f32 = 0.8;
 
 /// How far the shares of like signs of the pairs of colours may lie apart where pixels were measured and share the scene's detail:
-/// demosaicing copies that of green to red and to blue, which share less. Five captures of print and twigs have 0.003 to 0.05; of 16
+/// demosaicing copies that of green to red and to blue, which share less. Six captures of print and twigs have 0.003 to 0.05; of 16
 /// that are demosaiced by gradients those whose finest detail passes for white have 0.09 and 0.15.
 const EVEN: f32 = 0.06;
 
