@@ -3,7 +3,9 @@
 use ndarray::parallel::prelude::*;
 use ndarray::{Array2, Array3, ArrayView3, Axis, Zip};
 
+use super::cells::{between, cells, interpolated};
 use super::deconvolution::Border;
+use super::gentle::gentle_edges;
 use crate::core::error::Result;
 use crate::core::fft::{Boundary, PlaneOperator, TransformPrecision, copy_row};
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage, row_of};
@@ -33,9 +35,6 @@ const MOST_CORRECTED: f32 = 0.5;
 /// `constrained` from 64 and 256 on, and 14 so; of 72 others the means of three sets change by -0.02 to 0.03 dB.
 const FLAT: [f32; 2] = [8.0, 32.0];
 
-/// Side of the cells over which corrections are measured, in pixels; with their neighbours they tell a mean of 2,304 values.
-const CELL_PX: usize = 16;
-
 /// What is known of a capture that corrections have to agree with.
 pub(super) struct Guard<'a> {
     pub(super) capture: &'a LinearImage,
@@ -46,9 +45,24 @@ pub(super) struct Guard<'a> {
     pub(super) deviation: Option<&'a ToneMappedImage>,
     /// What the deconvolution leaves of the capture.
     pub(super) left: &'a Left,
+    /// Where what saturates is little brighter than that.
+    pub(super) gentle: Gentle,
     pub(super) border: Border,
     pub(super) curve: ToneCurve,
     pub(super) saturation: [f32; CHANNELS],
+}
+
+/// The shares of edges of saturated areas that are gentle, by cells.
+pub(super) struct Gentle([Array2<f32>; CHANNELS]);
+
+impl Gentle {
+    /// Of a capture and the scene that a deconvolution makes of it.
+    pub(super) fn of(capture: &LinearImage, scene: &LinearImage, saturation: [f32; CHANNELS]) -> Self {
+        let from = saturation.map(saturated_from);
+        Self(std::array::from_fn(|channel| {
+            gentle_edges(capture.channel(channel), scene.channel(channel), from[channel])
+        }))
+    }
 }
 
 /// The squares of what a deconvolution leaves of a capture, by cells.
@@ -80,7 +94,7 @@ impl Guard<'_> {
     /// light from beyond the border explains it. A saturated pixel tells no more than that it is bright: its correction is taken
     /// whole, t = 1, and is not in A(r − d). σ and c are the root mean squares of the deviation and of the correction: a network
     /// that was trained with captures of all kinds corrects those too much that were deconvolved well. From 8 α on less is taken, from 32 α
-    /// on nothing.
+    /// on nothing. Light is taken from the scene beside gentle edges of saturated areas in so far as they are not gentle.
     ///
     /// # Errors
     /// Never for images of one size.
@@ -92,7 +106,7 @@ impl Guard<'_> {
     ) -> Result<ToneMappedImage> {
         let shares = self.shares(deconvolved, &restored)?;
         let mut planes: Array3<f32> = restored.into_planes();
-        for (channel, shares) in shares.iter().enumerate() {
+        for (channel, (shares, gentle)) in shares.iter().zip(&self.gentle.0).enumerate() {
             let [deconvolved, capture] = [deconvolved.channel(channel), self.capture.channel(channel)];
             let saturated_from = saturated_from(self.saturation[channel]);
             let mut plane = planes.index_axis_mut(Axis(0), channel);
@@ -101,9 +115,12 @@ impl Guard<'_> {
                 let rows = between(y, shares.nrows());
                 let values = row.iter_mut().zip(deconvolved.row(y)).zip(capture.row(y));
                 for (((r, d), y), columns) in values.zip(&columns) {
-                    let is_told = *y < saturated_from;
-                    let share = if is_told { interpolated(shares, rows, *columns) } else { 1.0 };
-                    let share = if is_told { share * steep(*d) } else { share };
+                    let share = if *y < saturated_from {
+                        let of_haze = if *r < *d { 1.0 - interpolated(gentle, rows, *columns) } else { 1.0 };
+                        interpolated(shares, rows, *columns) * steep(*d) * of_haze
+                    } else {
+                        1.0
+                    };
                     *r = d + refine * share * (*r - d);
                 }
             });
@@ -212,47 +229,6 @@ fn share(found: f32, allowed: f32) -> f32 {
     if found <= allowed { 1.0 } else { (allowed / found).sqrt() }
 }
 
-/// The sums of what pixels have, of which `write(y, row)` writes rows, over cells and their neighbours.
-fn cells((height, width): (usize, usize), write: impl Fn(usize, &mut [f32]) + Sync) -> Array2<f32> {
-    let mut own = Array2::<f32>::zeros((height.div_ceil(CELL_PX), width.div_ceil(CELL_PX)));
-    let rows = own.axis_iter_mut(Axis(0)).into_par_iter().enumerate();
-    rows.for_each_init(
-        || vec![0.0; width],
-        |values, (row, mut cells)| {
-            for y in row * CELL_PX..((row + 1) * CELL_PX).min(height) {
-                write(y, values);
-                let parts = cells.iter_mut().zip(values.chunks(CELL_PX));
-                parts.for_each(|(cell, values)| *cell += values.iter().sum::<f32>());
-            }
-        },
-    );
-    Array2::from_shape_fn(own.dim(), |(row, column)| {
-        let [rows, columns] = [(row, own.nrows()), (column, own.ncols())]
-            .map(|(at, count)| at.saturating_sub(1)..(at + 2).min(count));
-        rows.flat_map(|row| columns.clone().map(move |column| (row, column))).map(|at| own[at]).sum()
-    })
-}
-
-/// The cells whose middles are next to a pixel of one axis, and the share of the second.
-fn between(at: usize, count: usize) -> (usize, usize, f32) {
-    #[expect(clippy::cast_precision_loss, reason = "a place in an image")]
-    let place = ((at as f32 + 0.5) / CELL_PX as f32 - 0.5).max(0.0);
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
-    let first = (place as usize).min(count - 1);
-    #[expect(clippy::cast_precision_loss, reason = "an index")]
-    let share = place - first as f32;
-    (first, (first + 1).min(count - 1), share.min(1.0))
-}
-
-fn interpolated(
-    cells: &Array2<f32>,
-    (top, bottom, down): (usize, usize, f32),
-    (left, right, along): (usize, usize, f32),
-) -> f32 {
-    let of_row = |row: usize| cells[[row, left]] * (1.0 - along) + cells[[row, right]] * along;
-    of_row(top) * (1.0 - down) + of_row(bottom) * down
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -274,7 +250,8 @@ mod tests {
 
     fn guard<'a>((capture, psf): &'a (LinearImage, Psf), left: &'a Left) -> Guard<'a> {
         let (border, saturation) = (Border::Zero, [4.0; CHANNELS]);
-        Guard { capture, psf, outside: None, deviation: None, left, border, curve: CURVE, saturation }
+        let gentle = Gentle::of(capture, capture, saturation);
+        Guard { capture, psf, outside: None, deviation: None, left, gentle, border, curve: CURVE, saturation }
     }
 
     /// What is taken in the first row of a network's hundredth that is added everywhere.
@@ -360,6 +337,28 @@ mod tests {
         for (x, taken) in taken(0.0, 1.0).iter().enumerate() {
             let expected = if x < LAMP_PX { -0.6 } else { 0.0 };
             assert!((taken - expected).abs() < 1e-6, "{x}: {taken}");
+        }
+    }
+
+    /// Of light that saturates gently, as snow: what a network takes from around it stays, and what it adds is taken.
+    #[test]
+    fn no_haze_is_taken_from_what_saturates_gently() {
+        const LEVEL: f32 = 1.6;
+        for (beside, of_haze) in [(1.5, 0.0), (0.4, 1.0)] {
+            let value = |(_, _, x)| if x < SIDE / 2 { LEVEL } else { beside };
+            let capture =
+                LinearImage::from_planes(Array3::from_shape_fn((CHANNELS, SIDE, SIDE), value)).unwrap();
+            let known = (capture, Psf::from_energy(Array3::ones((CHANNELS, 1, 1))).unwrap());
+            let (deconvolved, left) = (CURVE.tone_map(&known.0), residual(|_| 0.05));
+            for (added, share) in [(-0.01, of_haze), (0.01, 1.0)] {
+                let saturation = [LEVEL; CHANNELS];
+                let gentle = Gentle::of(&known.0, &known.0, saturation);
+                let guard = Guard { saturation, gentle, ..guard(&known, &left) };
+                let corrected = deconvolved.map_values(|v| v + added);
+                let refined = guard.refine(&deconvolved, corrected, 1.0).unwrap();
+                let taken = refined.channel(1)[[9, SIDE / 2 + 4]] - deconvolved.channel(1)[[9, SIDE / 2 + 4]];
+                assert!((taken - share * added).abs() < 1e-6, "{beside} {added}: {taken}");
+            }
         }
     }
 

@@ -11,7 +11,7 @@ use super::deconvolution::{
     Border, CaptureNoise, LampOutside, Relieved, Solution, doubt_told_noise, solve, solve_window,
     without_lamps_outside,
 };
-use super::guard::{Guard, Left};
+use super::guard::{Gentle, Guard, Left};
 use super::highlights::blend_highlights;
 use super::lamps::{Lamp, find_lamps};
 use super::levels::{
@@ -314,6 +314,7 @@ impl Restoration {
         let (left, is_clean) = (Left::of(solution.residual.view()), solution.is_clean());
         // What lamps leave is more than is told.
         let is_told = solution.is_told && !has_lamps;
+        let gentle = Gentle::of(image, &solution.scene, saturation);
         let mut planes = planes_of(model.architecture().planes(), (image, psf), Some(solution), config)?;
         let (conditioning, angle) = self.conditioning(model, tone_mapped, saturation, progress)?;
         let given = (tone_mapped, &mut planes);
@@ -327,8 +328,17 @@ impl Restoration {
             // A capture without noise tells the scene better than a network that takes light from around the frame out of it: 24 views
             // of panoramas have 0.8 dB more so, and 24 painted ones 0.3.
             let outside = outside.as_ref().filter(|_| !is_clean);
-            let guard =
-                Guard { capture: image, psf, outside, deviation, left: &left, border, curve, saturation };
+            let guard = Guard {
+                capture: image,
+                psf,
+                outside,
+                deviation,
+                left: &left,
+                gentle,
+                border,
+                curve,
+                saturation,
+            };
             restored = shining(restored, &deconvolved, image, saturation)?;
             restored = guard.refine(&deconvolved, restored, options.refine)?;
         }

@@ -2,11 +2,13 @@
 
 mod angle;
 mod capture;
+mod cells;
 mod config;
 pub mod deconvolution;
 mod deconvolved;
 mod estimate;
 mod field;
+mod gentle;
 mod grey;
 mod guard;
 mod guided;
