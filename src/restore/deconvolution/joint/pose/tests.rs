@@ -1,6 +1,6 @@
 //! A capture behind a panel that is turned and scaled tells by how much.
 
-use ndarray::{Array2, Array3};
+use ndarray::{Array2, Array3, s};
 use rand::RngExt as _;
 
 use super::*;
@@ -199,9 +199,21 @@ fn moves_below_the_least_are_not_told() {
 fn without_lamps_nothing_is_told() {
     assert_eq!(search(&capture(&scene(&[]), &panel([0.3, 0.004]), LEVEL), LEVEL), Err(UntoldPose::NoLamps));
     let flat = LinearImage::from_planes(Array3::from_elem((3, SIDE, SIDE), LEVEL)).unwrap();
-    assert_eq!(search(&flat, LEVEL), Err(UntoldPose::WeakFlare), "nothing but light");
+    assert_eq!(search(&flat, LEVEL), Err(UntoldPose::MuchSaturated), "nothing but light");
     let dark = LinearImage::from_planes(Array3::zeros((3, SIDE, SIDE))).unwrap();
     assert_eq!(search(&dark, LEVEL), Err(UntoldPose::NoLamps));
+}
+
+/// A pose of the sun, and a sky that is saturated as well.
+#[test]
+fn what_is_saturated_for_a_large_part_tells_nothing() {
+    let seen = capture(&scene(&SUN), &panel([0.3, 0.004]), LEVEL);
+    for (rows, is_told) in [(SIDE / 8, true), (SIDE / 2, false)] {
+        let mut planes = seen.clone().into_planes();
+        planes.slice_mut(s![.., SIDE - rows.., ..]).fill(LEVEL);
+        let found = search(&LinearImage::from_planes(planes).unwrap(), LEVEL);
+        assert_eq!(found != Err(UntoldPose::MuchSaturated), is_told, "{rows}: {found:?}");
+    }
 }
 
 /// Light that is clipped by a hair has no flare that could be told from the scene's detail.

@@ -2,13 +2,15 @@
 
 use std::fmt;
 
-use super::{FURTHEST, USELESS_SIGMA};
+use super::{FURTHEST, MOST_SATURATED, USELESS_SIGMA};
 
 /// Why a capture does not tell the pose of its panel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum UntoldPose {
     /// There is nothing that is bright enough.
     NoLamps,
+    /// So much of it is saturated that it is no lamps.
+    MuchSaturated,
     /// What its lamps throw over their surroundings does not stand out of the scene's detail.
     WeakFlare,
     /// The best pose is beyond those that are looked for.
@@ -28,6 +30,9 @@ impl fmt::Display for UntoldPose {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoLamps => write!(f, "there are no lamps in view"),
+            Self::MuchSaturated => {
+                write!(f, "{:.0} % of it and more are saturated, which are no lamps", 100.0 * MOST_SATURATED)
+            }
             Self::WeakFlare => write!(f, "the flare of its lamps does not stand out of the scene"),
             Self::Far => {
                 let [turn_deg, scale] = FURTHEST;
