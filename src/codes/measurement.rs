@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use super::resample::Interpolation;
 use crate::core::error::{Error, Result};
+use crate::core::haze::without_noise;
 use crate::core::psf::Psf;
 use crate::core::rng::Rng;
-use crate::psf::without_noise;
 
 /// By how much a measured PSF differs from that of the capture that it is to restore; all zero for a perfect one.
 ///

@@ -91,5 +91,6 @@ fn tell(reading: &PsfReading, session: &Session) {
         session.note(how);
         lost.into_iter().for_each(|lost| session.warn(lost));
     }
+    reading.describe_grey().into_iter().for_each(|grey| session.note(grey));
     reading.warnings().into_iter().for_each(|warning| session.warn(warning));
 }

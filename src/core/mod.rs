@@ -14,6 +14,7 @@ pub mod event;
 pub mod exif;
 pub mod fft;
 pub mod field;
+pub(crate) mod haze;
 pub mod image;
 pub mod kernel_code;
 pub mod matrix3;

@@ -7,7 +7,7 @@ use ndarray::ArrayView2;
 use super::Findings;
 use crate::core::kernel_code::KernelBank;
 use crate::core::psf::Psf;
-use crate::io::{PsfOptions, bank_sha256, inspect_psf, read_bank};
+use crate::io::{PsfFaults, PsfOptions, bank_sha256, inspect_psf, read_bank};
 
 /// Channel sums this close to one are those of a PSF, whose half floats are off by 2⁻¹¹ at most.
 const SUM_TOLERANCE: f64 = 1.0 / (1 << 11) as f64;
@@ -47,16 +47,7 @@ pub(super) fn look(path: &Path, options: PsfOptions, findings: &mut Findings) ->
         let mend = "nothing, where the colours were only scaled; a PSF in other units than energy is to be made anew";
         findings.warn(&about, "psf-sum", what, mend);
     }
-    if faults.negative_shares.iter().any(|share| *share > NEGATIVE_SHARE) {
-        let most = faults.negative_shares.iter().copied().fold(0.0, f64::max);
-        let what = format!("up to {:.2} % of a colour's energy is negative, and set to zero", 100.0 * most);
-        findings.warn(
-            &about,
-            "psf-negative",
-            what,
-            "subtract less background, or measure with `udc fuse --point-source`",
-        );
-    }
+    look_at_energy(&about.to_string(), faults, findings);
     if let Some(background) = faults.describe_floors() {
         let mend = "subtract the background of the measurement, or measure with `udc fuse --point-source`";
         findings.warn(&about, "psf-background", background, mend);
@@ -77,8 +68,31 @@ pub(super) fn look(path: &Path, options: PsfOptions, findings: &mut Findings) ->
     Some(psf)
 }
 
-/// Negative energy that is worth a word, as readers take it.
-const NEGATIVE_SHARE: f64 = 1e-4;
+/// Looks at energy that no PSF has: negative, noise, hot pixels.
+fn look_at_energy(about: &str, faults: &PsfFaults, findings: &mut Findings) {
+    if let Some(noise) = faults.describe_noise() {
+        let mend = "nothing, or measure with several exposures by `udc fuse --point-source`";
+        findings.warn(about, "psf-noise", noise, mend);
+    }
+    if (0..3).any(|channel| faults.has_wrong_negatives(channel)) {
+        let most = faults.negative_shares.iter().copied().fold(0.0, f64::max);
+        let what = format!("up to {:.2} % of a colour's energy is negative, and set to zero", 100.0 * most);
+        findings.warn(
+            about,
+            "psf-negative",
+            what,
+            "subtract less background, or measure with `udc fuse --point-source`",
+        );
+    }
+    if let Some(pixel) = faults.describe_lone() {
+        findings.warn(
+            about,
+            "psf-hot-pixel",
+            pixel,
+            "set it to its neighbours' light, or measure with dark frames",
+        );
+    }
+}
 
 /// Looks at where the light of a PSF lies that is as it should be otherwise.
 fn look_at_light(about: &str, psf: &Psf, findings: &mut Findings) {

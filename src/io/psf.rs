@@ -1,6 +1,8 @@
 //! Reads and writes PSFs as image files, and says what is wrong with those that are read.
 
 mod faults;
+mod lone;
+mod noise;
 mod place;
 
 use std::path::{Path, PathBuf};
@@ -12,6 +14,7 @@ use crate::core::image::{Domain as _, Image, Linear};
 use crate::core::psf::Psf;
 
 pub use faults::PsfFaults;
+use noise::without_noise;
 use place::recenter;
 pub use place::{PsfMove, show_shift};
 
@@ -55,15 +58,19 @@ impl PsfReading {
     /// What the user should know, a sentence each; nothing of a PSF without fault.
     pub fn warnings(&self) -> Vec<String> {
         let faults = self.faults.describe().map(|faults| format!("{}: {faults}", self.path.display()));
-        let grey = self.is_grey.then(|| {
-            let path = self.path.display();
-            format!(
-                "{path}: it has one channel, which is taken for all colours; the orders of red lie further out than those of blue, \
-                 so that captures in colour need a PSF of three"
-            )
-        });
-        let found = faults.into_iter().chain(grey).chain(self.doubts.iter().cloned());
+        let found = faults.into_iter().chain(self.doubts.iter().cloned());
         found.chain(self.contradiction.clone()).collect()
+    }
+
+    /// What is to be told of a PSF of one channel.
+    pub fn describe_grey(&self) -> Option<String> {
+        self.is_grey.then(|| {
+            format!(
+                "{}: it has one channel, which is taken for all colours, as of a monochrome camera; the orders of red lie further out than \
+                 those of blue, so that captures in colour need a PSF of three",
+                self.path.display()
+            )
+        })
     }
 
     /// How it was moved, where it was, and what light that cost.
@@ -115,10 +122,12 @@ pub fn inspect_psf(path: &Path, options: PsfOptions) -> Result<PsfReading> {
     let mut faults = PsfFaults::of(&planes).map_err(in_file)?;
     let (planes, moved) = if options.recenter { recenter(planes).map_err(in_file)? } else { (planes, None) };
     if moved.is_some() {
-        faults.shifts = PsfFaults::of(&planes).map_err(in_file)?.shifts;
+        // What lies at the edge, too, is known where the peak is in the middle.
+        let PsfFaults { shifts, floors, lone, .. } = PsfFaults::of(&planes).map_err(in_file)?;
+        (faults.shifts, faults.floors, faults.lone) = (shifts, floors, lone);
     }
     faults.recentered = options.recenter;
-    let psf = Psf::from_energy(planes).map_err(in_file)?;
+    let psf = Psf::from_energy(without_noise(planes, faults.noise)).map_err(in_file)?;
     Ok(PsfReading { path: path.to_owned(), psf, faults, moved, doubts, contradiction, is_grey })
 }
 

@@ -3,7 +3,7 @@
 use ndarray::{Array2, ArrayView2};
 use serde::Serialize;
 
-use super::haze::Noise;
+use crate::core::haze::Noise;
 
 /// The level under the light of the source.
 ///

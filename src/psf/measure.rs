@@ -10,12 +10,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::core::broad_peak::{broad_peak, take_region};
 use crate::core::error::{Error, Result};
+use crate::core::haze::average_below_noise;
 use crate::core::image::LinearImage;
 use crate::core::psf::Psf;
 
 use super::MAX_SIZE_PX;
 use super::background::Background;
-use super::haze::average_below_noise;
 use super::quality::{PsfQuality, assess_psf};
 
 /// What sums to one, or to one for each channel.

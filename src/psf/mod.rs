@@ -5,7 +5,6 @@
 pub mod background;
 pub mod chirp_z;
 pub mod display;
-mod haze;
 pub mod layout;
 pub mod measure;
 pub mod optics;
@@ -23,7 +22,6 @@ mod summary;
 
 pub use background::Background;
 pub use display::DisplayConfig;
-pub(crate) use haze::without_noise;
 pub use measure::{MeasureConfig, MeasuredPsf, Normalization, measure_psf};
 pub use profile::PsfProfile;
 pub use propagate::{SimulatedPsf, simulate_psf, simulate_turned};

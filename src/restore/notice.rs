@@ -23,6 +23,7 @@ impl Notice {
             notices.push(Self::Note(how));
             notices.extend(lost.map(Self::Warning));
         }
+        notices.extend(reading.describe_grey().map(Self::Note));
         notices.extend(reading.warnings().into_iter().map(Self::Warning));
         notices
     }

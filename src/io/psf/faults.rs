@@ -2,6 +2,8 @@
 
 use ndarray::{Array3, ArrayView2, Axis, s};
 
+use super::lone::lone_pixel;
+use super::noise::noise_of;
 use super::place::{LOSS_TOLERANCE, MOST_LOSS, PsfMove, locate, show_share, show_shift};
 use crate::core::error::{Error, Result};
 
@@ -36,6 +38,10 @@ pub struct PsfFaults {
     pub sums: [f64; 3],
     /// The energy below zero, as a share of that above.
     pub negative_shares: [f64; 3],
+    /// The standard deviation of noise around zero, where there is some; what that hides is replaced by local means.
+    pub noise: [Option<f64>; 3],
+    /// A pixel that stands alone as a hot one does: channel, row and column, and its light as a share of the peak.
+    pub lone: Option<([usize; 3], f32)>,
     /// The light that all pixels would have if each had no more than the darkest of the edge, or than the darkest block there where that is
     /// plainly light, as a share of all light: a background that was not subtracted.
     pub floors: [f64; 3],
@@ -78,11 +84,14 @@ impl PsfFaults {
             },
             || PsfMove::of(planes),
         );
+        let noise = [0, 1, 2].map(|channel| noise_of(of_channel(channel)));
         Ok(Self {
             size: [height, width],
             shifts,
             sums: [0, 1, 2].map(|channel| part(channel, |_| true)),
             negative_shares: [0, 1, 2].map(negative),
+            lone: lone_pixel(planes, noise),
+            noise,
             floors: [0, 1, 2].map(|channel| floor_of(of_channel(channel))),
             recentring,
             recentered: false,
@@ -91,11 +100,17 @@ impl PsfFaults {
 
     /// All that is wrong as one sentence that says what mends it; none without a fault.
     pub fn describe(&self) -> Option<String> {
-        let faults: Vec<String> =
-            [self.describe_shifts(), self.describe_sums(), self.describe_negatives(), self.describe_floors()]
-                .into_iter()
-                .flatten()
-                .collect();
+        let faults: Vec<String> = [
+            self.describe_shifts(),
+            self.describe_sums(),
+            self.describe_negatives(),
+            self.describe_noise(),
+            self.describe_floors(),
+            self.describe_lone(),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
         (!faults.is_empty()).then(|| faults.join("; "))
     }
 
@@ -135,9 +150,41 @@ impl PsfFaults {
 
     fn describe_negatives(&self) -> Option<String> {
         let share = |channel: usize| format!("has {:.2} %", 100.0 * self.negative_shares[channel]);
-        let found = by_channel(|channel| self.negative_shares[channel] > NEGATIVE_TOLERANCE, share)?;
+        let is_off = |channel: usize| self.has_wrong_negatives(channel);
+        let found = by_channel(is_off, share)?;
         Some(format!(
             "{found} of negative energy, which is set to zero: subtract less background, or measure with `udc fuse --point-source`"
+        ))
+    }
+
+    /// Whether more of a channel's energy is negative than is worth no word, and it is no noise around zero.
+    pub fn has_wrong_negatives(&self, channel: usize) -> bool {
+        self.negative_shares[channel] > NEGATIVE_TOLERANCE && self.noise[channel].is_none()
+    }
+
+    /// What is to be told of noise; none where there is none.
+    pub fn describe_noise(&self) -> Option<String> {
+        let is_noisy = |channel: usize| {
+            self.noise[channel].is_some() && self.negative_shares[channel] > NEGATIVE_TOLERANCE
+        };
+        let share = |channel: usize| {
+            let deviation = self.noise[channel].unwrap_or_default() / self.sums[channel];
+            format!("has noise of {deviation:.1e} of its light around zero")
+        };
+        let found = by_channel(is_noisy, share)?;
+        Some(format!(
+            "{found}: what it hides is replaced by local means; `udc fuse --point-source` of several exposures has less"
+        ))
+    }
+
+    /// What is to be told of a pixel that stands alone; none where there is none.
+    pub fn describe_lone(&self) -> Option<String> {
+        let ([channel, y, x], share) = self.lone?;
+        Some(format!(
+            "its pixel at row {y}, column {x} has {:.1} % of the peak in {}, and neither what is beside it nor what is opposite has light, as \
+             of a hot pixel, which would make ghosts: set it to its neighbours' light",
+            100.0 * share,
+            NAMES[channel]
         ))
     }
 

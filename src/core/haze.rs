@@ -12,12 +12,12 @@ const LARGEST_SHIFT: f64 = 256.0;
 
 /// The noise of a plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Noise {
+pub(crate) struct Noise {
     /// Standard deviation of a pixel.
-    pub(super) of_pixel: f64,
+    pub(crate) of_pixel: f64,
     /// That of a mean of n pixels, times √n: more than a pixel's where neighbours have noise in common, as
     /// demosaicing leaves it.
-    pub(super) of_means: f64,
+    pub(crate) of_means: f64,
 }
 
 /// Replaces light below the noise by its mean over the smallest square in which that mean stands out.
@@ -33,7 +33,7 @@ pub(super) struct Noise {
 /// 4. The results of 16 grids of squares that are shifted against each other are averaged.
 ///
 /// Each step keeps the sum of the light that it changes, but for the last clip.
-pub(super) fn average_below_noise(light: ArrayView2<'_, f64>, noise: Noise) -> Array2<f64> {
+pub(crate) fn average_below_noise(light: ArrayView2<'_, f64>, noise: Noise) -> Array2<f64> {
     let stays = light.mapv(|value| value > STANDS_OUT * noise.of_pixel && value > 0.0);
     let mut means = Array2::zeros(light.dim());
     for index in 0..GRIDS {
