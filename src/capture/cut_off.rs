@@ -54,6 +54,13 @@ pub(super) fn cut_offs(frames: &[Array3<f32>], times: &[f64], saturation: f64) -
     (0..frames.len()).filter_map(cut_off).collect()
 }
 
+/// Where the values of a mosaic end below white, as a share of that: a sensor may be full before its converter is. Far below, flat light
+/// is more plausible.
+pub(super) fn end_below_white(mosaic: &Array3<f32>, saturation: f64) -> Option<f64> {
+    const LEAST: f64 = 0.8;
+    plateau(mosaic).filter(|level| (LEAST..saturation).contains(level))
+}
+
 /// For each of so many exposures, the value from which on its light may be cut off.
 pub(super) fn ceilings(cut_offs: &[CutOff], exposures: usize, saturation: f64) -> Vec<f64> {
     let mut ceilings = vec![saturation; exposures];

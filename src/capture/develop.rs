@@ -58,7 +58,10 @@ impl Pictures {
         let Self { mut warnings, config, raw, said, divided_by, .. } = self;
         let gains = config.white_balance;
         let [r, g, b] = divided_by.unwrap_or([1.0; 3]);
-        let config = FuseConfig { white_balance: [gains[0] * r, gains[1] * g, gains[2] * b], ..config };
+        let white_balance = [gains[0] * r, gains[1] * g, gains[2] * b];
+        // The white of other files is that of their integers, or 1.
+        let finds_white = config.finds_white && raw.is_some();
+        let config = FuseConfig { white_balance, finds_white, ..config };
         let fused = fuse(bracket, &config)?;
         warnings.extend(fused.much_is_saturated());
         warnings.extend(fused.warnings());

@@ -10,7 +10,7 @@ use crate::core::saturation::SATURATED_SHARE;
 use super::alignment::{Motion, check_motion, motions};
 use super::bayer::{BayerPattern, demosaic, demosaic_scene, greens_look_swapped};
 use super::bracket::Bracket;
-use super::cut_off::{CutOff, ceilings, cut_offs};
+use super::cut_off::{CutOff, ceilings, cut_offs, end_below_white};
 use super::exposure_times::{check_order, estimate_times, ratios_found};
 use super::frames::{Frames, Uneven};
 use super::inpaint::inpaint;
@@ -53,6 +53,9 @@ pub struct FuseConfig {
     pub white_balance: [f64; 3],
     /// Whether the ratios of the exposure times are taken from the pictures instead.
     pub estimate_exposures: bool,
+    /// Whether a mosaic alone whose values end below white, where its sensor was full, has its white there.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub finds_white: bool,
     /// The largest displacement between two exposures, in pixels; none allows any.
     pub max_motion_px: Option<f64>,
 }
@@ -68,6 +71,7 @@ impl Default for FuseConfig {
             demosaic_linear: false,
             white_balance: [1.0; 3],
             estimate_exposures: false,
+            finds_white: false,
             max_motion_px: Some(1.0),
         }
     }
@@ -133,6 +137,8 @@ pub struct Fused {
     pub uneven: Vec<Uneven>,
     /// The exposures that end below the white that was told.
     pub cut_off: Vec<CutOff>,
+    /// Where the values of a mosaic alone end, as a share of the white that was told, which that was taken for.
+    pub white_found: Option<f64>,
     /// How many pixels shine in the dark frames, where there were any; they are filled from their neighbours wherever
     /// they do in the dark frame of the exposure that their value was taken of.
     pub hot_pixels: Option<usize>,
@@ -166,7 +172,8 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
     config.check()?;
     let mut exposures = Frames::of(bracket, config)?;
     let numbers = exposures.first_numbers();
-    let (mut times, frames) = (exposures.times.clone(), std::mem::take(&mut exposures.frames));
+    let (mut times, mut frames) = (exposures.times.clone(), std::mem::take(&mut exposures.frames));
+    let white_found = find_white(&mut frames, exposures.clipped.as_mut(), config);
     check_order(&frames, &times, &numbers)?;
     let cut_off = cut_offs(&frames, &times, config.saturation);
     let ceilings = ceilings(&cut_off, frames.len(), config.saturation);
@@ -218,8 +225,24 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
         averaged: exposures.counts(),
         uneven: exposures.uneven,
         cut_off,
+        white_found,
         hot_pixels: exposures.darks.map(|darks| darks.hot_pixels()),
     })
+}
+
+/// Takes what a mosaic alone ends at below white for white, if it does.
+fn find_white(
+    frames: &mut [Array3<f32>],
+    clipped: Option<&mut Array3<f32>>,
+    config: &FuseConfig,
+) -> Option<f64> {
+    let [mosaic] = frames else { return None };
+    let looks = config.finds_white && config.bayer.is_some();
+    let found = looks.then(|| end_below_white(mosaic, config.saturation)).flatten()?;
+    #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
+    let white = found as f32;
+    [Some(mosaic), clipped].into_iter().flatten().for_each(|values| values.mapv_inplace(|v| v / white));
+    Some(found)
 }
 
 /// For each plane of the shortest exposure, how many of the good values are saturated.

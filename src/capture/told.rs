@@ -81,6 +81,7 @@ impl Told {
             estimate_exposures: self.estimate_exposures,
             max_motion_px: if self.allow_motion { None } else { default.max_motion_px },
             demosaic_linear: self.demosaic_linear,
+            finds_white: white.is_none(),
             ..default
         };
         // Where the user does not say white, the files may.

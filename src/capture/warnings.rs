@@ -17,6 +17,12 @@ impl Fused {
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings: Vec<String> =
             self.cut_off.iter().map(|cut_off| cut_off.warning(&self.times)).collect();
+        warnings.extend(self.white_found.map(|level| {
+            format!(
+                "its values end at {level:.3} of the white that the file says, as of a sensor that is full before its converter, and that \
+                 is taken for white; to take another, tell --white"
+            )
+        }));
         warnings.extend(self.doubtful_times());
         let compared = |uneven: &Uneven| {
             let [first, other] = uneven.pictures;

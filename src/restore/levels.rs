@@ -1,6 +1,6 @@
 //! Finds the light at which a capture saturates, where nobody says it, and the tone curve that suits its units.
 
-use ndarray::ArrayView2;
+use ndarray::{Array3, ArrayView2};
 use rayon::prelude::*;
 
 use super::plateau::{Plateau, Top, shared_white};
@@ -168,14 +168,18 @@ pub(super) fn find_levels_below(
 }
 
 /// The levels that files tell, or those that the capture shows below them, as where a sensor is full before its converter is; whether
-/// it shows any.
+/// it shows any. All channels end at one share of what they are told to, however their white is balanced.
 pub(super) fn corrected_levels(image: &LinearImage, told: [f32; CHANNELS]) -> ([f32; CHANNELS], bool) {
     // Far below, flat light is more plausible than a white.
     const LEAST: f32 = 0.8;
-    let found = cut_levels(image);
+    let mut shares: Array3<f32> = image.planes().to_owned();
+    for (mut plane, told) in shares.outer_iter_mut().zip(told) {
+        plane.mapv_inplace(|light| light / told);
+    }
+    let found = LinearImage::from_planes(shares).map_or([None; CHANNELS], |shares| cut_levels(&shares));
     let below = |channel: usize| {
-        let (level, _) = found[channel]?;
-        (LEAST * told[channel]..saturated_from(told[channel])).contains(&level).then_some(level)
+        let (share, _) = found[channel]?;
+        (LEAST..saturated_from(1.0)).contains(&share).then_some(share * told[channel])
     };
     let below: [Option<f32>; CHANNELS] = std::array::from_fn(below);
     (
@@ -233,7 +237,6 @@ pub(super) fn info_of(
 mod tests {
     use super::*;
     use crate::core::rng;
-    use ndarray::Array3;
     use rand_distr::{Distribution, StandardNormal};
 
     const USUAL: ToneCurve = ToneCurve { alpha: 0.25, x_max: 500.0 };

@@ -266,6 +266,33 @@ fn a_mosaic_is_merged_before_it_is_demosaiced() {
     assert_eq!(fused.source.dim(), (1, 12, 12));
 }
 
+/// As of a raw file whose white is that of its converter: a lamp is of one colour, whatever the balance.
+#[test]
+fn a_mosaic_that_ends_below_white_has_its_white_there() {
+    let (pattern, gains) = (BayerPattern::Rggb, [2.0, 1.0, 1.6]);
+    let picture = |end: f32| {
+        let light =
+            |y: usize, x: usize| 0.1 + 30.0 / (1.0 + (y as f32 - 24.0).hypot(x as f32 - 24.0).powi(2));
+        Array3::from_shape_fn((1, 48, 48), |(_, y, x)| light(y, x).min(end))
+    };
+    let fused = |end, finds_white| {
+        let bayer = Some(pattern);
+        let config = FuseConfig { bayer, white_balance: gains, finds_white, ..FuseConfig::default() };
+        fuse(Bracket::single(picture(end)).unwrap(), &config).unwrap()
+    };
+    for end in [0.82, 0.95] {
+        let found = fused(end, true);
+        assert!(found.white_found.is_some_and(|white| (white / f64::from(end) - 1.0).abs() < 1e-6));
+        assert!(found.saturated[0] > 50 && found.warnings()[0].contains("of the white that the file says"));
+        for (channel, gain) in gains.iter().enumerate() {
+            let lamp = found.image.channel(channel)[[24, 24]];
+            assert!((f64::from(lamp) / gain - 1.0).abs() < 1e-4, "{channel}: {lamp}");
+        }
+        assert_eq!(fused(end, false).white_found, None);
+    }
+    assert_eq!([0.5, 1.0].map(|end| fused(end, true).white_found), [None; 2], "flat light, and white itself");
+}
+
 /// Noise that repeats nowhere, with a mean of zero.
 fn noise(label: &str, deviation: f32) -> impl FnMut() -> f32 + use<> {
     use rand_distr::{Distribution as _, Normal};
