@@ -96,12 +96,15 @@ impl Destination<'_> {
     }
 }
 
-/// Refuses outputs that are files which are read for them: whoever lets files be replaced does not mean these.
+/// Refuses outputs that are files which are read for them, by their own names or through links: whoever lets files be replaced does not
+/// mean these.
 ///
 /// # Errors
 /// [`Error::Unsupported`] naming the first.
 pub fn check_kept(outputs: &[PathBuf], read: &[impl AsRef<Path>]) -> Result<()> {
-    let read: BTreeSet<PathBuf> = read.iter().map(|input| identity(file_of_input(input.as_ref()))).collect();
+    let places = |input: &Path| [Some(identity(input)), input.canonicalize().ok()].into_iter().flatten();
+    let read: BTreeSet<PathBuf> =
+        read.iter().flat_map(|input| places(file_of_input(input.as_ref()))).collect();
     match outputs.iter().find(|output| read.contains(&identity(output))) {
         Some(output) => Err(Error::Unsupported(format!(
             "{} would be read and written over: name another file or folder with -o",
@@ -176,6 +179,23 @@ mod tests {
             "its other layers would be lost"
         );
         assert_eq!(to(&b).place_files(std::slice::from_ref(&a), &[]).unwrap(), std::slice::from_ref(&b));
+    }
+
+    /// A link that is written over is a link no more, and what it led to stays.
+    #[cfg(unix)]
+    #[test]
+    fn what_is_read_through_a_link_is_not_written_over() {
+        let scratch = tempfile::tempdir().unwrap();
+        let [file, link, to_link] = ["a.png", "b.png", "c.png"].map(|name| scratch.path().join(name));
+        std::fs::write(&file, "read").unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        std::os::unix::fs::symlink(&link, &to_link).unwrap();
+        for read in [&link, &to_link] {
+            let said = check_kept(std::slice::from_ref(&file), &[read]).unwrap_err().to_string();
+            assert!(said.contains("a.png would be read and written over"), "{said}");
+            assert!(check_kept(std::slice::from_ref(read), &[read]).is_err());
+        }
+        check_kept(&[link], &[&file]).unwrap();
     }
 
     #[test]

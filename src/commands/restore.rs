@@ -420,6 +420,8 @@ impl<'a> Run<'a> {
         }
         if domain == DomainTag::ToneMapped {
             found::tell_of_steps(self.session, &job.output, &restored, self.args.half);
+        } else if self.args.half {
+            found::tell_of_small_light(self.session, &job.output, &restored);
         }
         restored.write(&job.output, domain, &options)
     }

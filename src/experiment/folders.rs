@@ -1,5 +1,6 @@
 //! Measures the images of one folder against those of another.
 
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -12,8 +13,9 @@ use super::{
     measure_part, pair_folders, read_tone_mapped,
 };
 use crate::core::error::{Error, Result};
+use crate::core::image::ToneMappedImage;
 use crate::core::shard::Shard;
-use crate::core::tone::ToneFlags;
+use crate::core::tone::{ToneCurve, ToneFlags};
 use crate::io::DomainTag;
 
 /// Pairs of files, and what those hold that do not say it.
@@ -66,6 +68,7 @@ impl Folders {
             read.contradiction.iter().for_each(|contradiction| (listener.warn)(contradiction));
             Ok((read.image, read.appearance))
         };
+        let is_told = Cell::new(false);
         let samples = own.iter().map(|pair| {
             let sample = || {
                 listener.progress.check()?;
@@ -74,6 +77,14 @@ impl Folders {
                 let ((image, seen), (truth, seen_truth)) = (read(restored)?, read(ground_truth)?);
                 let doubt = check_alike((restored, seen), (ground_truth, seen_truth))?;
                 doubt.iter().for_each(|doubt| (listener.warn)(doubt));
+                if let Some(median) = median_of_flat(&truth, self.tone.curve).filter(|_| !is_told.replace(true)) {
+                    (listener.warn)(&format!(
+                        "{}: its median is {median:.4} and the tone curve's α {}, so that differences hardly count: name one as bright as \
+                         the scenes by --alpha",
+                        ground_truth.display(),
+                        self.tone.curve.alpha
+                    ));
+                }
                 Ok(Sample { ground_truth: truth, images: vec![image], regions: None })
             };
             Ok((Label::scene(&pair.id), sample()))
@@ -105,5 +116,34 @@ impl Folders {
             described.insert(key.to_owned(), value.to_string());
         }
         described
+    }
+}
+
+/// The median light of an image of which most is mapped to where a tone curve is flat, as counts of a sensor are by a curve of light.
+fn median_of_flat(image: &ToneMappedImage, curve: ToneCurve) -> Option<f32> {
+    /// Light in multiples of α that is hardly told apart.
+    const FLAT: f32 = 32.0;
+    let mut values = image.channel(1).iter().copied().collect::<Vec<f32>>();
+    let middle = values.len() / 2;
+    let median = curve.expand(*values.select_nth_unstable_by(middle, f32::total_cmp).1);
+    (median > FLAT * curve.alpha).then_some(median)
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array3;
+
+    use super::*;
+    use crate::core::image::LinearImage;
+
+    #[test]
+    fn counts_under_a_curve_of_light_are_flat_and_bright_scenes_are_not() {
+        let curve = ToneCurve::new(0.25, 5000.0).unwrap();
+        let median = |light: f32| {
+            let image = LinearImage::from_planes(Array3::from_elem((3, 4, 5), light)).unwrap();
+            median_of_flat(&curve.tone_map(&image), curve)
+        };
+        assert!(median(700.0).is_some_and(|median| (median / 700.0 - 1.0).abs() < 0.01));
+        assert_eq!([median(0.2), median(4.0), median(0.0)], [None; 3]);
     }
 }

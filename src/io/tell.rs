@@ -95,12 +95,19 @@ impl Pixels {
         if told == DomainTag::Srgb || (is_linear_integer && reaches_white()) {
             self.capture.get_or_insert_default().saturation.get_or_insert([1.0; CHANNELS]);
         }
-        Ok(self.contradictions(told).map(|found| {
-            let done =
-                if told == DomainTag::Srgb { "decoded by the curve of sRGB" } else { "taken as they are" };
-            let (path, told) = (path.display(), told.name());
-            format!("{path}: {found}; as --domain {told} has it, the values are {done}")
-        }))
+        let floats = (told == DomainTag::Srgb && !self.is_integer)
+            .then(|| "it holds floats, which are linear light as a rule".to_owned());
+        Ok(self.contradictions(told).into_iter().chain(floats).reduce(|a, b| format!("{a}, and {b}")).map(
+            |found| {
+                let done = if told == DomainTag::Srgb {
+                    "decoded by the curve of sRGB"
+                } else {
+                    "taken as they are"
+                };
+                let (path, told) = (path.display(), told.name());
+                format!("{path}: {found}; as --domain {told} has it, the values are {done}")
+            },
+        ))
     }
 
     /// What the file's colour tags say against values of `domain`.

@@ -59,6 +59,40 @@ fn what_it_reads_is_not_written_over() {
     assert_eq!(["scene.exr", "psf.exr"].map(read), before);
 }
 
+/// As folders of links to captures and PSFs that lie elsewhere.
+#[cfg(unix)]
+#[test]
+fn what_it_reads_through_links_is_not_written_over() {
+    let scratch = scratch();
+    let at = |name: &str| scratch.path().join(name);
+    for (file, link) in [("scene.exr", "capture.exr"), ("psf.exr", "panel.exr")] {
+        std::os::unix::fs::symlink(at(file), at(link)).unwrap();
+    }
+    let before = ["scene.exr", "psf.exr"].map(|name| std::fs::read(at(name)).unwrap());
+    for output in ["scene.exr", "psf.exr", "capture.exr"] {
+        let flags = ["--method", "wiener", "--psf", "panel.exr", "-o", output, "--overwrite"];
+        let message = fail(scratch.path(), &[&["restore", "capture.exr"][..], &flags].concat(), 1);
+        assert!(message.contains("would be read and written over"), "{message}");
+    }
+    assert_eq!(["scene.exr", "psf.exr"].map(|name| std::fs::read(at(name)).unwrap()), before);
+}
+
+/// It would be restored by itself.
+#[test]
+fn a_psf_in_the_folder_of_captures_is_left_out_of_them() {
+    let scratch = scratch();
+    let folder = scratch.path().join("captures");
+    std::fs::create_dir(&folder).unwrap();
+    write_scene(&folder.join("a.exr"), 20, 24);
+    std::fs::copy(scratch.path().join("psf.exr"), folder.join("psf.exr")).unwrap();
+    let flags = ["--method", "wiener", "--psf", "captures/psf.exr", "-o", "restored/"];
+    let said = udc(scratch.path(), &[&["restore", "captures"][..], &flags].concat());
+    let said = String::from_utf8(said.stderr).unwrap();
+    assert!(said.contains("captures/psf.exr is the PSF, and is left out"), "{said}");
+    let restored = scratch.path().join("restored");
+    assert!(restored.join("a.exr").exists() && !restored.join("psf.exr").exists());
+}
+
 #[test]
 fn says_of_a_restored_image_that_it_is_no_capture() {
     let scratch = scratch();

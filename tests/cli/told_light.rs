@@ -53,3 +53,33 @@ fn tone_mapped_files_of_light_in_other_units_are_told_of_their_steps() {
     assert!(!told("electrons.exr", &["--half", "-o", "l.exr"]), "linear light");
     assert!(!told("capture.exr", &of(&["--half", "-o", "h.exr"])), "usual units");
 }
+
+#[test]
+fn half_floats_of_light_in_small_units_are_told_of_their_steps() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    write_capture(folder);
+    write_times(folder, 1e-6, "small.exr");
+    let told = |flags: &[&str]| said(folder, "small.exr", flags).contains("half floats hold in steps of");
+    assert!(told(&["--half", "-o", "h.exr"]) && told(&["--half", "-o", "h.npy"]));
+    assert!(!told(&["-o", "f.exr"]), "32 bits hold it");
+    assert!(!said(folder, "capture.exr", &["--half", "-o", "h.exr"]).contains("half floats hold"));
+}
+
+/// As of the pictures beside them in a folder: the floats are linear light.
+#[test]
+fn floats_that_are_told_to_be_encoded_are_told_of() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    write_capture(folder);
+    let light = io::read_image::<Linear>(&folder.join("capture.exr")).unwrap();
+    let planes = light.into_planes() / SATURATION;
+    let pixels = io::Pixels::of_planes(planes);
+    for name in ["foreign.exr", "foreign.png"] {
+        io::write_pixels(&folder.join(name), &pixels, io::PixelOptions::default()).unwrap();
+    }
+    let told = |capture: &str| {
+        said(folder, capture, &["--domain", "srgb", "-o", "r.exr"]).contains("it holds floats")
+    };
+    assert!(told("foreign.exr") && !told("foreign.png"));
+}

@@ -8,7 +8,7 @@ use anyhow::{Result, bail};
 use udc::batch::{Destination, Unplaced, check_kept};
 use udc::capture::{CaptureFiles, CaptureGroups, Told, names_of};
 use udc::core::error;
-use udc::io::{Format, sha256_of_input};
+use udc::io::{Format, file_of_input, identity, sha256_of_input};
 use udc::restore::{Capture, CaptureReading, PoseSource};
 
 use super::RestoreArgs;
@@ -64,6 +64,7 @@ impl RestoreArgs {
             CaptureGroups::of_files(&inputs)?
         };
         warnings.iter().for_each(|warning| session.warn(warning));
+        let captures = self.without_psf(captures, session);
         let destination = Destination {
             path: &self.output,
             extension: self.format.unwrap_or("exr"),
@@ -83,6 +84,24 @@ impl RestoreArgs {
         let inputs = captures.into_iter().map(|capture| capture.files);
         let job = |(inputs, output)| Job { inputs, output, sha256: OnceLock::new() };
         Ok(inputs.zip(outputs).map(job).collect())
+    }
+
+    /// Leaves out the PSF that captures are restored by, which may lie beside them in their folder.
+    fn without_psf(&self, captures: Vec<CaptureFiles>, session: &Session) -> Vec<CaptureFiles> {
+        let of_kernel: Vec<PathBuf> = self.kernel.paths().map(|path| identity(path)).collect();
+        let is_psf = |capture: &CaptureFiles| match &capture.files[..] {
+            [file] => of_kernel.contains(&identity(file_of_input(file))),
+            _ => false,
+        };
+        if captures.iter().all(is_psf) {
+            return captures;
+        }
+        let (psf, others): (Vec<_>, Vec<_>) = captures.into_iter().partition(is_psf);
+        for psf in psf {
+            let name = names_of(&psf.files);
+            session.warn(format_args!("{name} is the PSF, and is left out of the captures"));
+        }
+        others
     }
 
     /// Whether several pictures make one image.

@@ -49,6 +49,22 @@ pub(super) fn tell_of_level(session: &Session, name: &str, capture: &Capture, x_
     }
 }
 
+/// Tells where half floats hold the light of a capture in small units in steps that are seen.
+pub(super) fn tell_of_small_light(session: &Session, output: &Path, restored: &Restored) {
+    /// Half floats lie this far apart from 6·10⁻⁵ down.
+    const STEP: f32 = 1.0 / (1 << 24) as f32;
+    let is_half =
+        Format::of_extension(output).is_ok_and(|format| matches!(format, Format::Exr | Format::Npy));
+    // Its α is about as bright as the scene.
+    if let Some(alpha) = restored.alpha.filter(|alpha| is_half && STEP > COARSE * alpha) {
+        session.warn(format_args!(
+            "{}: its light is about {alpha:.1e}, which half floats hold in steps of {:.0} %: leave --half out",
+            output.display(),
+            100.0 * STEP / alpha
+        ));
+    }
+}
+
 /// Tells where a tone-mapped file holds the light of a capture in other units than networks know in steps that are seen.
 pub(super) fn tell_of_steps(session: &Session, output: &Path, restored: &Restored, is_half: bool) {
     let (curve, Some(alpha)) = (restored.curve, restored.alpha) else { return };

@@ -21,6 +21,9 @@ use crate::core::saturation::saturated_from;
 /// to 2.5 times what they show.
 const OTHER_UNITS: f32 = 5.0;
 
+/// The same of noise above what a capture shows that may be demosaiced, which hides a part of it.
+const HIDDEN: f32 = 20.0;
+
 /// Noise that is told, and the one that a capture shows, where they cannot be of the same units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DoubtedNoise {
@@ -31,10 +34,11 @@ pub struct DoubtedNoise {
 }
 
 impl DoubtedNoise {
-    /// Whether all of this noise is far above, or far below, what is shown. Demosaicing hides noise, however much.
+    /// Whether all of this noise is far above, or far below, what is shown.
     fn of(told: [f32; CHANNELS], shown: [f32; CHANNELS], is_interpolated: bool) -> Option<Self> {
         let times = |channel: usize| told[channel] / shown[channel].max(NOISE_FREE);
-        let is_above = !is_interpolated && (0..CHANNELS).all(|channel| times(channel) > OTHER_UNITS);
+        let most = if is_interpolated { HIDDEN } else { OTHER_UNITS };
+        let is_above = (0..CHANNELS).all(|channel| times(channel) > most);
         let is_below = (0..CHANNELS).all(|channel| times(channel) < 1.0 / OTHER_UNITS);
         (is_above || is_below).then_some(Self { told, shown })
     }
@@ -45,8 +49,8 @@ impl fmt::Display for DoubtedNoise {
         let [told, shown] = [self.told, self.shown].map(|noise| 100.0 * noise[1]);
         write!(
             f,
-            "--noise tells {told:.2} % of green light, and the capture shows {shown:.2} %: a sensor's file counts light whose white is 1; \
-             if the capture's units are others, leave --noise out or divide its light by its white"
+            "--noise tells {told:.2} % of green light, and the capture shows {shown:.2} %: gaussian:SIGMA counts the capture's own light, a \
+             sensor's file light whose white is 1; tell the noise so, or leave --noise out"
         )
     }
 }
@@ -137,7 +141,7 @@ mod tests {
         let doubt = |told: f32, is_interpolated| DoubtedNoise::of([told; 3], [0.01; 3], is_interpolated);
         assert!(doubt(0.03, false).is_none() && doubt(0.003, false).is_none());
         assert!(doubt(0.2, false).is_some() && doubt(0.0005, false).is_some());
-        assert!(doubt(0.2, true).is_none() && doubt(0.0005, true).is_some());
+        assert!(doubt(0.15, true).is_none() && doubt(0.3, true).is_some() && doubt(0.0005, true).is_some());
         assert!(DoubtedNoise::of([0.001; 3], [0.0; 3], false).is_none(), "too little to be seen");
     }
 }
