@@ -232,10 +232,12 @@ fn report(outcome: &Outcome, folder: &Path, session: &Session) -> Result<()> {
         let told = |value: Option<f64>, what: &str| {
             value.map_or(String::new(), |value| format!(" {value:.decimals$} {what},"))
         };
+        // Such a network's corrections are limited where captures are restored.
+        let by = if deconvolved.is_some() { "by the network alone" } else { "restored" };
         let (deconvolved, initial) =
             (told(*deconvolved, "deconvolved"), told(outcome.initial(*metric), "before the training"));
         session.tell(format_args!(
-            "validation {name}: {degraded:.decimals$} degraded,{deconvolved}{initial} {restored:.decimals$} restored"
+            "validation {name}: {degraded:.decimals$} degraded,{deconvolved}{initial} {restored:.decimals$} {by}"
         ));
     }
     session.say(format!("{}: trained for {} iterations", model.display(), outcome.iteration))
