@@ -25,7 +25,7 @@ pub(crate) struct BracketArgs {
     /// Take the ratios of the exposure times from the pictures, where cameras round them
     #[arg(long)]
     estimate_exposures: bool,
-    /// Value of a full photosite as the file stores it; above 1 in the integers of the file [default: what a DNG says, else 1]
+    /// Value of a full photosite as the file stores it; above 1 in the integers of the file [default: what a DNG says, or what the values of its mosaic alone end at, else 1]
     #[arg(long, value_name = "W", value_parser = parse_fraction)]
     white: Option<f64>,
     /// Value of a dark photosite, in the same units [default: what a DNG says, else 0]

@@ -418,11 +418,7 @@ impl<'a> Run<'a> {
         {
             self.lost.call_once(|| self.session.warn(lost));
         }
-        if domain == DomainTag::ToneMapped {
-            found::tell_of_steps(self.session, &job.output, &restored, self.args.half);
-        } else if self.args.half {
-            found::tell_of_small_light(self.session, &job.output, &restored);
-        }
+        found::tell_of_steps(self.session, &job.output, &restored, (domain, self.args.half));
         restored.write(&job.output, domain, &options)
     }
 }

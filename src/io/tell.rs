@@ -97,17 +97,14 @@ impl Pixels {
         }
         let floats = (told == DomainTag::Srgb && !self.is_integer)
             .then(|| "it holds floats, which are linear light as a rule".to_owned());
-        Ok(self.contradictions(told).into_iter().chain(floats).reduce(|a, b| format!("{a}, and {b}")).map(
-            |found| {
-                let done = if told == DomainTag::Srgb {
-                    "decoded by the curve of sRGB"
-                } else {
-                    "taken as they are"
-                };
-                let (path, told) = (path.display(), told.name());
-                format!("{path}: {found}; as --domain {told} has it, the values are {done}")
-            },
-        ))
+        let found =
+            self.contradictions(told).into_iter().chain(floats).reduce(|a, b| format!("{a}, and {b}"));
+        Ok(found.map(|found| {
+            let done =
+                if told == DomainTag::Srgb { "decoded by the curve of sRGB" } else { "taken as they are" };
+            let (path, told) = (path.display(), told.name());
+            format!("{path}: {found}; as --domain {told} has it, the values are {done}")
+        }))
     }
 
     /// What the file's colour tags say against values of `domain`.

@@ -314,6 +314,21 @@ mod tests {
         assert_eq!(find_levels(&lamp([4.0, 3.0, 2.0]), USUAL), ([500.0; 3], 0));
     }
 
+    /// Few pixels, and gains apart: they end at one share of what they are told to.
+    #[test]
+    fn a_small_lamp_that_ends_below_what_balanced_channels_are_told_to_is_cut_off_there() {
+        let told = [4.0, 3.0, 2.0];
+        let ending_at = |share: f32| {
+            let light = |(c, y, x): (usize, usize, usize)| {
+                let is_lamp = (10..12).contains(&y) && (20..25).contains(&x);
+                if is_lamp { share * told[c] } else { 0.1 + 0.001 * ((y * 7 + x * 3) % 11) as f32 }
+            };
+            LinearImage::from_planes(Array3::from_shape_fn((3, 32, 32), light)).unwrap()
+        };
+        assert_eq!(corrected_levels(&ending_at(0.875), told), (told.map(|level| 0.875 * level), true));
+        assert_eq!(corrected_levels(&ending_at(0.5), told), (told, false), "a wall, or a paler lamp");
+    }
+
     /// Light in steps of 1/60 has many pixels at its brightest value, and as many one step below.
     #[test]
     fn coarse_steps_are_not_taken_for_saturation() {

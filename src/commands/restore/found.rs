@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use udc::core::saturation::saturated_from;
 use udc::core::tone::ToneCurve;
-use udc::io::{AnyImage, Format};
+use udc::io::{AnyImage, DomainTag, Format};
 use udc::restore::{Capture, Lamp, PoseEstimate, Restored};
 
 use super::Session;
@@ -49,8 +49,23 @@ pub(super) fn tell_of_level(session: &Session, name: &str, capture: &Capture, x_
     }
 }
 
-/// Tells where half floats hold the light of a capture in small units in steps that are seen.
-pub(super) fn tell_of_small_light(session: &Session, output: &Path, restored: &Restored) {
+/// Tells where a file of a domain, perhaps of half floats, holds the light of a capture in other units than networks know in steps that
+/// are seen.
+pub(super) fn tell_of_steps(
+    session: &Session,
+    output: &Path,
+    restored: &Restored,
+    (domain, is_half): (DomainTag, bool),
+) {
+    match domain {
+        DomainTag::ToneMapped => tell_of_mapped_steps(session, output, restored, is_half),
+        _ if is_half => tell_of_small_light(session, output, restored),
+        _ => {}
+    }
+}
+
+/// The same of half floats of linear light, which are coarse in small units.
+fn tell_of_small_light(session: &Session, output: &Path, restored: &Restored) {
     /// Half floats lie this far apart from 6·10⁻⁵ down.
     const STEP: f32 = 1.0 / (1 << 24) as f32;
     let is_half =
@@ -65,8 +80,8 @@ pub(super) fn tell_of_small_light(session: &Session, output: &Path, restored: &R
     }
 }
 
-/// Tells where a tone-mapped file holds the light of a capture in other units than networks know in steps that are seen.
-pub(super) fn tell_of_steps(session: &Session, output: &Path, restored: &Restored, is_half: bool) {
+/// The same of tone-mapped files.
+fn tell_of_mapped_steps(session: &Session, output: &Path, restored: &Restored, is_half: bool) {
     let (curve, Some(alpha)) = (restored.curve, restored.alpha) else { return };
     let Ok(format) = Format::of_extension(output) else { return };
     // Its α is about as bright as the scene.
