@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::deconvolution::{DoubtedNoise, NOISE_FREE};
-use super::{Contradiction, FoundAngle, Lamp, LampOutside, PoseEstimate};
+use super::{Contradiction, FoundAngle, Lamp, LampOutside, PoseEstimate, Unlike};
 use crate::capture::{Developed, Pictures, SCENE_BRACKET, Told, names_of};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
@@ -51,6 +51,8 @@ pub struct Restored {
     pub doubted_noise: Option<DoubtedNoise>,
     /// How the PSF contradicts the capture, where it does so by much.
     pub contradiction: Option<Contradiction>,
+    /// What the capture looks like more than like one behind the PSF, where it does.
+    pub unlike: Option<Unlike>,
     /// By how much the PSF was moved, where the flare of the capture tells it.
     pub pose: Option<PoseEstimate>,
     /// Whether it is grey and was restored with the PSF of grey light.
@@ -226,6 +228,7 @@ impl Restored {
             doubted_levels: None,
             doubted_noise: None,
             contradiction: None,
+            unlike: None,
             pose: None,
             through_grey: false,
             relative_noise: None,
@@ -266,6 +269,12 @@ impl Restored {
             in_words(doubted),
             doubted.into_iter().flatten().fold(0.0, f32::max)
         ))
+    }
+
+    /// What to tell where the PSF can't be that of the capture: what it looks like instead, or that no scene explains it.
+    pub fn doubt_psf(&self) -> Option<String> {
+        let unlike = self.unlike.map(|unlike| unlike.to_string());
+        unlike.or_else(|| self.contradiction.map(|contradiction| contradiction.to_string()))
     }
 
     /// Writes the image, with what is known of the capture, in a domain of light.

@@ -20,6 +20,7 @@ use super::network::{Conditioning, NetworkOperator};
 use super::notice::Notice;
 use super::pose::Pose;
 use super::precision::in_precision;
+use super::resemblance::Unlike;
 use super::tiles::restore_halving;
 use crate::core::capture::{CaptureInfo, is_level};
 use crate::core::error::{Error, Result};
@@ -414,13 +415,17 @@ impl Restoration {
         matches!(&self.how, How::Network(model) if !model.architecture().planes().is_empty())
     }
 
+    /// Restores a capture of three colours, or of one behind the PSF of grey light.
     fn restore_colors(&self, capture: Capture, progress: &Progress) -> Result<Restored> {
+        let psf = self.kernel.psf().filter(|_| self.reads_planes() || !self.is_network());
+        let unlike = psf.map(|psf| Unlike::of(&capture.image, psf, self.curve, progress)).transpose()?;
+        Ok(Restored { unlike: unlike.flatten(), ..self.restore_through(capture, progress)? })
+    }
+
+    fn restore_through(&self, capture: Capture, progress: &Progress) -> Result<Restored> {
         let plan = self.plan(capture.image.size())?;
-        match &self.how {
-            How::Network(model) if !model.architecture().planes().is_empty() => {
-                return self.restore_by_planes(model, &plan, capture, progress);
-            }
-            _ => {}
+        if let (How::Network(model), true) = (&self.how, self.reads_planes()) {
+            return self.restore_by_planes(model, &plan, capture, progress);
         }
         let saturation = self.saturation(&capture);
         let brightest = saturation.into_iter().fold(self.curve.x_max, f32::max);

@@ -114,7 +114,7 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     let found = json!({
         "lamps": brightest(lamps), "lamps-in-all": lamps.len(), "lamps-outside": lamps_outside,
         "saturation": restored.levels, "relative-noise": restored.relative_noise, "pose": pose, "angle": angle,
-        "contradiction": restored.contradiction,
+        "contradiction": restored.contradiction, "unlike": restored.unlike,
     });
     session.found(name, found);
     if let Some(levels) = restored.describe_levels() {
@@ -134,8 +134,8 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     if let Some(doubt) = &restored.doubted_noise {
         session.warn(format_args!("{name}: {doubt}"));
     }
-    if let Some(contradiction) = &restored.contradiction {
-        session.warn(format_args!("{name}: {contradiction}"));
+    if let Some(doubt) = restored.doubt_psf() {
+        session.warn(format_args!("{name}: {doubt}"));
     }
     if restored.through_grey {
         session.note(format_args!(

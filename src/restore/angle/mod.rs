@@ -1,7 +1,6 @@
 //! Finds the rotation of the panel from a capture: the one whose kernel explains the capture best.
 
 mod found;
-mod likelihood;
 
 use ndarray::{ArrayView3, s};
 
@@ -12,9 +11,9 @@ use crate::core::progress::Progress;
 use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
 
+use super::likelihood::{WindowModel, contrast, corners};
 pub use found::FoundAngle;
 pub(super) use found::find_code;
-use likelihood::WindowModel;
 
 /// The largest side of the windows that are looked at.
 const WINDOW_PX: usize = 512;
@@ -109,29 +108,13 @@ fn window(
 
 /// The corners of the windows: as many as cover the capture, or those of them with the greatest contrast.
 fn windows(capture: &ToneMappedImage, size: [usize; 2]) -> Vec<[usize; 2]> {
-    let starts = |whole: usize, side: usize| {
-        let count = whole.div_ceil(side);
-        (0..count).map(move |index| (whole - side) * index / (count - 1).max(1))
-    };
-    let mut corners: Vec<(f64, [usize; 2])> = starts(capture.height(), size[0])
-        .flat_map(|top| starts(capture.width(), size[1]).map(move |left| [top, left]))
+    let mut ranked: Vec<(f64, [usize; 2])> = corners([capture.height(), capture.width()], size)
+        .into_iter()
         .map(|corner| (contrast(window(capture, corner, size)), corner))
         .collect();
-    corners.sort_by(|a, b| b.0.total_cmp(&a.0));
-    corners.truncate(MOST_WINDOWS);
-    corners.into_iter().map(|(_, corner)| corner).collect()
-}
-
-/// The variance of the means of blocks of 8 × 8 pixels, in which noise counts little.
-fn contrast(window: ArrayView3<'_, f32>) -> f64 {
-    let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
-    for block in window.exact_chunks((CHANNELS, 8, 8)) {
-        let mean = f64::from(block.mean().unwrap_or(0.0));
-        sum += mean;
-        squares += mean * mean;
-        count += 1.0;
-    }
-    squares / count - (sum / count).powi(2)
+    ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+    ranked.truncate(MOST_WINDOWS);
+    ranked.into_iter().map(|(_, corner)| corner).collect()
 }
 
 fn most_likely(log_likelihoods: &[f64], angles: &[f64]) -> AngleSearch {

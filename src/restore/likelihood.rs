@@ -71,6 +71,17 @@ pub(super) struct WindowModel {
     noise: Vec<usize>,
     /// The OTFs of each kernel at the frequencies of each cell.
     kernels: Vec<Vec<Vec<Spectra>>>,
+    /// The least variance of the noise in a cell, as a part of its mean power.
+    misfit: f64,
+}
+
+/// What is told of the samples of one cell.
+#[derive(Clone, Debug)]
+pub(super) struct OfCell {
+    /// How many they are.
+    pub(super) samples: usize,
+    /// The log-likelihood behind each kernel, in nats, up to a common constant.
+    pub(super) log_likelihoods: Vec<f64>,
 }
 
 impl WindowModel {
@@ -82,7 +93,7 @@ impl WindowModel {
         let convolver = Convolver::new(size, [psfs[0].height(), psfs[0].width()], Boundary::Periodic)?;
         let (cells, noise) = divide(size);
         let kernels = psfs
-            .iter()
+            .par_iter()
             .map(|psf| {
                 let channel = |c| convolver.kernel_spectrum(psf.channel(c));
                 let otfs = [channel(0)?, channel(1)?, channel(2)?];
@@ -90,33 +101,41 @@ impl WindowModel {
                 Ok(cells.iter().map(|cell| cell.iter().map(at).collect()).collect())
             })
             .collect::<Result<_>>()?;
-        Ok(Self { convolver, tapers: tapers(size), cells, noise, kernels })
+        Ok(Self { convolver, tapers: tapers(size), cells, noise, kernels, misfit: 0.0 })
+    }
+
+    /// Believes no cell of the spectrum to be more exact than this part of its mean power: windows cut off what PSFs throw further, and
+    /// without noise that would tell more than the kernels.
+    pub(super) fn with_misfit(self, misfit: f64) -> Self {
+        Self { misfit, ..self }
     }
 
     /// The log-likelihood of a window of linear light behind each kernel, in nats, up to a common constant; none
     /// when the window is constant.
     pub(super) fn log_likelihoods(&self, window: ArrayView3<'_, f32>) -> Option<Vec<f64>> {
-        let spectra = self.whitened_spectra(window)?;
-        let per_cell: Vec<Vec<f64>> = self
-            .cells
-            .par_iter()
-            .enumerate()
-            .map(|(index, cell)| {
-                let samples: Vec<[Spectra; TAPERS * TAPERS]> = cell
-                    .iter()
-                    .map(|&bin| std::array::from_fn(|t| std::array::from_fn(|c| spectra[c][t][bin])))
-                    .collect();
-                let kernels: Vec<&[Spectra]> = self.kernels.iter().map(|cells| &*cells[index]).collect();
-                cell_log_likelihoods(&samples, &kernels)
-            })
-            .collect();
         let mut sums = vec![0.0; self.kernels.len()];
-        for cell in &per_cell {
-            for (sum, value) in sums.iter_mut().zip(cell) {
-                *sum += value;
-            }
+        for cell in self.by_cell(window)? {
+            sums.iter_mut().zip(cell.log_likelihoods).for_each(|(sum, value)| *sum += value);
         }
         Some(sums)
+    }
+
+    /// The same of each cell of the frequency plane by itself.
+    pub(super) fn by_cell(&self, window: ArrayView3<'_, f32>) -> Option<Vec<OfCell>> {
+        let spectra = self.whitened_spectra(window)?;
+        let of_cell = |(index, cell): (usize, &Vec<usize>)| {
+            let mut samples: Vec<[Spectra; TAPERS * TAPERS]> = cell
+                .iter()
+                .map(|&bin| std::array::from_fn(|t| std::array::from_fn(|c| spectra[c][t][bin])))
+                .collect();
+            if self.misfit > 0.0 {
+                bring_down(&mut samples, self.misfit);
+            }
+            let kernels: Vec<&[Spectra]> = self.kernels.iter().map(|cells| &*cells[index]).collect();
+            let log_likelihoods = cell_log_likelihoods(&samples, &kernels);
+            OfCell { samples: TAPERS * TAPERS * samples.len(), log_likelihoods }
+        };
+        Some(self.cells.par_iter().enumerate().map(of_cell).collect())
     }
 
     /// The half spectra of every taper of every channel, in units of the channel's noise; zeros for a channel that is
@@ -162,6 +181,28 @@ impl WindowModel {
         }
         (median / std::f64::consts::LN_2).max(LEAST_NOISE * sum / count as f64)
     }
+}
+
+/// The corners of windows that cover a frame, both `[height, width]`.
+pub(super) fn corners(frame: [usize; 2], window: [usize; 2]) -> Vec<[usize; 2]> {
+    let starts = |axis: usize| {
+        let (whole, side) = (frame[axis], window[axis]);
+        let count = whole.div_ceil(side);
+        (0..count).map(move |index| (whole - side) * index / (count - 1).max(1))
+    };
+    starts(0).flat_map(|top| starts(1).map(move |left| [top, left])).collect()
+}
+
+/// The variance of the means of blocks of 8 × 8 pixels, in which noise counts little.
+pub(super) fn contrast(window: ArrayView3<'_, f32>) -> f64 {
+    let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
+    for block in window.exact_chunks((CHANNELS, 8, 8)) {
+        let mean = f64::from(block.mean().unwrap_or(0.0));
+        sum += mean;
+        squares += mean * mean;
+        count += 1.0;
+    }
+    squares / count - (sum / count).powi(2)
 }
 
 /// The frequencies of each cell, and those of the noise, as places in the half spectrum `[kx][ky]`.
@@ -228,6 +269,16 @@ fn cell_log_likelihoods(samples: &[[Spectra; TAPERS * TAPERS]], kernels: &[&[Spe
     let shared = advance(kernels[kernels.len() / 2], mean_power(samples), FIRST_STEPS);
     let score = |kernel: &&[Spectra]| evaluate(samples, kernel, &advance(kernel, shared, NEXT_STEPS)).0;
     kernels.iter().map(score).collect()
+}
+
+/// Brings the power of samples in units of their noise down to that of noise which is this part of it at least.
+fn bring_down(samples: &mut [[Spectra; TAPERS * TAPERS]], misfit: f64) {
+    let power = mean_power(samples);
+    let factors: [f64; CHANNELS] =
+        std::array::from_fn(|channel| (misfit * power[channel][channel]).max(1.0).sqrt().recip());
+    for sample in samples.iter_mut().flatten() {
+        sample.iter_mut().zip(factors).for_each(|(value, factor)| *value *= factor);
+    }
 }
 
 /// The mean of y y*, its real part: where the covariance starts.
