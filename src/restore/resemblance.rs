@@ -260,7 +260,7 @@ fn windows(planes: ArrayView3<'_, f32>, expand: impl Fn(f32) -> f32 + Sync) -> V
         .map(|plane| BRIGHT * expand(plane.iter().fold(0.0, |most: f32, value| most.max(*value))))
         .collect();
     let light = |[top, left]: [usize; 2]| {
-        planes.slice(s![.., top..top + size[0], left..left + size[1]]).mapv(|value| expand(value))
+        planes.slice(s![.., top..top + size[0], left..left + size[1]]).mapv(&expand)
     };
     let mut found: Vec<(f64, [usize; 2])> = corners([height, width], size)
         .into_par_iter()
@@ -420,7 +420,8 @@ impl fmt::Display for Unlike {
     }
 }
 
-const TURNED: &str = "turn the PSF by `udc codes psf.exr --angles=-10:10:1 -o bank.safetensors`, and tell --bank bank.safetensors --angle auto";
+const TURNED: &str = "turn the PSF: `udc codes psf.exr --angles=-10:10:1 -o bank.safetensors`, and --bank bank.safetensors with the --angle \
+                      at which this is not said";
 const RESIZED: &str = "one of the two may have been resized, binned or cropped to another scale";
 
 #[cfg(test)]

@@ -67,3 +67,4 @@ mod tone_of_files;
 mod train;
 mod view;
 mod viewing;
+mod whose_psf;
