@@ -159,13 +159,14 @@ impl Unlike {
         let Some(size) = windows.first().map(|window| [window.dim().1, window.dim().2]) else {
             return Ok(None);
         };
-        let seen = seen_by(psf, size)?;
-        if structure(&seen) < LEAST_STRUCTURE {
+        // A PSF of a row of pixels, or without light near its centre, cannot be mistaken in these ways.
+        let Some(seen) = seen_by(psf, size).ok().filter(|seen| structure(seen) >= LEAST_STRUCTURE) else {
             return Ok(None);
-        }
+        };
         let others =
             LookingLike::MISTAKEN.par_iter().chain([&LookingLike::Even]).map(|other| other.of(&seen));
-        let leads = Leads::over(&seen, others.collect::<Result<_>>()?, &windows, progress)?;
+        let Ok(others) = others.collect::<Result<_>>() else { return Ok(None) };
+        let leads = Leads::over(&seen, others, &windows, progress)?;
         let told = leads.told();
         let Some(Self { looks_like, .. }) = told.filter(|told| told.looks_like != LookingLike::Even) else {
             return Ok(told);

@@ -139,6 +139,16 @@ fn a_psf_without_structure_tells_nothing() {
 }
 
 #[test]
+fn a_row_of_pixels_and_a_dark_centre_tell_nothing_and_are_no_errors() {
+    let capture = capture(&panel([9.0, 14.0]));
+    let row = Array3::from_shape_fn((3, 1, 15), |(_, _, x)| 1.0 + x as f32);
+    let far = Array3::from_shape_fn((3, 201, 201), |(_, y, x)| if y == 2 && x > 190 { 1.0 } else { 0.0 });
+    for energy in [row, far] {
+        assert_eq!(looks_like(&capture, &Psf::from_energy(energy).unwrap()), None);
+    }
+}
+
+#[test]
 fn resampling_keeps_light_in_place() {
     let plane = Array2::from_shape_fn((41, 41), |(y, x)| {
         (-((y as f32 - 20.0).powi(2) + (x as f32 - 24.0).powi(2)) / 4.0).exp()
