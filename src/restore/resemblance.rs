@@ -50,7 +50,8 @@ const MOST_CELLS: f64 = 0.5;
 /// The least noise of a part of the spectrum, as a part of its power.
 const MISFIT: f64 = 0.01;
 
-/// The least [`structure`] of a PSF that tells anything: a plain lens has 10⁻⁶, panels have 10⁻⁵ to 4·10⁻³.
+/// The least [`structure`] of a PSF that tells anything: a plain lens has 10⁻⁶, 30 panels have 4·10⁻⁶ to 5·10⁻³, three of them less than
+/// this.
 const LEAST_STRUCTURE: f64 = 1e-5;
 
 /// Degrees by which a PSF is turned to see whether it stands wrong: less is found by its pose.
