@@ -171,9 +171,7 @@ impl Dark {
         });
         let mut hot = Array3::from_elem(mean.dim(), false);
         for (mut hot, plane) in hot.outer_iter_mut().zip(mean.outer_iter()) {
-            let excess = excess_over_neighbours(plane, step);
-            let threshold = (HOT * spread(&excess)).max(WARM);
-            hot.zip_mut_with(&excess, |hot, excess| *hot = *excess > threshold);
+            hot.assign(&standing_out(plane, step));
         }
         Self { mean, hot }
     }
@@ -210,6 +208,13 @@ fn check_dark(
         "dark frame {number} has seen light: {how}; take it with the cap on, with the pictures' exposure time and ISO"
     );
     Err(Error::config("dark", reason))
+}
+
+/// The pixels that are brighter than their neighbours of the same colour by more than noise is, and by more than is harmless.
+pub(super) fn standing_out(plane: ArrayView2<'_, f32>, step: usize) -> Array2<bool> {
+    let excess = excess_over_neighbours(plane, step);
+    let threshold = (HOT * spread(&excess)).max(WARM);
+    excess.mapv(|excess| excess > threshold)
 }
 
 /// What a pixel is brighter by than the median of its neighbours of the same colour.

@@ -14,6 +14,7 @@ use super::cut_off::{CutOff, ceilings, cut_offs, end_below_white};
 use super::exposure_times::{check_order, estimate_times, ratios_found};
 use super::frames::{Frames, Uneven};
 use super::inpaint::inpaint;
+use super::lone::count_lone;
 use super::point_source::core_share;
 
 /// How the exposures of a pixel become one value.
@@ -46,8 +47,8 @@ pub struct FuseConfig {
     /// The colours of the mosaic; none for images of three channels.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bayer: Option<BayerPattern>,
-    /// Whether the colours of a mosaic are interpolated in linear light, which keeps energy, or compressed, which keeps
-    /// lamps from spoiling what is around them.
+    /// Whether the colours of a mosaic are interpolated in linear light, which keeps energy, as that of a point source is to be, or
+    /// compressed, which keeps lamps from spoiling what is around them.
     pub demosaic_linear: bool,
     /// Gains of red, green and blue, applied before demosaicing.
     pub white_balance: [f64; 3],
@@ -142,6 +143,8 @@ pub struct Fused {
     /// How many pixels shine in the dark frames, where there were any; they are filled from their neighbours wherever
     /// they do in the dark frame of the exposure that their value was taken of.
     pub hot_pixels: Option<usize>,
+    /// Of a point source without dark frames: how many values stand alone in one colour, as those of hot pixels do.
+    pub looks_hot: usize,
 }
 
 impl Fused {
@@ -195,13 +198,12 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
     drop(frames);
     balance(&mut merged, config);
     let valid = &exposures.valid;
+    let step = if config.bayer.is_some() { 2 } else { 1 };
     if valid.is_some() || exposures.darks.is_some() {
-        let step = if config.bayer.is_some() { 2 } else { 1 };
-        for (channel, plane) in merged.outer_iter_mut().enumerate() {
-            let good = Array2::from_shape_fn(plane.dim(), |(y, x)| is_good((channel, y, x)));
-            inpaint(plane, &good, step);
-        }
+        fill(&mut merged, is_good, step);
     }
+    let is_unchecked = config.demosaic_linear && exposures.darks.is_none();
+    let looks_hot = if is_unchecked { count_lone(&merged, step) } else { 0 };
     let mosaic = config.bayer.map(|pattern| (merged.index_axis(Axis(0), 0), pattern));
     let greens_look_swapped = mosaic.is_some_and(|(mosaic, pattern)| greens_look_swapped(mosaic, pattern));
     let core_share = mosaic.filter(|_| config.demosaic_linear).map(|(mosaic, _)| core_share(mosaic));
@@ -227,7 +229,16 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
         cut_off,
         white_found,
         hot_pixels: exposures.darks.map(|darks| darks.hot_pixels()),
+        looks_hot,
     })
+}
+
+/// Fills the values that are not good from their neighbours of the same colour, `step` pixels apart.
+fn fill(merged: &mut Array3<f32>, is_good: impl Fn((usize, usize, usize)) -> bool, step: usize) {
+    for (channel, plane) in merged.outer_iter_mut().enumerate() {
+        let good = Array2::from_shape_fn(plane.dim(), |(y, x)| is_good((channel, y, x)));
+        inpaint(plane, &good, step);
+    }
 }
 
 /// Takes what a mosaic alone ends at below white for white, if it does.

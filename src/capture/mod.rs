@@ -16,6 +16,7 @@ pub mod fuse;
 mod groups;
 pub mod inpaint;
 mod levels;
+mod lone;
 mod pictures;
 mod plausible;
 pub mod point_source;

@@ -41,6 +41,13 @@ impl Fused {
                 unknown.join(", ")
             ));
         }
+        if self.looks_hot > 0 {
+            warnings.push(format!(
+                "{} of its values stand alone in one colour, as those of hot pixels do and a lens's light does not: in a PSF they make \
+                 ghosts of every lamp; take dark frames, which fill such pixels (--dark), or discard them (--mask)",
+                self.looks_hot
+            ));
+        }
         if self.greens_look_swapped {
             warnings.push("the mosaic's greens look as if on the other diagonal; check --bayer".to_owned());
         }

@@ -29,6 +29,10 @@ pub struct CaptureInfo {
     /// The image's red, green and blue, where these are others than those of sRGB and no camera's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub primaries: Option<Primaries>,
+    /// The standard deviation of what the coding of a JPEG makes wrong in its values of red, green and blue before they are decoded by
+    /// the curve of sRGB, of which white is 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coding_error: Option<[f32; 3]>,
     /// What the camera says of the picture for those who look at it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exif: Option<Exif>,
@@ -51,6 +55,9 @@ impl CaptureInfo {
         }
         if info.white_balance.iter().flatten().any(|gain| !(gain.is_finite() && *gain > 0.0)) {
             return Err("gains that are not positive".to_owned());
+        }
+        if info.coding_error.iter().flatten().any(|error| !(0.0..=1.0).contains(error)) {
+            return Err("an error of coding that is no part of white".to_owned());
         }
         if info.baseline_exposure_ev.is_some_and(|stops| !is_exposure(stops)) {
             return Err("a baseline exposure of more than ten stops".to_owned());

@@ -17,6 +17,7 @@ pub mod field;
 pub(crate) mod haze;
 pub mod image;
 pub mod kernel_code;
+pub(crate) mod lone;
 pub mod matrix3;
 pub mod metrics;
 pub mod nearest;

@@ -67,7 +67,8 @@ impl Ingredients<'_> {
         let recorded = record(recipe, (&scene, margin), &truth, config.alpha, config.seed)?;
         drop((scene, truth));
         let Recorded { capture, ground_truth, curve, saturation } = recorded;
-        let plane_config = PlaneConfig { curve, border: recipe.border, saturation, noise: None };
+        let border = recipe.border;
+        let plane_config = PlaneConfig { curve, border, saturation, noise: None, coding_error: None };
         let progress = progress.without_bars();
         let planes = make_planes(&Plane::ALL, &capture, &told, &plane_config, &progress)?;
         let is_clipped = (0..)

@@ -59,6 +59,7 @@ pub fn any_image_of(
 ) -> Result<ImageReading> {
     pixels.without_data = 0;
     let mut contradictions: Vec<String> = pixels.tell(path, told)?.into_iter().collect();
+    contradictions.extend(pixels.describe_low_bits(path, told));
     let info = pixels.capture.take();
     let own = pixels.provenance.as_ref().and_then(Provenance::tone_curve);
     let image = match pixels.domain {
@@ -202,5 +203,17 @@ mod tests {
         let reading = inspect_any_image(&written(folder.path(), None), None, ToneFlags::default()).unwrap();
         assert_eq!(reading.image.curve(), None);
         assert!((reading.image.into_linear(OWN).max() / 2.0 - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn integers_of_ten_bits_in_words_of_sixteen_are_told() {
+        let planes = Array3::from_elem((3, 4, 4), 1023.0 / 65535.0);
+        let said = |is_integer| {
+            let pixels = Pixels { is_integer, ..Pixels::of_planes(planes.clone()) };
+            let told = Some(DomainTag::Linear);
+            any_image_of(Path::new("a.png"), pixels, told, ToneFlags::default()).unwrap().contradictions
+        };
+        assert!(said(true)[0].contains("1023 of 65535, as of 10 bits"), "{:?}", said(true));
+        assert_eq!(said(false), [""; 0]);
     }
 }

@@ -28,6 +28,7 @@ mod inputs;
 mod jpeg;
 mod layer;
 mod lost;
+mod low_bits;
 mod machine;
 mod made_folder;
 mod npy;

@@ -72,7 +72,8 @@ pub(super) fn decode(path: &Path, bytes: &[u8], format: Format, packed: bool) ->
     let is_integer = sample_type.starts_with("uint");
     let (exposure_s, iso) = said.exif.as_ref().map_or((None, None), |exif| (exif.exposure_s, exif.iso));
     let Said { exif, orientation } = said;
-    let info = CaptureInfo { exif, orientation, primaries, ..CaptureInfo::default() };
+    let coding_error = (format == Format::Jpeg).then(|| jpeg::quantisation_error(bytes)).flatten();
+    let info = CaptureInfo { exif, orientation, primaries, coding_error, ..CaptureInfo::default() };
     let capture = (info != CaptureInfo::default()).then_some(info);
     let pixels = Pixels { is_integer, color_tags, capture, exposure_s, iso, ..Pixels::of_planes(planes) };
     Ok((pixels, Encoding { format, sample_type: sample_type.to_owned() }))

@@ -85,6 +85,10 @@ impl Pixels {
             check_told_domain(path, self.domain, told)?;
         }
         let declared = self.domain.replace(told);
+        if let (true, Some(info)) = (told != DomainTag::Srgb, &mut self.capture) {
+            // It is told of values that are decoded.
+            info.coding_error = None;
+        }
         match told {
             DomainTag::Srgb => self.decode_srgb(path)?,
             DomainTag::ToneMapped if declared != Some(told) => self.check_tone_mapped(path)?,

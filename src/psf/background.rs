@@ -1,8 +1,9 @@
 //! Finds the level and the noise under the light of a source, in the border of its picture.
 
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView2, ArrayViewMut2};
 use serde::Serialize;
 
+use super::slope::{Square, slope_of};
 use crate::core::haze::Noise;
 
 /// The level under the light of the source.
@@ -12,8 +13,13 @@ use crate::core::haze::Noise;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Background {
-    /// The mean of the frame's border, without what lies more than four spreads off its median: sidelobes and lamps.
+    /// The mean of the frame's border, without what lies more than four spreads off its median: sidelobes and lamps. Of a level
+    /// that slopes it is that at the frame's centre.
     pub level: f64,
+    /// Where the level plainly slopes, its rise from the frame's centre to its lower and to its right edge; the other values are of
+    /// what is left without it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub slope: Option<[f64; 2]>,
     /// The standard deviation of the same values.
     pub spread: f64,
     /// How many values these are.
@@ -32,7 +38,7 @@ const BORDER: f64 = 0.05;
 const FURTHEST: f64 = 4.0;
 /// The side of the squares whose means are compared, and how many squares there must be.
 const SQUARE: usize = 4;
-const ENOUGH_SQUARES: usize = 64;
+pub(super) const ENOUGH_SQUARES: usize = 64;
 /// The standard deviation of 16 values of Gaussian noise that a quarter of such sets stays below: √(χ²₁₅ / 15).
 const QUIET: f64 = 0.858;
 /// Demosaicing correlates noise up to this factor: red and blue have one value of four.
@@ -41,6 +47,17 @@ const LARGEST_EXCESS: f64 = 3.0;
 impl Background {
     /// Measures a plane's border; `valid` marks the pixels that were measured.
     pub(super) fn of_border(plane: ArrayView2<'_, f32>, valid: Option<&Array2<bool>>) -> Self {
+        let (even, squares) = Self::of_even(plane, valid);
+        let Some(slope) = slope_of(&squares, even.noise / SQUARE as f64) else { return even };
+        #[expect(clippy::cast_possible_truncation, reason = "images are kept in 32 bit")]
+        let flat = Array2::from_shape_fn(plane.dim(), |place| {
+            (f64::from(plane[place]) - rise(slope, place, plane.dim())) as f32
+        });
+        Self { slope: Some(slope), ..Self::of_even(flat.view(), valid).0 }
+    }
+
+    /// Measures the border of a plane whose background is even, and what squares it has.
+    fn of_even(plane: ArrayView2<'_, f32>, valid: Option<&Array2<bool>>) -> (Self, Vec<Square>) {
         let (height, width) = plane.dim();
         #[expect(
             clippy::cast_possible_truncation,
@@ -55,24 +72,36 @@ impl Background {
         let used = plane.indexed_iter().filter(|(place, _)| is_used(*place));
         let mut values: Vec<f64> = used.map(|(_, &value)| f64::from(value)).collect();
         let Moments { mean: level, deviation: spread, count: pixels } = robust_moments(&mut values);
-        let squares =
-            (0..height / SQUARE).flat_map(|row| (0..width / SQUARE).map(move |column| [row, column]));
-        let moments_of = |[row, column]: [usize; 2]| {
-            let places = (0..SQUARE * SQUARE)
-                .map(|index| (SQUARE * row + index / SQUARE, SQUARE * column + index % SQUARE));
-            let values: Option<Vec<f64>> =
-                places.map(|place| is_used(place).then(|| f64::from(plane[place]))).collect();
-            values.map(|values| mean_and_deviation(&values))
-        };
-        let (mut means, mut deviations): (Vec<f64>, Vec<f64>) = squares.filter_map(moments_of).unzip();
-        if means.len() < ENOUGH_SQUARES {
-            return Self { level, spread, pixels, noise: spread, noise_of_means: spread };
+        let squares = squares_of(plane, is_used);
+        let even = Self { level, slope: None, spread, pixels, noise: spread, noise_of_means: spread };
+        if squares.len() < ENOUGH_SQUARES {
+            return (even, squares);
         }
+        let (mut means, mut deviations): (Vec<f64>, Vec<f64>) =
+            squares.iter().map(|square| (square.mean, square.deviation)).unzip();
         let quarter = deviations.len() / 4;
         let quiet = *deviations.select_nth_unstable_by(quarter, f64::total_cmp).1;
         let noise = spread.min(quiet / QUIET);
         let of_means = SQUARE as f64 * robust_moments(&mut means).deviation;
-        Self { level, spread, pixels, noise, noise_of_means: of_means.clamp(noise, LARGEST_EXCESS * noise) }
+        let noise_of_means = of_means.clamp(noise, LARGEST_EXCESS * noise);
+        (Self { noise, noise_of_means, ..even }, squares)
+    }
+
+    /// Takes it off the light.
+    pub(super) fn subtract_from(&self, mut light: ArrayViewMut2<'_, f64>) {
+        light -= self.level;
+        if let Some(slope) = self.slope {
+            let size = light.dim();
+            light.indexed_iter_mut().for_each(|(place, value)| *value -= rise(slope, place, size));
+        }
+    }
+
+    /// What its slope adds to or takes from the light of so many rows and columns in the middle of a frame of `size`.
+    pub(super) fn light_of_slope(&self, [rows, columns]: [usize; 2], [height, width]: [usize; 2]) -> f64 {
+        let Some([down, right]) = self.slope else { return 0.0 };
+        let [tall, wide] = [rows as f64 / height as f64, columns as f64 / width as f64];
+        // The mean of the rise along an axis is half of that to the window's edge.
+        (rows * columns) as f64 * (down.abs() * tall + right.abs() * wide) / 2.0
     }
 
     pub(super) fn levels_of_noise(&self) -> Noise {
@@ -84,6 +113,38 @@ impl Background {
         let of_level = self.spread.max(self.noise_of_means) * pixels / (self.pixels.max(1) as f64).sqrt();
         (self.noise_of_means * pixels.sqrt()).hypot(of_level)
     }
+}
+
+/// The squares of 4 × 4 pixels that are used as a whole.
+fn squares_of(plane: ArrayView2<'_, f32>, is_used: impl Fn((usize, usize)) -> bool) -> Vec<Square> {
+    let (height, width) = plane.dim();
+    let square_at = |[row, column]: [usize; 2]| {
+        let places = (0..SQUARE * SQUARE)
+            .map(|index| (SQUARE * row + index / SQUARE, SQUARE * column + index % SQUARE));
+        let values: Option<Vec<f64>> =
+            places.map(|place| is_used(place).then(|| f64::from(plane[place]))).collect();
+        let (mean, deviation) = mean_and_deviation(&values?);
+        let [top, left] = [SQUARE * row, SQUARE * column];
+        let middle = (SQUARE - 1) as f64 / 2.0;
+        let place = [(top, height), (left, width)]
+            .map(|(first, length)| place_between_edges(first as f64 + middle, length));
+        let distances = [top, left, height - SQUARE - top, width - SQUARE - left];
+        let side = (0..4).min_by_key(|&side| distances[side]).unwrap_or_default();
+        Some(Square { place, side, mean, deviation })
+    };
+    let places = (0..height / SQUARE).flat_map(|row| (0..width / SQUARE).map(move |column| [row, column]));
+    places.filter_map(square_at).collect()
+}
+
+/// Where a pixel lies between the frame's edges, −1 to 1.
+fn place_between_edges(index: f64, length: usize) -> f64 {
+    let half = (length as f64 - 1.0) / 2.0;
+    (index - half) / half.max(0.5)
+}
+
+/// What a slope adds to the level at a pixel.
+fn rise([down, right]: [f64; 2], (y, x): (usize, usize), (height, width): (usize, usize)) -> f64 {
+    down * place_between_edges(y as f64, height) + right * place_between_edges(x as f64, width)
 }
 
 /// Mean and standard deviation of a few values.
@@ -109,15 +170,20 @@ fn robust_moments(values: &mut [f64]) -> Moments {
     if values.is_empty() {
         return Moments { mean: 0.0, deviation: 0.0, count: 0 };
     }
-    let level = median(values);
-    let mut deviations: Vec<f64> = values.iter().map(|value| (value - level).abs()).collect();
-    let furthest = FURTHEST * 1.4826 * median(&mut deviations);
+    let (level, furthest) = bounds(values);
     let (mut count, mut sum, mut squares) = (0, 0.0, 0.0);
     for offset in values.iter().map(|value| value - level).filter(|offset| offset.abs() <= furthest) {
         (count, sum, squares) = (count + 1, sum + offset, squares + offset * offset);
     }
     let mean = sum / count as f64;
     Moments { mean: level + mean, deviation: (squares / count as f64 - mean * mean).max(0.0).sqrt(), count }
+}
+
+/// The median of values, and how far off it, four spreads, a value is no outlier.
+pub(super) fn bounds(values: &mut [f64]) -> (f64, f64) {
+    let level = median(values);
+    let mut deviations: Vec<f64> = values.iter().map(|value| (value - level).abs()).collect();
+    (level, FURTHEST * 1.4826 * median(&mut deviations))
 }
 
 fn median(values: &mut [f64]) -> f64 {

@@ -79,6 +79,8 @@ pub struct MeasuredPsf {
     pub padded: f64,
     /// For each channel, the standard deviation that noise leaves of the sum of the light, as a share of it.
     pub noise: [f64; 3],
+    /// For each channel, the light by which the slope of the background was brighter or darker under the PSF, as a share of the PSF's.
+    pub sloping: [f64; 3],
     /// How it spreads its light.
     pub quality: PsfQuality,
 }
@@ -103,13 +105,12 @@ pub fn measure_psf(
     config.check()?;
     let background = [0, 1, 2].map(|channel| Background::of_border(picture.channel(channel), valid));
     let mut light = picture.planes().mapv(f64::from);
-    for (mut plane, background) in light.outer_iter_mut().zip(&background) {
-        plane -= background.level;
-    }
+    light.outer_iter_mut().zip(&background).for_each(|(plane, background)| background.subtract_from(plane));
     let peak = main_peak(&light.sum_axis(Axis(0)));
     let planes = window(&light, peak, config.size);
     let [rows, columns] = inside([picture.height(), picture.width()], peak, config.size);
     let pixels = (rows.len() * columns.len()) as f64;
+    let shown = [rows.len(), columns.len()];
     let mut energy = planes.clone();
     energy.slice_mut(s![.., rows, columns]).axis_iter_mut(Axis(0)).into_par_iter().zip(&background).for_each(
         |(mut plane, background)| {
@@ -128,6 +129,8 @@ pub fn measure_psf(
         Normalization::None => LinearImage::from_planes(to_f32(&energy))?,
     };
     let uncertain = |channel: usize| background[channel].deviation_of_sum(pixels) / sums[channel];
+    let size = [picture.height(), picture.width()];
+    let sloping = |channel: usize| background[channel].light_of_slope(shown, size) / sums[channel];
     let centre = [config.size / 2; 2];
     Ok(MeasuredPsf {
         centroid_px: [0, 1, 2].map(|channel| {
@@ -140,6 +143,7 @@ pub fn measure_psf(
         displacement_px: [offset(peak[0], picture.height() / 2), offset(peak[1], picture.width() / 2)],
         padded: 1.0 - pixels / (config.size * config.size) as f64,
         noise: [0, 1, 2].map(uncertain),
+        sloping: [0, 1, 2].map(sloping),
         background,
     })
 }
@@ -316,6 +320,28 @@ mod tests {
         }
         assert!(measured.image.planes()[[2, 0, 0]].abs() < 1e-6);
         assert!((measured.image.planes()[[2, 20, 20]] - 100.0).abs() < 1e-3);
+    }
+
+    /// The light of an even background, and the same on a slope that is as bright at one edge as the sidelobe.
+    #[test]
+    fn takes_away_a_slope_of_the_background() {
+        let config = MeasureConfig { size: 60, normalize: Normalization::None };
+        let even = picture(90, 120, (45.0, 60.0));
+        let mut planes = even.planes().to_owned();
+        planes.indexed_iter_mut().for_each(|((_, y, x), value)| *value += 0.01 * y as f32 + 0.04 * x as f32);
+        let sloping = measure_psf(&LinearImage::from_planes(planes).unwrap(), None, &config).unwrap();
+        let even = measure_psf(&even, None, &config).unwrap();
+        assert_eq!((even.background[0].slope, even.sloping), (None, [0.0; 3]));
+        let [down, right] = sloping.background[1].slope.unwrap();
+        assert!((down - 0.445).abs() < 1e-3 && (right - 2.38).abs() < 1e-3, "{down} {right}");
+        let difference = &sloping.image.planes() - &even.image.planes();
+        let furthest = difference.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
+        assert!(furthest < 1e-3, "{furthest}");
+        // Of 3600 pixels, half of 0.445 · 60/90 + 2.38 · 60/120, and 6π · 105 of light.
+        assert!((sloping.sloping[0] - 3600.0 * 0.743 / 1979.0).abs() < 0.02, "{:?}", sloping.sloping);
+        assert!(sloping.warnings().iter().any(|said| said.contains("slopes over the frame")));
+        assert!(sloping.summary().last().unwrap().contains("down, +2.4e0 right"));
+        assert!(even.summary().last().unwrap().starts_with("blue"));
     }
 
     #[test]

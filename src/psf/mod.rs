@@ -18,6 +18,7 @@ pub mod quality;
 pub mod random;
 pub mod sampling;
 pub mod shape;
+mod slope;
 mod summary;
 
 pub use background::Background;

@@ -1,5 +1,6 @@
 //! Says how good a PSF is, measured or simulated, and what is doubtful of it.
 
+use super::background::Background;
 use super::measure::MeasuredPsf;
 use super::propagate::SimulatedPsf;
 use super::quality::assess_psf;
@@ -8,6 +9,9 @@ const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
 /// Such a share of noise would lift or lower the haze and dim the peak visibly.
 const MUCH_NOISE: f64 = 0.05;
+
+/// A slope of as much light is worth a warning, for a tenth of it that is no plane would be seen: less is only told.
+const MUCH_SLOPE: f64 = 0.2;
 
 impl MeasuredPsf {
     /// What the user should look at.
@@ -28,6 +32,14 @@ impl MeasuredPsf {
                 ));
             }
         }
+        let steepest = self.sloping.into_iter().fold(0.0, f64::max);
+        if steepest > MUCH_SLOPE {
+            warnings.push(format!(
+                "the background slopes over the frame, by {:.0} % of the PSF's light: a plane of it is taken away, and what is no plane is \
+                 left; keep stray light out, or take dark frames (--dark) with the source alone covered",
+                100.0 * steepest
+            ));
+        }
         warnings
     }
 
@@ -39,7 +51,19 @@ impl MeasuredPsf {
             "channel  background        peak / sidelobe  50 / 90 / 99 % within px  centroid".to_owned(),
         ];
         lines.extend((0..3).map(|channel| self.line(channel)));
+        lines.extend(self.slopes());
         lines
+    }
+
+    /// How the background slopes, where it does.
+    fn slopes(&self) -> Option<String> {
+        let slope = |(name, background): (&&str, &Background)| {
+            let [down, right] = background.slope?;
+            Some(format!("{name} {down:+.1e} down, {right:+.1e} right"))
+        };
+        let found: Vec<String> = CHANNELS.iter().zip(&self.background).filter_map(slope).collect();
+        let slopes = "the background slopes from the frame's centre to its edges, which was taken away";
+        (!found.is_empty()).then(|| format!("{slopes}: {}", found.join("; ")))
     }
 
     fn line(&self, channel: usize) -> String {

@@ -25,6 +25,7 @@ impl Restoration {
         progress: &Progress,
     ) -> Result<Restored> {
         let Capture { image, info } = capture;
+        let coding_error = info.as_ref().and_then(|info| info.coding_error);
         let most = image.curve().map(|own| own.x_max);
         let image: LinearImage = image.into_linear(curve);
         let is_joint = config.method == Method::Joint;
@@ -47,7 +48,7 @@ impl Restoration {
         };
         let known = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..curve };
         let alpha = self.curve_of(known, &image, is_told).alpha;
-        let config = DeconvolutionConfig { saturation, alpha, ..*config };
+        let config = DeconvolutionConfig { saturation, alpha, coding_error, ..*config };
         let psf = self.kernel().needed_psf()?;
         let doubted_noise = doubt_told_noise(&image, psf, &config, [image.height(), image.width()])?;
         let relieved = match is_joint {

@@ -9,6 +9,7 @@ use super::kernel::KernelKnowledge;
 use crate::core::color::LUMINANCE;
 use crate::core::error::Result;
 use crate::core::image::{Domain, Image};
+use crate::core::kernel_code::KernelBank;
 use crate::core::psf::Psf;
 use crate::io::AnyImage;
 
@@ -23,9 +24,19 @@ pub(super) fn is_grey(image: &AnyImage) -> bool {
 /// The PSF of grey light, by the shares of the colours in its luminance, if it differs between them: grey files are made by these, and a
 /// sensor without filters sees nearly so.
 pub(super) fn grey_kernel(kernel: &KernelKnowledge) -> Result<Option<KernelKnowledge>> {
-    let KernelKnowledge::Psf { psf, code } = kernel else { return Ok(None) };
-    let grey = grey_psf(psf)?;
-    Ok(grey.map(|psf| KernelKnowledge::Psf { psf: Arc::new(psf), code: code.clone() }))
+    Ok(match kernel {
+        KernelKnowledge::Psf { psf, code } => {
+            grey_psf(psf)?.map(|psf| KernelKnowledge::Psf { psf: Arc::new(psf), code: code.clone() })
+        }
+        KernelKnowledge::Search { bank, sha256 } => {
+            let grey = bank.psfs.iter().map(grey_psf).collect::<Result<Option<Vec<Psf>>>>()?;
+            grey.map(|psfs| KernelKnowledge::Search {
+                bank: Arc::new(KernelBank { psfs, ..KernelBank::clone(bank) }),
+                sha256: sha256.clone(),
+            })
+        }
+        KernelKnowledge::Nothing | KernelKnowledge::Code(_) | KernelKnowledge::Field { .. } => None,
+    })
 }
 
 /// The PSF that an image is seen through: that of grey light, where its colours are the same everywhere.

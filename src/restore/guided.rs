@@ -118,8 +118,8 @@ struct Given<'a> {
 }
 
 /// What saturates the channels of a capture.
-struct Levels {
-    saturation: [f32; CHANNELS],
+pub(super) struct Levels {
+    pub(super) saturation: [f32; CHANNELS],
     /// As far as that was found in the capture itself.
     found: Option<[f32; CHANNELS]>,
     /// What the capture shows against what the user told.
@@ -177,11 +177,15 @@ impl Restoration {
     ) -> Result<Restored> {
         let Capture { image, info } = capture;
         let of_file = info.as_ref().and_then(|info| info.saturation);
-        let (image, Levels { saturation, found, doubted }) = self.light_and_levels(image, of_file);
+        let coding_error = info.as_ref().and_then(|info| info.coding_error);
+        let own = image.curve();
+        let image: LinearImage = image.into_linear(self.curve());
+        let Levels { saturation, found, doubted } = self.levels(&image, own, of_file);
         let told = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..self.curve() };
         let curve = self.curve_of(told, &image, of_file.is_some());
         let levels = found.map(|levels| reached_levels(&image, levels));
-        let planes = PlaneConfig { curve, border: self.border(), saturation, noise: self.noise_curve() };
+        let (border, noise) = (self.border(), self.noise_curve());
+        let planes = PlaneConfig { curve, border, saturation, noise, coding_error };
         let mut posed = self.posed_psf(&image, &planes, progress)?;
         let window =
             plan.parts.as_ref().map_or([image.height(), image.width()], |parts| parts.window().into());
@@ -373,27 +377,30 @@ impl Restoration {
         })
     }
 
-    /// The light of a capture, and what saturates each channel.
-    fn light_and_levels(&self, image: AnyImage, known: Option<[f32; CHANNELS]>) -> (LinearImage, Levels) {
-        let most = image.curve().map(|own| own.x_max);
-        let image: LinearImage = image.into_linear(self.curve());
-        let usual = self.curve().x_max;
+    /// What saturates each channel of a capture: what is `known` of it, or what its light shows, of a file in a curve of its own.
+    pub(super) fn levels(
+        &self,
+        image: &LinearImage,
+        own: Option<ToneCurve>,
+        known: Option<[f32; CHANNELS]>,
+    ) -> Levels {
+        let (most, usual) = (own.map(|own| own.x_max), self.curve().x_max);
         let finds_levels = self.guided_options().is_some_and(|options| options.finds_levels);
         let (saturation, found, doubted) = match known {
             Some(told) if finds_levels => {
-                let (levels, is_found) = corrected_levels(&image, told);
+                let (levels, is_found) = corrected_levels(image, told);
                 (levels, is_found.then_some(levels), None)
             }
             None if finds_levels => {
-                let (levels, count) = find_levels_below(&image, self.curve(), most);
+                let (levels, count) = find_levels_below(image, self.curve(), most);
                 (levels, (count > 0).then_some(levels), None)
             }
             told => {
                 let told = told.map_or([usual; CHANNELS], |levels| levels.map(|level| level.min(usual)));
-                (told, None, doubted_levels(&image, told))
+                (told, None, doubted_levels(image, told))
             }
         };
-        (image, Levels { saturation, found, doubted })
+        Levels { saturation, found, doubted }
     }
 }
 
@@ -458,8 +465,13 @@ mod tests {
             convolver.convolve_plane(scene.view(), &convolver.kernel_spectrum(psf.channel(0)).unwrap());
         let image = LinearImage::from_planes(of_channels(seen)).unwrap();
         let curve = ToneCurve::default();
-        let planes =
-            PlaneConfig { curve, border: Border::Zero, saturation: [curve.x_max; CHANNELS], noise: None };
+        let planes = PlaneConfig {
+            curve,
+            border: Border::Zero,
+            saturation: [curve.x_max; CHANNELS],
+            noise: None,
+            coding_error: None,
+        };
         let solved =
             |psf: &Psf| Solved::of((&image, psf), (&planes, false), None, &Progress::default()).unwrap();
         let (right, wrong) = (solved(&psf), solved(&moved));

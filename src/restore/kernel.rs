@@ -6,7 +6,8 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 
 use super::Notice;
-use crate::codes::{interpolate_code, project, rotate};
+use super::angle::TurnedKernel;
+use crate::codes::{interpolate_code, project};
 use crate::core::error::{Error, Result};
 use crate::core::field::FieldGrid;
 use crate::core::kernel_code::{KernelBank, KernelCode};
@@ -16,9 +17,6 @@ use crate::io::{
     read_code, read_field,
 };
 use crate::network::Model;
-
-/// Angles that differ by less are one: a ten-thousandth of a degree moves nothing by a hundredth of a pixel.
-const SAME_ANGLE_DEG: f64 = 1e-4;
 
 /// What is known of the kernel of captures.
 #[derive(Clone, Debug)]
@@ -95,7 +93,18 @@ impl KernelKnowledge {
     /// # Errors
     /// [`Error::Config`] when it is not known.
     pub(super) fn needed_psf(&self) -> Result<&Psf> {
-        self.psf().ok_or_else(|| Error::config("psf", "a deconvolution needs the PSF itself"))
+        self.psf().ok_or_else(without_psf)
+    }
+
+    /// A PSF of the size of the one that captures are seen through.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when none is known.
+    pub(super) fn sized_psf(&self) -> Result<&Psf> {
+        match self {
+            Self::Search { bank, .. } => bank.psfs.first().ok_or_else(without_psf),
+            known => known.needed_psf(),
+        }
     }
 
     /// A code that a network could be told, to see whether it fits.
@@ -151,10 +160,7 @@ impl KernelFiles {
         let mut notices = Vec::from_iter(check_bank(bank, model)?);
         let knowledge = match (&self.field, self.angle, &self.psf) {
             (Some(field), ..) => self.read_field(bank, field, &mut notices)?,
-            (None, Some(Angle::Search), _) => {
-                let sha256 = bank_sha256(bank)?;
-                KernelKnowledge::Search { bank: Arc::new(read_bank(bank)?), sha256 }
-            }
+            (None, Some(Angle::Search), _) => self.read_search(bank)?.0,
             (None, Some(Angle::Degrees(angle)), _) => {
                 let code = interpolate_code(&read_bank_codes(bank)?, angle);
                 let what = || format!("finding the code of {angle}° in {}", bank.display());
@@ -186,17 +192,24 @@ impl KernelFiles {
         Ok((KernelKnowledge::of_psf(reading.psf), notices))
     }
 
-    /// Reads the PSF, or, where none is named, takes that of a bank at the panel's angle, with what is to be told of the files.
+    /// Reads the PSF, or, where none is named, takes that of a bank at the panel's angle, or the bank where that is to be found, with
+    /// what is to be told of the files.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] when neither is named; those of [`read_psf`](Self::read_psf), [`read_bank`] and [`rotate`].
+    /// [`Error::Unsupported`] when neither is named; those of [`read_psf`](Self::read_psf), [`read_bank`] and of turning a PSF.
     pub fn read_any_psf(&self) -> Result<(KernelKnowledge, Vec<Notice>)> {
+        if self.field.is_some() {
+            let advice = "the guided restoration takes one PSF for all of the frame, and --field tells models of their own the codes at \
+                          several places: name the PSF of the middle with --psf, or a --model with its --bank";
+            return Err(Error::Unsupported(advice.to_owned()));
+        }
         let (bank, angle) = match (&self.psf, &self.bank, self.angle) {
             (Some(_), ..) => return self.read_psf(),
             (None, Some(bank), Some(Angle::Degrees(angle))) => (bank, angle),
-            (None, Some(_), _) => {
-                let advice = "the guided restoration needs the PSF itself: add --angle DEGREES, at which --bank has one, or \
-                              name it with --psf";
+            (None, Some(bank), Some(Angle::Search)) => return self.read_search(bank),
+            (None, Some(_), None) => {
+                let advice = "the guided restoration needs the PSF itself: add --angle DEGREES, at which --bank has one, \
+                              --angle auto, or name it with --psf";
                 return Err(Error::Unsupported(advice.to_owned()));
             }
             (None, None, _) => {
@@ -205,40 +218,24 @@ impl KernelFiles {
                 return Err(Error::Unsupported(advice.to_owned()));
             }
         };
-        let kernels = read_bank(bank)?;
-        let Some(angles) = &kernels.angles_deg else {
-            let reason = format!(
-                "{} does not say at which angles its kernels are; name a PSF with --psf",
-                bank.display()
-            );
-            return Err(Error::Unsupported(reason));
-        };
-        let apart = |index: &usize| (angles[*index] - angle).abs();
-        let nearest = (0..angles.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap_or(0);
-        let psf = &kernels.psfs[nearest];
-        if apart(&nearest) < SAME_ANGLE_DEG {
-            return Ok((KernelKnowledge::of_psf(psf.clone()), Vec::new()));
-        }
-        let turned = rotate(psf, angle - angles[nearest])?;
-        let how = format!(
-            "turns the kernel of {}° in {} by {:.3}°",
-            angles[nearest],
-            bank.display(),
-            angle - angles[nearest]
-        );
-        let mut notices = vec![Notice::Detail(how)];
-        let bounds = angles
-            .iter()
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], a| [low.min(*a), high.max(*a)]);
-        if !(bounds[0] - SAME_ANGLE_DEG..=bounds[1] + SAME_ANGLE_DEG).contains(&angle) {
-            notices.push(Notice::Warning(format!(
-                "{angle}° is outside of {}, which has kernels from {}° to {}°: the nearest is turned further; check --angle",
-                bank.display(),
-                bounds[0],
-                bounds[1]
-            )));
-        }
-        Ok((KernelKnowledge::of_psf(turned), notices))
+        let (kernels, bank) = (read_bank(bank)?, bank.display());
+        let TurnedKernel { psf, nearest_deg, turned_deg, beyond } = TurnedKernel::of(&kernels, angle)
+            .map_err(|error| error.while_doing(format!("taking the kernel of {angle}° of {bank}")))?;
+        let turned = turned_deg.map(|turned_deg| {
+            Notice::Detail(format!("turns the kernel of {nearest_deg}° in {bank} by {turned_deg:.3}°"))
+        });
+        let beyond = beyond.map(|[low, high]| {
+            Notice::Warning(format!(
+                "{angle}° is outside of {bank}, which has kernels from {low}° to {high}°: the nearest is turned further; check \
+                 --angle"
+            ))
+        });
+        Ok((KernelKnowledge::of_psf(psf), turned.into_iter().chain(beyond).collect()))
+    }
+
+    fn read_search(&self, bank: &Path) -> Result<(KernelKnowledge, Vec<Notice>)> {
+        let sha256 = bank_sha256(bank)?;
+        Ok((KernelKnowledge::Search { bank: Arc::new(read_bank(bank)?), sha256 }, Vec::new()))
     }
 
     /// Bytes that a bank which is read whole takes: it is there twice, as a file and as kernels.
@@ -270,6 +267,10 @@ impl KernelFiles {
             ),
         })
     }
+}
+
+fn without_psf() -> Error {
+    Error::config("psf", "a deconvolution needs the PSF itself")
 }
 
 /// The code of a PSF in a bank; what is to be told of both goes to `notices`.

@@ -54,7 +54,7 @@ impl Restoration {
         if self.border() != Border::Smooth || model.architecture().reads_code() {
             return None;
         }
-        let psf = self.kernel().psf()?;
+        let psf = self.kernel().sized_psf().ok()?;
         let part = PartCost { restoration: self, model, of_psf: [psf.height(), psf.width()] };
         Some(self.memory().plan_parts(size, &part))
     }

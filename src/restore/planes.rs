@@ -24,6 +24,8 @@ pub struct PlaneConfig {
     pub saturation: [f32; CHANNELS],
     /// The capture's noise, where it is told and need not be estimated.
     pub noise: Option<NoiseCurve>,
+    /// What the coding of a JPEG makes wrong in its encoded values.
+    pub coding_error: Option<[f32; CHANNELS]>,
 }
 
 impl PlaneConfig {
@@ -33,7 +35,8 @@ impl PlaneConfig {
     /// [`Error::Config`](crate::core::error::Error::Config) when the formation has no tone curve.
     pub fn of_formation(formation: &FormationConfig) -> Result<Self> {
         let curve = formation.curve()?;
-        Ok(Self { curve, border: formation.into(), saturation: [curve.x_max; CHANNELS], noise: None })
+        let saturation = [curve.x_max; CHANNELS];
+        Ok(Self { curve, border: formation.into(), saturation, noise: None, coding_error: None })
     }
 
     pub(super) fn deconvolution(&self) -> DeconvolutionConfig {
@@ -42,6 +45,7 @@ impl PlaneConfig {
             alpha: self.curve.alpha,
             saturation: self.saturation,
             noise: self.noise,
+            coding_error: self.coding_error,
             ..DeconvolutionConfig::of_method(Method::Joint)
         }
     }
@@ -133,7 +137,8 @@ mod tests {
 
     fn config() -> PlaneConfig {
         let curve = ToneCurve { alpha: 0.25, x_max: 4.0 };
-        PlaneConfig { curve, border: Border::Periodic, saturation: [4.0, 4.0, 2.0], noise: None }
+        let (border, saturation) = (Border::Periodic, [4.0, 4.0, 2.0]);
+        PlaneConfig { curve, border, saturation, noise: None, coding_error: None }
     }
 
     fn point() -> Psf {

@@ -422,8 +422,8 @@ impl fmt::Display for Unlike {
     }
 }
 
-const TURNED: &str = "turn the PSF: `udc codes psf.exr --angles=-10:10:1 -o bank.safetensors`, and --bank bank.safetensors with the --angle \
-                      at which this is not said";
+const TURNED: &str = "turn the PSF: `udc codes psf.exr --angles=-10:10:1 -o bank.safetensors`, and restore with --bank bank.safetensors \
+                      --angle auto";
 const RESIZED: &str = "one of the two may have been resized, binned or cropped to another scale";
 
 #[cfg(test)]

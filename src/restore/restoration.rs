@@ -1,6 +1,7 @@
 //! Restores captures by a network or by a deconvolution, with what is known of their kernel.
 
 mod describe;
+mod options;
 mod plan;
 
 use std::sync::Arc;
@@ -18,7 +19,6 @@ use super::levels::{curve_of_told, suited_curve};
 use super::memory::{MemoryBudget, MemoryPlan, with_threads};
 use super::network::{Conditioning, NetworkOperator};
 use super::notice::Notice;
-use super::pose::Pose;
 use super::precision::in_precision;
 use super::resemblance::Unlike;
 use super::tiles::restore_halving;
@@ -75,7 +75,7 @@ impl Restoration {
     /// [`Error::Config`] when the network needs a code, or the PSF for its planes, and it is not known; [`Error::Shape`] when
     /// the code has another length than the network's.
     pub fn by_network(model: Model, kernel: KernelKnowledge) -> Result<Self> {
-        if let (Some(plane), None) = (model.architecture().planes().first(), kernel.psf()) {
+        if let (Some(plane), Err(_)) = (model.architecture().planes().first(), kernel.sized_psf()) {
             let reason = format!(
                 "the model reads the plane \"{}\" of every image, which is made of its PSF: name the PSF itself (--psf)",
                 plane.name()
@@ -110,48 +110,6 @@ impl Restoration {
         let restoration = Self::by_network(model, kernel)?;
         let curve = ToneCurve { x_max: ToneCurve::default().x_max, ..restoration.curve };
         Ok(Self { curve, ..restoration })
-    }
-
-    /// Takes this part, from 0 to 1, of the corrections by the network for any panel: at 0, the deconvolution stays.
-    ///
-    /// # Errors
-    /// [`Error::Config`] for another number, or another restoration than [`guided`](Self::guided).
-    pub fn with_refine(mut self, refine: f32) -> Result<Self> {
-        if !(0.0..=1.0).contains(&refine) {
-            return Err(Error::config("refine", format!("must be between 0 and 1, found {refine}")));
-        }
-        let Some(options) = &mut self.guided else {
-            return Err(Error::config("refine", "belongs to the guided restoration; leave it out"));
-        };
-        options.refine = refine;
-        Ok(self)
-    }
-
-    /// Takes the PSF as it is, or as a pose that several captures told moves it, instead of looking for its pose in each.
-    ///
-    /// # Errors
-    /// [`Error::Config`] for another restoration than [`guided`](Self::guided); those of [`Pose::apply`].
-    pub fn with_pose(mut self, pose: Option<&Pose>) -> Result<Self> {
-        let Some(options) = &mut self.guided else {
-            return Err(Error::config("pose", "belongs to the guided restoration; leave it out"));
-        };
-        options.finds_pose = false;
-        if let Some(pose) = pose {
-            self.kernel = KernelKnowledge::of_psf(pose.apply(self.kernel.needed_psf()?)?);
-        }
-        Ok(self)
-    }
-
-    /// Gives lamps the light that their flare tells, far above what saturates: results are then linear.
-    ///
-    /// # Errors
-    /// [`Error::Config`] for another restoration than [`guided`](Self::guided).
-    pub fn with_true_highlights(mut self) -> Result<Self> {
-        let Some(options) = &mut self.guided else {
-            return Err(Error::config("true-highlights", "belongs to the guided restoration; leave it out"));
-        };
-        options.true_highlights = true;
-        Ok(self)
     }
 
     /// Restores by inverting the convolution with a PSF.
@@ -257,6 +215,11 @@ impl Restoration {
     #[must_use]
     pub fn with_highlights(self, highlights: Highlights) -> Self {
         Self { highlights, ..self }
+    }
+
+    /// With something else known of the kernel.
+    pub(super) fn with_kernel(&self, kernel: KernelKnowledge) -> Self {
+        Self { kernel, ..self.clone() }
     }
 
     /// Stays under another limit of memory.
@@ -373,14 +336,14 @@ impl Restoration {
     fn restore_here(&self, capture: Capture, progress: &Progress) -> Result<Restored> {
         let capture = self.cut(capture);
         let is_told_by_code = self.is_network() && !self.reads_planes();
-        if self.kernel.psf().is_none() || is_told_by_code || !is_grey(&capture.image) {
+        if self.kernel.sized_psf().is_err() || is_told_by_code || !is_grey(&capture.image) {
             return self.restore_colors(capture, progress);
         }
         // Of one colour, and its PSF tells of three: it is seen through all of them at once.
         let grey = grey_kernel(&self.kernel)?;
         let through_grey = grey.is_some();
         let restored = match grey {
-            Some(kernel) => Self { kernel, ..self.clone() }.restore_colors(capture, progress)?,
+            Some(kernel) => self.with_kernel(kernel).restore_colors(capture, progress)?,
             None => self.restore_colors(capture, progress)?,
         };
         Ok(Restored { image: made_grey(restored.image)?, through_grey, ..restored })
@@ -417,7 +380,13 @@ impl Restoration {
 
     /// Restores a capture of three colours, or of one behind the PSF of grey light.
     fn restore_colors(&self, capture: Capture, progress: &Progress) -> Result<Restored> {
-        let psf = self.kernel.psf().filter(|_| self.reads_planes() || !self.is_network());
+        if let (KernelKnowledge::Search { bank, .. }, true) = (&self.kernel, self.reads_planes()) {
+            let (turned, angle) = self.at_angle_of(&capture, bank, progress)?;
+            return Ok(Restored { angle: Some(angle), ..turned.restore_colors(capture, progress)? });
+        }
+        // What is left of a JPEG's finest detail tells nothing of a PSF.
+        let is_coded = capture.info.as_ref().is_some_and(|info| info.coding_error.is_some());
+        let psf = self.kernel.psf().filter(|_| !is_coded && (self.reads_planes() || !self.is_network()));
         let unlike = psf.map(|psf| Unlike::of(&capture.image, psf, self.curve, progress)).transpose()?;
         Ok(Restored { unlike: unlike.flatten(), ..self.restore_through(capture, progress)? })
     }

@@ -339,7 +339,8 @@ fn what_the_guided_restoration_lacks_or_would_ignore_is_named() {
     let scratch = scratch();
     for (flags, code, expected) in [
         (&[][..], 1, "name it with --psf"),
-        (&["--bank", "bank.safetensors"], 1, "add --angle"),
+        (&["--bank", "bank.safetensors"], 1, "--angle auto"),
+        (&["--field", "field.toml"], 1, "takes one PSF for all of the frame"),
         (&["--psf", "psf.exr", "--refine", "1.5"], 1, "between 0 and 1"),
         (&["--psf", "psf.exr", "--method", "wiener", "--refine", "0.5"], 2, "--refine"),
         (&["--psf", "psf.exr", "--bank", "bank.safetensors"], 2, "ignore it beside --psf"),

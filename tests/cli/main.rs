@@ -7,6 +7,7 @@
     reason = "a test may stop at what it does not expect, and counts in small numbers"
 )]
 
+mod angle;
 mod archives;
 mod bench;
 mod brackets;

@@ -51,6 +51,7 @@ impl Summary<'_> {
                 "background": measured.background,
                 "padded": measured.padded,
                 "noise": measured.noise,
+                "sloping": measured.sloping,
                 "channels": measured.quality.channels,
             })
         });
@@ -64,6 +65,7 @@ impl Summary<'_> {
             "averaged": fused.averaged,
             "discarded": fused.discarded,
             "hot-pixels": fused.hot_pixels,
+            "looks-hot": fused.looks_hot,
             "brightness-ratio-found": fused.ratio_found,
             "motion-px": fused.motion.iter().map(|motion| motion.map(|m| m.shift_px)).collect::<Vec<_>>(),
             "psf": psf,

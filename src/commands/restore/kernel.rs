@@ -9,7 +9,7 @@ use udc::restore::{Angle, KernelFiles};
 
 #[derive(Args, Clone, Debug)]
 pub(super) struct KernelArgs {
-    /// Kernel bank that the model was trained with (.safetensors)
+    /// Kernel bank that the model was trained with, or whose kernels are the panel's PSF at several angles (.safetensors)
     #[arg(long, value_name = "BANK", conflicts_with = "method")]
     bank: Option<PathBuf>,
     /// Rotation of the panel in degrees, counter-clockwise; between those of the bank, codes are interpolated. `auto`
@@ -17,8 +17,9 @@ pub(super) struct KernelArgs {
     #[arg(long, value_name = "DEGREES|auto", requires = "bank", conflicts_with_all = ["psf", "code", "method"])]
     #[arg(allow_negative_numbers = true, value_parser = parse_angle)]
     angle: Option<Angle>,
-    /// PSFs of several places of the frame (.toml: rows, columns, psfs row by row), whose codes are interpolated
-    #[arg(long, value_name = "FIELD", requires = "bank", conflicts_with_all = ["angle", "psf", "code", "method"])]
+    /// PSFs of several places of the frame (.toml: rows, columns, psfs row by row), whose codes are interpolated, for models that read
+    /// codes; with --bank
+    #[arg(long, value_name = "FIELD", conflicts_with_all = ["angle", "psf", "code", "method"])]
     field: Option<PathBuf>,
     /// Kernel code itself (.npy)
     #[arg(long, value_name = "CODE", conflicts_with_all = ["bank", "psf", "method"])]

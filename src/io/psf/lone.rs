@@ -2,12 +2,10 @@
 
 use ndarray::{Array3, ArrayView2, Axis};
 
+use crate::core::lone::stands_alone;
+
 /// The least light of a lone pixel that is worth a word, as a share of the peak. One of 0.3 took 11 dB.
 const LEAST: f32 = 0.01;
-
-/// The most light that its neighbours, and what lies opposite of it across the centre, may have as a share of its own: a diffraction order
-/// is spread over some pixels, or has a counterpart.
-const MOST_BESIDE: f32 = 0.1;
 
 /// Deviations of the map's noise that it is above.
 const OVER_NOISE: f64 = 20.0;
@@ -25,22 +23,11 @@ pub(super) fn lone_pixel(planes: &Array3<f32>, noise: [Option<f64>; 3]) -> Optio
 fn lone_in(plane: ArrayView2<'_, f32>, noise: f64) -> Option<((usize, usize), f32)> {
     let (height, width) = plane.dim();
     let peak = plane.iter().copied().fold(0.0, f32::max);
-    let around = |y: usize, x: usize| {
-        let rows = y.saturating_sub(1)..(y + 2).min(height);
-        rows.flat_map(move |row| (x.saturating_sub(1)..(x + 2).min(width)).map(move |column| (row, column)))
-    };
-    let is_lone = |(y, x): (usize, usize), value: f32| {
-        let is_faint = |at: (usize, usize)| plane[at] <= MOST_BESIDE * value;
-        let [opposite_y, opposite_x] =
-            [(y, height), (x, width)].map(|(at, side)| 2 * (side / 2) - at.min(2 * (side / 2)));
-        let is_alone = around(y, x).all(|at| at == (y, x) || is_faint(at));
-        let is_core = y.abs_diff(height / 2).max(x.abs_diff(width / 2)) <= 1;
-        !is_core && is_alone && around(opposite_y.min(height - 1), opposite_x.min(width - 1)).all(is_faint)
-    };
     let bright = plane.indexed_iter().filter(|(_, value)| {
         **value < peak && **value >= LEAST * peak && f64::from(**value) > OVER_NOISE * noise
     });
-    let lone = bright.filter(|(at, value)| is_lone(*at, **value)).map(|(at, value)| (at, value / peak));
+    let is_lone = |at: (usize, usize)| stands_alone(plane, at, [height / 2, width / 2], 1);
+    let lone = bright.filter(|(at, _)| is_lone(*at)).map(|(at, value)| (at, value / peak));
     lone.max_by(|(_, a), (_, b)| a.total_cmp(b))
 }
 

@@ -55,13 +55,26 @@ pub(in crate::restore) fn find_code(
     curves: [ToneCurve; CHANNELS],
     progress: &Progress,
 ) -> Result<(KernelCode, FoundAngle)> {
+    let found = find_angle(image, bank, curves, progress)?;
+    Ok((interpolate_code(&bank.to_codes(), found.angle_deg)?, found))
+}
+
+/// Finds the angle that explains a capture best.
+///
+/// # Errors
+/// Those of [`search_angle`].
+pub(super) fn find_angle(
+    image: &ToneMappedImage,
+    bank: &KernelBank,
+    curves: [ToneCurve; CHANNELS],
+    progress: &Progress,
+) -> Result<FoundAngle> {
     let started = Instant::now();
     let search = search_angle(image, bank, curves, progress)?;
-    let found = FoundAngle {
+    Ok(FoundAngle {
         angle_deg: search.angle_deg,
         nearest: bank.kernel_name(search.best),
         lead: search.lead,
         seconds: started.elapsed().as_secs_f64(),
-    };
-    Ok((interpolate_code(&bank.to_codes(), search.angle_deg)?, found))
+    })
 }

@@ -1,6 +1,7 @@
 //! Finds the rotation of the panel from a capture: the one whose kernel explains the capture best.
 
 mod found;
+mod turned;
 
 use ndarray::{ArrayView3, s};
 
@@ -14,6 +15,7 @@ use crate::core::tone::ToneCurve;
 use super::likelihood::{WindowModel, contrast, corners};
 pub use found::FoundAngle;
 pub(super) use found::find_code;
+pub(super) use turned::TurnedKernel;
 
 /// The largest side of the windows that are looked at.
 const WINDOW_PX: usize = 512;

@@ -124,6 +124,10 @@ pub struct DeconvolutionConfig {
     /// The capture's noise, where it is told and need not be estimated (`joint`).
     #[serde(skip)]
     pub noise: Option<NoiseCurve>,
+    /// What the coding of a JPEG makes wrong, as [`CaptureInfo`](crate::core::capture::CaptureInfo) has it: estimates of noise are no less
+    /// (`joint`).
+    #[serde(skip)]
+    pub coding_error: Option<[f32; CHANNELS]>,
 }
 
 impl Default for DeconvolutionConfig {
@@ -138,6 +142,7 @@ impl Default for DeconvolutionConfig {
             alpha: ToneCurve::default().alpha,
             saturation: [ToneCurve::default().x_max; CHANNELS],
             noise: None,
+            coding_error: None,
         }
     }
 }

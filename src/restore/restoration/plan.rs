@@ -72,7 +72,7 @@ impl Restoration {
 
     /// Bytes that a deconvolution takes, and all else that is held meanwhile.
     fn deconvolution_bytes(&self, size: [usize; 2], config: &DeconvolutionConfig) -> Result<u64> {
-        let psf = self.kernel.needed_psf()?;
+        let psf = self.kernel.sized_psf()?;
         let of_psf = [psf.height(), psf.width()];
         // As the file, as the PSF, and as what it is prepared to.
         let kernel_bytes = 5 * (CHANNELS * size_of::<f32>() * of_psf[0] * of_psf[1]) as u64;

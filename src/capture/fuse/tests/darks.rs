@@ -103,3 +103,29 @@ fn a_dark_frame_without_hot_pixels_is_fine() {
     let fused = fuse(bracket(&scene).with_darks(darks, None).unwrap(), &FuseConfig::default()).unwrap();
     assert_eq!(fused.hot_pixels, Some(0));
 }
+
+/// Twenty pixels of one colour shine in the picture of a point source.
+#[test]
+fn hot_pixels_of_a_point_source_without_dark_frames_are_told() {
+    let source = Array3::from_shape_fn((3, 128, 128), |(_, y, x)| {
+        let squared = (y as f32 - 64.0).powi(2) + (x as f32 - 64.0).powi(2);
+        600.0 * (-squared / 2.0).exp() + 1e-3
+    });
+    let dark = |time: f64| {
+        let mut dark = Array3::zeros(source.dim());
+        (0..20).for_each(|k| dark[[k % 3, 3 * k + 1, 7 * k % 64]] = (0.2 * time) as f32);
+        dark
+    };
+    let pictures = TIMES.map(|time| (source.mapv(|v| v * time as f32) + dark(time)).mapv(|v| v.min(1.0)));
+    let config = FuseConfig { demosaic_linear: true, ..FuseConfig::default() };
+    let told = |bracket: Bracket, config: &FuseConfig| {
+        let said = fuse(bracket, config).unwrap().warnings();
+        said.into_iter().find(|said| said.contains("hot pixels"))
+    };
+    let bracket = || Bracket::new(pictures.to_vec(), &TIMES).unwrap();
+    let said = told(bracket(), &config).unwrap();
+    assert!(said.starts_with("20 of its values stand alone") && said.contains("--dark"), "{said}");
+    assert_eq!(told(bracket(), &FuseConfig::default()), None, "a scene has lone lights");
+    let with_darks = bracket().with_darks(TIMES.map(dark).to_vec(), Some(&TIMES)).unwrap();
+    assert_eq!(told(with_darks, &config), None);
+}

@@ -24,6 +24,9 @@ const OTHER_UNITS: f32 = 5.0;
 /// The same of noise above what a capture shows that may be demosaiced, which hides a part of it.
 const HIDDEN: f32 = 20.0;
 
+/// The part of what a JPEG's quantisation may make wrong that counts as noise: most coefficients of high frequencies are less than a step.
+const CODING_SHARE: f32 = 0.6;
+
 /// Noise that is told, and the one that a capture shows, where they cannot be of the same units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DoubtedNoise {
@@ -128,13 +131,47 @@ pub(super) fn noise_levels<'a>(
             }
         }
         NoiseLevel::agree(&mut levels);
+        if let Some(errors) = config.coding_error {
+            for (channel, (level, error)) in levels.iter_mut().zip(errors).enumerate() {
+                *level = known(channel).noise_level_with(level, |light| deviation_of_coding(error, light));
+            }
+        }
     }
     Ok(levels)
 }
 
+/// The deviation of light that was encoded by the curve of sRGB with this error.
+fn deviation_of_coding(error: f32, light: f32) -> f32 {
+    /// Up to this light, the curve is straight.
+    const STRAIGHT: f32 = 0.003_130_8;
+    // The derivative of the curve's inverse: 2.4·((v + 0.055)/1.055)^1.4/1.055 where light is ((v + 0.055)/1.055)^2.4.
+    let slope = if light <= STRAIGHT { 1.0 / 12.92 } else { 2.4 / 1.055 * light.powf(1.4 / 2.4) };
+    CODING_SHARE * error * slope
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::super::Method;
     use super::*;
+    use ndarray::Array3;
+
+    /// A flat grey shows none, whatever the coding took of it.
+    #[test]
+    fn the_coding_of_a_jpeg_is_noise_that_it_hides() {
+        let image = LinearImage::from_planes(Array3::from_elem((CHANNELS, 64, 64), 0.2)).unwrap();
+        let psf = Psf::from_energy(Array3::ones((CHANNELS, 3, 3))).unwrap();
+        let told = |coding_error| {
+            let config =
+                DeconvolutionConfig { coding_error, ..DeconvolutionConfig::of_method(Method::Joint) };
+            CaptureNoise::of(&image, &psf, &config, [64, 64]).unwrap().relative()
+        };
+        assert!(told(None).iter().all(|noise| *noise <= NOISE_FREE));
+        // Of values of 0.2, the curve of sRGB rises by 1 / 0.89.
+        let [red, green, blue] = told(Some([0.02, 0.01, 0.02]));
+        let expected = CODING_SHARE * 0.01 * 0.89 / (0.2 + 0.25);
+        assert!((green / expected - 1.0).abs() < 0.02, "{green} {expected}");
+        assert!((red / green - 2.0).abs() < 1e-3 && (blue / red - 1.0).abs() < 1e-3);
+    }
 
     #[test]
     fn noise_of_other_units_is_doubted_and_no_other() {

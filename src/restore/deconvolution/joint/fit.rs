@@ -150,6 +150,14 @@ impl<'a> Fit<'a> {
         squares
     }
 
+    /// `w·h(A s)`.
+    pub(super) fn seen(&self, light: &Array2<f32>) -> Loan<'_, Array2<f32>> {
+        let [mut image, mut seen] = [(); 2].map(|()| self.lend_frame());
+        self.blur.apply(light, &mut image);
+        self.high_pass.pass(&image, &mut seen);
+        seen
+    }
+
     /// `w·h(y − A s)`, and the sum of its squares.
     pub(super) fn residual(&self, light: &Array2<f32>) -> (Loan<'_, Array2<f32>>, f64) {
         let [mut left, mut residual] = [(); 2].map(|()| self.lend_frame());

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::effort::takes_few_steps;
 use super::fit::{Fit, Places, grown};
 use super::frame::{Blur, row};
+use super::seen::part_surely_seen;
 use crate::core::error::Result;
 use crate::core::progress::Progress;
 
@@ -59,6 +60,14 @@ const BELIEVED: f64 = 1e-4;
 /// above saturation have 0.003 to 0.012 in some colours, and are restored 2 to 14 dB better from the level.
 const IMPLAUSIBLE: f64 = 0.002;
 const WIDESPREAD: f64 = 0.1;
+
+/// The part of a frame that suns, and lamps as small, take at most. Windows and skies take more: of a lobby and of skies 0.005 to 0.009
+/// shines by the fit, and what that makes of them costs up to 8 dB.
+const LARGEST_SUN: f64 = 2e-3;
+
+/// The light of a pixel of a sun at least, over the level, and how many pixels beside what shines may be part of it.
+const SUN: f32 = 200.0;
+const BESIDE_SUN_PX: usize = 3;
 
 /// Halvings that find the plausible part of a light.
 const HALVINGS: usize = 8;
@@ -127,6 +136,12 @@ impl Clipped<'_> {
         if misfit <= CONVINCING * fit.misfit(&at_level) {
             return (light, misfit);
         }
+        if let Some(part) = self.part_seen(fit, &light, &at_level) {
+            // Light that is none below the level gathers some of the scene's detail.
+            let light = &at_level + &(narrow(part) * &(&light - &at_level));
+            let misfit = fit.misfit(&light);
+            return (light, misfit);
+        }
         let Some(plausible) = self.plausible(fit, &light, &at_level) else { return (light, misfit) };
         let misfit = fit.misfit(&plausible);
         (plausible, misfit)
@@ -136,7 +151,45 @@ impl Clipped<'_> {
     /// not that it is believed whatever else there is. Windows shine all over.
     pub(super) fn is_convincing(&self, light: &Array2<f32>) -> bool {
         let (fit, level) = (self.fit(), self.at_level());
-        self.shining(&(light - &level)) <= WIDESPREAD && fit.misfit(light) <= CONVINCING * fit.misfit(&level)
+        self.shining(&(light - &level)) <= WIDESPREAD
+            && (fit.misfit(light) <= CONVINCING * fit.misfit(&level)
+                || self.part_seen(&fit, light, &level).is_some())
+    }
+
+    /// Whether a light is that of suns, or of lamps as small, whose flare is surely seen.
+    pub(super) fn is_of_suns(&self, light: &Array2<f32>) -> bool {
+        self.part_seen(&self.fit(), light, &self.at_level()).is_some()
+    }
+
+    /// A light with none at pixels that the flare of suns saturates, whatever is there: that is painted over, where the level would stay
+    /// as a star.
+    pub(super) fn without_glare(&self, mut light: Array2<f32>) -> Array2<f32> {
+        let at_level = self.at_level();
+        let is_sun = |light: &f32| *light > SUN * self.level;
+        if !light.iter().any(is_sun) || self.part_seen(&self.fit(), &light, &at_level).is_none() {
+            return light;
+        }
+        let (level, more) = (self.level, &light - &at_level);
+        let mut flare = Array2::zeros(self.capture.dim());
+        self.blur.apply(&more, &mut flare);
+        let shines = grown(&more.mapv(|more| more >= level), BESIDE_SUN_PX);
+        let pixels = Zip::from(&mut light).and(&flare).and(&shines).and(self.saturated);
+        pixels.par_for_each(|light, flare, shines, saturated| {
+            if *saturated && *flare >= level && !*shines {
+                *light = 0.0;
+            }
+        });
+        light
+    }
+
+    /// How much of what a light has above the level is seen in the capture, where it comes from a small part of the frame and its flare is
+    /// surely seen, however little it is beside the scene's own detail.
+    fn part_seen(&self, fit: &Fit<'_>, light: &Array2<f32>, at_level: &Array2<f32>) -> Option<f64> {
+        let more = light - at_level;
+        if shining_pixels(&more) > LARGEST_SUN * more.len() as f64 {
+            return None;
+        }
+        part_surely_seen(&fit.seen(&more), &fit.residual(at_level).0)
     }
 
     /// The level at which they saturate for the light of all saturated pixels.
@@ -181,10 +234,8 @@ impl Clipped<'_> {
 
     /// The share of the saturated pixels that a light comes from, as if all of those were alike.
     fn shining(&self, light: &Array2<f32>) -> f64 {
-        let sum: f64 = light.iter().map(|light| f64::from(*light)).sum();
-        let of_squares: f64 = light.iter().map(|light| f64::from(*light).powi(2)).sum();
         let saturated = self.saturated.iter().filter(|saturated| **saturated).count();
-        sum.powi(2) / of_squares.max(f64::MIN_POSITIVE) / saturated as f64
+        shining_pixels(light) / saturated as f64
     }
 
     /// What one flare is brighter than the capture, and another beside it, over the brightness, in pixels that are not hidden and where
@@ -236,13 +287,27 @@ impl Clipped<'_> {
     }
 }
 
+/// The number of pixels that a light comes from, as if all of them were alike.
+pub(super) fn shining_pixels(light: &Array2<f32>) -> f64 {
+    let sum: f64 = light.iter().map(|light| f64::from(*light)).sum();
+    let of_squares: f64 = light.iter().map(|light| f64::from(*light).powi(2)).sum();
+    sum.powi(2) / of_squares.max(f64::MIN_POSITIVE)
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "a part of light")]
+fn narrow(value: f64) -> f32 {
+    value as f32
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::frame::Frame;
     use super::super::tests::panel_psf;
     use super::*;
     use crate::core::fft::TransformPrecision;
+    use crate::core::rng::stream;
     use crate::restore::deconvolution::Border;
+    use rand::RngExt as _;
 
     const LEVEL: f32 = 16.0;
 
@@ -335,6 +400,39 @@ mod tests {
             light[[10, 8]] = 1e4 * LEVEL;
             let part = believed(&light)[[10, 8]] / light[[10, 8]];
             assert!((0.01..0.5).contains(&part), "{part}");
+        });
+    }
+
+    /// Beside leaves in the sun the flare explains little, and what it is brighter than the capture by is more than noise.
+    #[test]
+    fn the_light_of_a_sun_is_believed_in_a_scene_that_drowns_its_flare() {
+        let mut rng = stream(4, "leaves");
+        let leaves = Array2::from_shape_simple_fn((22, 22), || rng.random_range(0.02..3.0f32));
+        Lamp::of_scene(|y, x| match (y, x) {
+            (30..32, 36..38) => 1000.0 * LEVEL,
+            _ => leaves[[y / 3, x / 3]],
+        })
+        .with(|clipped, squared, _| {
+            let (fit, at_level) = (clipped.fit(), clipped.at_level());
+            let light = clipped.measure(squared, &Progress::default()).unwrap().light;
+            assert!(fit.misfit(&light) > CONVINCING * fit.misfit(&at_level), "explains much");
+            let part = light.sum() / (4000.0 * LEVEL);
+            assert!((0.7..1.4).contains(&part), "{part}");
+        });
+    }
+
+    /// What the glare of a sun saturates is painted over, and windows stay.
+    #[test]
+    fn glare_is_taken_away_and_windows_are_not() {
+        Lamp::new(30_000.0).with(|clipped, squared, count| {
+            let light = clipped.measure(squared, &Progress::default()).unwrap().light;
+            let without = clipped.without_glare(light.clone());
+            let pairs = without.iter().zip(&light).zip(clipped.saturated);
+            let taken = pairs.filter(|((without, _), saturated)| **saturated && **without <= 0.0).count();
+            assert!(2 * taken > count, "{taken} of {count}");
+            assert!(without.sum() > 0.9 * light.sum());
+            let modest = clipped.at_level() * 3.0;
+            assert_eq!(clipped.without_glare(modest.clone()), modest);
         });
     }
 

@@ -86,6 +86,12 @@ impl<'a> Known<'a> {
             None => NoiseLevel::estimate(self.capture, known, left),
         }
     }
+
+    /// That noise, but no less than this deviation of the channel's light anywhere.
+    pub(super) fn noise_level_with(&self, noise: &NoiseLevel, least: impl Fn(f32) -> f32) -> NoiseLevel {
+        let known = (self.config.alpha, saturated_from(self.level()));
+        NoiseLevel::told(self.capture, known, least).or_more(noise)
+    }
 }
 
 /// The light of a channel's saturated pixels.

@@ -30,6 +30,9 @@ const MOST_MEASURED_REDUCED: f64 = 0.03;
 /// much of a small frame.
 const MOST_LOOKED_AT: f64 = 0.2;
 
+/// The share up to which it is looked for as that of a sun, which is small and whose flare is surely seen.
+const MOST_GLARE: f64 = 0.5;
+
 /// How much more of the misfit light found at half the resolution may leave than light that was spread at full: the fit clings to the
 /// scene's detail, and what it makes of that needs more steps. A workshop gains 7 dB by it.
 const SPREAD_CREDIT: f64 = 1.03;
@@ -115,6 +118,7 @@ fn throws_flare(psf: ArrayView2<'_, f32>) -> bool {
 enum Belief {
     Always,
     IfConvincing,
+    IfOfSuns,
     Never,
 }
 
@@ -124,6 +128,7 @@ impl Belief {
         match share {
             share if share <= most => Self::Always,
             share if share <= MOST_LOOKED_AT => Self::IfConvincing,
+            share if share <= MOST_GLARE => Self::IfOfSuns,
             _ => Self::Never,
         }
     }
@@ -203,6 +208,7 @@ impl Saturated<'_> {
         let is_believed = |light: &Array2<f32>| match belief {
             Belief::Always => true,
             Belief::IfConvincing => clipped.is_convincing(light),
+            Belief::IfOfSuns => clipped.is_of_suns(light),
             Belief::Never => false,
         };
         let unknown = |coarse: Option<Array2<f32>>| {
@@ -215,7 +221,7 @@ impl Saturated<'_> {
         }
         match coarse {
             Some(light) if is_large(frame) && is_believed(&light) => {
-                let light = clipped.corrected(light, progress)?;
+                let light = clipped.without_glare(clipped.corrected(light, progress)?);
                 Ok(Found { light, is_measured: true, is_coarse: true })
             }
             Some(light) if is_large(frame) => Ok(unknown(Some(light))),
@@ -233,7 +239,7 @@ impl Saturated<'_> {
                     return Ok(unknown(coarse));
                 }
                 let is_coarse = best.is_some();
-                let light = if is_coarse { coarse.unwrap_or(light) } else { light };
+                let light = clipped.without_glare(if is_coarse { coarse.unwrap_or(light) } else { light });
                 Ok(Found { light, is_measured: true, is_coarse })
             }
         }
@@ -268,7 +274,10 @@ impl Saturated<'_> {
             scene = sharp;
         }
         drop(blur);
-        of_pixels.write(saturated, &mut scene);
+        // Where the glare of suns saturates what is there, it stays as it is painted.
+        let or_painted = |place: [usize; 2], light: f32| if light > 0.0 { light } else { scene[place] };
+        let light = of_pixels.map(saturated, or_painted);
+        light.write(saturated, &mut scene);
         for plane in [&mut inverse_brightness, brightness] {
             let pixels = Zip::from(frame.cut_mut(plane)).and(saturated);
             pixels.par_for_each(|value, saturated| *value = if *saturated { 0.0 } else { *value });

@@ -43,6 +43,7 @@ pub(super) mod pose;
 mod prior;
 mod refine;
 mod relief;
+mod seen;
 mod smooth;
 mod sums;
 mod uncertainty;

@@ -127,6 +127,12 @@ impl NoiseLevel {
         Self { overall: knots[knots.len() / 2].1, knots }
     }
 
+    /// At each brightness the larger one of two deviations.
+    pub(crate) fn or_more(self, other: &Self) -> Self {
+        let knots = self.knots.into_iter().map(|(level, noise)| (level, noise.max(other.at(level.exp()))));
+        Self { knots: knots.collect(), overall: self.overall.max(other.overall) }
+    }
+
     /// The deviation at a brightness, `y + α`.
     pub(crate) fn at(&self, brightness: f32) -> f32 {
         let level = brightness.ln();

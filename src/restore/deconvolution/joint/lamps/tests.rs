@@ -88,7 +88,8 @@ fn a_sun_is_measured_whatever_share_of_the_frame_its_glare_saturates() {
         assert_eq!(share > MOST_MEASURED, side == 48, "{share}");
         assert!(share < MOST_LOOKED_AT && is_measured && (part - 1.0).abs() < 0.1, "{share} {part}");
     }
-    assert!(Belief::of(0.1, 0.04) == Belief::IfConvincing && Belief::of(0.3, 0.04) == Belief::Never);
+    let beliefs = [0.03, 0.1, 0.3, 0.6].map(|share| Belief::of(share, 0.04));
+    assert_eq!(beliefs, [Belief::Always, Belief::IfConvincing, Belief::IfOfSuns, Belief::Never]);
 }
 
 /// What its flare does not reach has no part in the light of a lamp: it is the same in what is cut out around it.

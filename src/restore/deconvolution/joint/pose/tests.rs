@@ -216,6 +216,15 @@ fn what_is_saturated_for_a_large_part_tells_nothing() {
     }
 }
 
+/// Of a wall of windows any pose may be the best.
+#[test]
+fn light_from_all_over_tells_nothing() {
+    let places = [30.0, 80.0, 130.0];
+    let windows: Vec<_> = places.iter().flat_map(|y| places.map(|x| (*y, x, 6.0, 20.0 * LEVEL))).collect();
+    let found = search(&capture(&scene(&windows), &panel([0.3, 0.004]), LEVEL), LEVEL);
+    assert_eq!(found, Err(UntoldPose::Wide));
+}
+
 /// Light that is clipped by a hair has no flare that could be told from the scene's detail.
 #[test]
 fn weak_flare_tells_nothing() {

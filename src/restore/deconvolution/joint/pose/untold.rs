@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{FURTHEST, MOST_SATURATED, USELESS_SIGMA};
+use super::{FURTHEST, LARGEST_LAMPS, MOST_SATURATED, USELESS_SIGMA};
 
 /// Why a capture does not tell the pose of its panel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -11,6 +11,8 @@ pub enum UntoldPose {
     NoLamps,
     /// So much of it is saturated that it is no lamps.
     MuchSaturated,
+    /// Its light comes from so large a part of it that it is no lamps.
+    Wide,
     /// What its lamps throw over their surroundings does not stand out of the scene's detail.
     WeakFlare,
     /// The best pose is beyond those that are looked for.
@@ -33,6 +35,11 @@ impl fmt::Display for UntoldPose {
             Self::MuchSaturated => {
                 write!(f, "{:.0} % of it and more are saturated, which are no lamps", 100.0 * MOST_SATURATED)
             }
+            Self::Wide => write!(
+                f,
+                "its light comes from more than {} % of the frame, as from windows, which are no lamps",
+                100.0 * LARGEST_LAMPS
+            ),
             Self::WeakFlare => write!(f, "the flare of its lamps does not stand out of the scene"),
             Self::Far => {
                 let [turn_deg, scale] = FURTHEST;
