@@ -218,7 +218,8 @@ impl Restored {
     pub(super) fn new(image: AnyImage, info: Option<CaptureInfo>, curve: ToneCurve) -> Self {
         Self {
             image,
-            info,
+            // What is restored was not coded.
+            info: info.map(|info| CaptureInfo { coding_error: None, ..info }),
             angle: None,
             curve,
             alpha: None,
@@ -304,5 +305,23 @@ impl Restored {
     pub fn into_photograph(self) -> Result<Photograph> {
         let (curve, info) = (self.curve, self.info.unwrap_or_default());
         photograph(self.image.into_linear(curve), &info, curve.x_max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array3;
+
+    #[test]
+    fn what_a_jpeg_made_wrong_is_not_said_of_what_is_restored() {
+        let info = CaptureInfo {
+            saturation: Some([1.0; CHANNELS]),
+            coding_error: Some([0.01; CHANNELS]),
+            ..CaptureInfo::default()
+        };
+        let image = LinearImage::from_planes(Array3::zeros((CHANNELS, 4, 5))).unwrap();
+        let restored = Restored::new(AnyImage::Linear(image), Some(info.clone()), ToneCurve::default());
+        assert_eq!(restored.info, Some(CaptureInfo { coding_error: None, ..info }));
     }
 }

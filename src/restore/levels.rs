@@ -218,8 +218,6 @@ pub(super) fn info_of(
     found: Option<[f32; CHANNELS]>,
     shines_above: bool,
 ) -> Option<CaptureInfo> {
-    // What is restored was not coded.
-    let info = info.map(|info| CaptureInfo { coding_error: None, ..info });
     if shines_above {
         return info.map(|info| CaptureInfo { saturation: None, ..info });
     }

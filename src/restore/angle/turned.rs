@@ -55,9 +55,7 @@ impl TurnedKernel {
             return Ok(Self { psf: psf.clone(), nearest_deg, turned_deg: None, beyond: None });
         }
         let turned_deg = angle_deg - nearest_deg;
-        let bounds = angles
-            .iter()
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], a| [low.min(*a), high.max(*a)]);
+        let bounds = range_of(angles);
         let is_within = (bounds[0] - SAME_ANGLE_DEG..=bounds[1] + SAME_ANGLE_DEG).contains(&angle_deg);
         Ok(Self {
             psf: rotate(psf, turned_deg)?,
@@ -96,6 +94,12 @@ impl Restoration {
     }
 }
 
+/// The smallest and the largest of some angles.
+fn range_of<'a>(angles: impl IntoIterator<Item = &'a f64>) -> [f64; 2] {
+    let none = [f64::INFINITY, f64::NEG_INFINITY];
+    angles.into_iter().fold(none, |[low, high], angle| [low.min(*angle), high.max(*angle)])
+}
+
 /// Looks closer at an angle that was found among the kernels of a bank, with kernels turned to angles beside it, as long as the outermost
 /// of them is the best.
 fn refined(
@@ -106,8 +110,7 @@ fn refined(
 ) -> Result<FoundAngle> {
     let started = Instant::now();
     let mut angle_deg = coarse.angle_deg;
-    let bounds = |[low, high]: [f64; 2], angle: &f64| [low.min(*angle), high.max(*angle)];
-    let [low, high] = bank.angles_deg.iter().flatten().fold([f64::INFINITY, f64::NEG_INFINITY], bounds);
+    let [low, high] = range_of(bank.angles_deg.iter().flatten());
     for _ in 0..MOST_CLOSER_LOOKS {
         let angles = BESIDE_DEG.map(|beside| angle_deg + beside);
         let psfs =

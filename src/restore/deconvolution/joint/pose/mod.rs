@@ -107,7 +107,7 @@ const LEAST_LIGHT_TO_NOISE: f64 = 80.0;
 const MOST_SATURATED: f64 = 0.3;
 
 /// The part of a frame that its lamps take at most, as if all of their light were alike: of ten captures that take more, most of rooms and
-/// of streets by day, eight would tell poses that are wrong by 4 to 40 deviations, and of twelve that take less one does.
+/// of streets by day, eight would tell poses that are wrong by 4 to 31 deviations, and of twelve that take less one does.
 const LARGEST_LAMPS: f64 = 0.015;
 
 /// How a capture was taken, for [`find_pose`].
