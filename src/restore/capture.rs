@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::deconvolution::{DoubtedNoise, NOISE_FREE};
-use super::{Contradiction, FoundAngle, Lamp, LampOutside, PoseEstimate, Unlike};
+use super::{Contradiction, FoundAngle, Lamp, LampOutside, LateralColour, PoseEstimate, Unlike};
 use crate::capture::{Developed, Pictures, SCENE_BRACKET, Told, names_of};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
@@ -55,6 +55,8 @@ pub struct Restored {
     pub unlike: Option<Unlike>,
     /// By how much the PSF was moved, where the flare of the capture tells it.
     pub pose: Option<PoseEstimate>,
+    /// How far the lens draws red and blue from green, where that was seen.
+    pub lateral_colour: Option<LateralColour>,
     /// Whether it is grey and was restored with the PSF of grey light.
     pub through_grey: bool,
     /// Height and width of the windows that it was restored in, where a device had no memory for larger ones.
@@ -80,9 +82,17 @@ enum Light {
 /// The brightest light of a capture: its square is far below the largest number of 32 bits still.
 const BRIGHTEST: f32 = 1e18;
 
-/// Refuses light that no number could be computed with.
+/// Refuses light that no number could be computed with, and what is no light.
 fn check_brightness(file: &Path, image: &AnyImage) -> Result<()> {
     match image {
+        AnyImage::Linear(image) if image.max() < 0.0 => Err(Error::format(
+            file,
+            format!(
+                "holds no light: all of its values are negative, {} at most; a black level above the picture's was taken away, or the sign \
+                 is wrong",
+                image.max()
+            ),
+        )),
         AnyImage::Linear(image) if image.max() > BRIGHTEST => Err(Error::format(
             file,
             format!(
@@ -231,6 +241,7 @@ impl Restored {
             contradiction: None,
             unlike: None,
             pose: None,
+            lateral_colour: None,
             through_grey: false,
             relative_noise: None,
             smaller_windows: None,
@@ -312,6 +323,18 @@ impl Restored {
 mod tests {
     use super::*;
     use ndarray::Array3;
+
+    #[test]
+    fn what_is_no_light_is_refused() {
+        let image = |value: f32| {
+            AnyImage::Linear(LinearImage::from_planes(Array3::from_elem((CHANNELS, 4, 5), value)).unwrap())
+        };
+        let check = |value: f32| check_brightness(Path::new("capture.exr"), &image(value));
+        assert!(check(0.0).is_ok() && check(0.5).is_ok());
+        let message = check(-0.5).unwrap_err().to_string();
+        assert!(message.contains("capture.exr") && message.contains("-0.5 at most"), "{message}");
+        assert!(check(1e19).unwrap_err().to_string().contains("1e19"));
+    }
 
     #[test]
     fn what_a_jpeg_made_wrong_is_not_said_of_what_is_restored() {

@@ -7,13 +7,11 @@ use serde::Serialize;
 
 use super::angle::FoundAngle;
 use super::capture::{Capture, Restored};
-use super::deconvolution::{
-    Border, CaptureNoise, LampOutside, Relieved, Solution, doubt_told_noise, solve, solve_window,
-    without_lamps_outside,
-};
+use super::deconvolution::{Border, CaptureNoise, LampOutside, Solution, doubt_told_noise};
 use super::guard::{Gentle, Guard, Left};
 use super::highlights::blend_highlights;
 use super::lamps::{Lamp, find_lamps};
+use super::lateral::{Lateral, LateralColour};
 use super::levels::{
     corrected_levels, doubted_levels, find_levels_below, info_of, is_surpassed, reached_levels,
 };
@@ -21,6 +19,7 @@ use super::memory::MemoryPlan;
 use super::planes::{PlaneConfig, planes_of};
 use super::restoration::Restoration;
 use super::shining::shining;
+use super::solved::Solved;
 use super::unexplained::Unexplained;
 use super::{FromOutside, Pose, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside};
 use crate::core::error::Result;
@@ -63,58 +62,13 @@ impl Default for GuidedOptions {
     }
 }
 
-/// What a deconvolution makes of a capture with a PSF.
-pub(super) struct Solved {
-    /// The capture without the flare of lamps outside of it, if there are any.
-    relieved: Option<LinearImage>,
-    lamps_outside: Vec<LampOutside>,
-    solution: Solution,
-}
-
-impl Solved {
-    /// Of a capture, or of a window of one, whose noise is then that of all of it.
-    pub(super) fn of(
-        (image, psf): (&LinearImage, &Psf),
-        (planes, has_none_outside): (&PlaneConfig, bool),
-        noise: Option<&CaptureNoise>,
-        progress: &Progress,
-    ) -> Result<Self> {
-        let config = planes.deconvolution();
-        let relieved = match has_none_outside {
-            true => None,
-            false => without_lamps_outside(image, psf, &config, &progress.without_bars())?,
-        };
-        let (relieved, lamps_outside) = match relieved {
-            Some(Relieved { image, lamps }) => (Some(image), lamps),
-            None => (None, Vec::new()),
-        };
-        let image = relieved.as_ref().unwrap_or(image);
-        let solution = match noise {
-            Some(noise) => solve_window((image, psf), &config, noise, progress)?,
-            None => solve(image, psf, &config, progress)?,
-        };
-        Ok(Self { relieved, lamps_outside, solution })
-    }
-
-    /// The scene.
-    pub(super) fn scene(&self) -> &LinearImage {
-        &self.solution.scene
-    }
-
-    /// The sum of squares of what the scene leaves of the capture.
-    fn left(&self) -> f64 {
-        self.solution.residual.iter().map(|left| f64::from(*left).powi(2)).sum()
-    }
-}
-
 /// What a network is given to correct.
 struct Given<'a> {
     image: &'a LinearImage,
-    tone_mapped: &'a ToneMappedImage,
     psf: &'a Psf,
     planes: &'a PlaneConfig,
-    /// Whether lamps shine, in the frame or beyond it.
-    has_lamps: bool,
+    /// Whether lamps throw much light over the frame, from in it or beyond.
+    has_flare: bool,
 }
 
 /// What saturates the channels of a capture.
@@ -130,6 +84,7 @@ pub(super) struct Levels {
 #[derive(Default)]
 struct Corrected {
     angle: Option<FoundAngle>,
+    lateral_colour: Option<LateralColour>,
     smaller_windows: Option<[usize; 2]>,
 }
 
@@ -147,8 +102,16 @@ pub(super) struct Whole<'a> {
     pub(super) planes: PlaneConfig,
     /// φ∘C of the result.
     pub(super) told: ToneCurve,
-    /// Where it is restored in parts: its noise, and whether it has lamps.
-    pub(super) parted: Option<(CaptureNoise, bool)>,
+    /// Where it is restored in parts.
+    pub(super) parted: Option<Parted>,
+}
+
+/// What is known of all of a capture that is restored in parts.
+pub(super) struct Parted {
+    pub(super) noise: CaptureNoise,
+    pub(super) has_lamps: bool,
+    /// Whether these throw much light.
+    pub(super) has_flare: bool,
 }
 
 /// What a capture, or a part of it, was restored to.
@@ -163,6 +126,7 @@ pub(super) struct Part {
     pub(super) lamps: Vec<Lamp>,
     pub(super) lamps_outside: Vec<LampOutside>,
     pub(super) angle: Option<FoundAngle>,
+    pub(super) lateral_colour: Option<LateralColour>,
     pub(super) smaller_windows: Option<[usize; 2]>,
 }
 
@@ -206,6 +170,7 @@ impl Restoration {
             lamps,
             lamps_outside,
             angle,
+            lateral_colour,
             smaller_windows,
         } = part;
         let info = info_of(info, found, shines_above);
@@ -220,6 +185,7 @@ impl Restoration {
             doubted_noise,
             contradiction: unexplained.contradiction(),
             pose: posed.pose,
+            lateral_colour,
             smaller_windows,
             ..restored
         })
@@ -234,7 +200,7 @@ impl Restoration {
         Whole { planes, parted, .. }: &Whole<'_>,
         progress: &Progress,
     ) -> Result<Solved> {
-        let noise = parted.as_ref().map(|(noise, _)| noise);
+        let noise = parted.as_ref().map(|parted| &parted.noise);
         let solved = Solved::of((image, &posed.psf), (planes, posed.has_none_outside), noise, progress)?;
         if posed.pose.is_some() && solved.solution.is_clean() {
             // Where no noise hides it, what is left of the capture says which of the two is right.
@@ -258,26 +224,28 @@ impl Restoration {
     ) -> Result<Part> {
         let Whole { model, planes, told, parted } = whole;
         let PlaneConfig { curve, saturation, .. } = *planes;
+        let has_flare = solved.has_flare(&image, saturation);
         let Solved { relieved, lamps_outside, solution } = solved;
         let image = relieved.unwrap_or(image);
         let unexplained = Unexplained::of(&image, &solution, (saturation, curve.alpha));
         let lamps = find_lamps(&image, &solution.scene, saturation);
         let (options, relative_noise) = (self.guided_options(), solution.relative_noise);
         let light = options.filter(|options| options.true_highlights).map(|_| solution.scene.clone());
-        let tone_mapped = curve.tone_map(&image);
-        let are_elsewhere = parted.as_ref().is_some_and(|(_, has_lamps)| *has_lamps);
+        let [are_elsewhere, shine_elsewhere] =
+            parted.as_ref().map_or([false; 2], |parted| [parted.has_lamps, parted.has_flare]);
         let has_lamps = are_elsewhere || !(lamps.is_empty() && lamps_outside.is_empty());
         let is_told = !has_lamps && self.border() != Border::Smooth;
-        let (restored, Corrected { angle, smaller_windows }) =
+        let (restored, Corrected { angle, lateral_colour, smaller_windows }) =
             if is_told && solution.is_clean() && options.is_some() {
                 // Nothing hides the scene: what is told to 70 dB would lose up to 4 by a correction.
                 (curve.tone_map_in_place(solution.scene), Corrected::default())
             } else {
-                let given = Given { image: &image, tone_mapped: &tone_mapped, psf, planes, has_lamps };
+                let has_flare = has_flare || shine_elsewhere;
+                let given = Given { image: &image, psf, planes, has_flare };
                 self.correct((model, plan), given, solution, progress)?
             };
         let level = saturation.map(|white| curve.compress(saturated_from(white)));
-        let restored = blend_highlights(restored, &tone_mapped, level, self.highlights())?;
+        let restored = blend_highlights(restored, &curve.tone_map(&image), level, self.highlights())?;
         let mut shines_above = false;
         let image = match light {
             Some(light) => {
@@ -302,6 +270,7 @@ impl Restoration {
             lamps,
             lamps_outside,
             angle,
+            lateral_colour,
             smaller_windows,
         })
     }
@@ -310,24 +279,37 @@ impl Restoration {
     fn correct(
         &self,
         (model, plan): (&Model, &MemoryPlan),
-        Given { image, tone_mapped, psf, planes: config, has_lamps }: Given<'_>,
+        Given { image, psf, planes: config, has_flare }: Given<'_>,
         solution: Solution,
         progress: &Progress,
     ) -> Result<(ToneMappedImage, Corrected)> {
         let PlaneConfig { curve, border, saturation, .. } = *config;
         let (left, is_clean) = (Left::of(solution.residual.view()), solution.is_clean());
         // What lamps leave is more than is told.
-        let is_told = solution.is_told && !has_lamps;
+        let is_told = solution.is_told && !has_flare;
         let gentle = Gentle::of(image, &solution.scene, saturation);
         let mut planes = planes_of(model.architecture().planes(), (image, psf), Some(solution), config)?;
-        let (conditioning, angle) = self.conditioning(model, tone_mapped, saturation, progress)?;
-        let given = (tone_mapped, &mut planes);
+        let mut shown = curve.tone_map(image);
+        let (conditioning, angle) = self.conditioning(model, &shown, saturation, progress)?;
+        let lateral = self.guided_options().and(planes.get(Plane::Deconvolved));
+        let lateral = lateral.and_then(|deconvolved| Lateral::find(deconvolved, image, saturation));
+        let lateral_colour = lateral.as_ref().map(Lateral::furthest);
+        let mut aligned = None;
+        if let Some(lateral) = lateral {
+            let (image, how) = lateral.align(shown, &mut planes)?;
+            (shown, aligned) = (image, Some(how));
+        }
         let (mut restored, smaller_windows) =
-            self.restore_mirrored((model, plan), given, conditioning, progress)?;
+            self.restore_mirrored((model, plan), (&shown, &mut planes), conditioning, progress)?;
+        drop(shown);
+        // What lies a few pixels beside is as good for limits of neighbourhoods.
         let [deconvolved, outside, deviation] =
             [Plane::Deconvolved, Plane::Outside, Plane::Noise].map(|plane| planes.take(plane));
         drop(planes);
-        if let (Some(options), Some(deconvolved)) = (self.guided_options(), deconvolved) {
+        if let (Some(options), Some(mut deconvolved)) = (self.guided_options(), deconvolved) {
+            if let Some(aligned) = aligned {
+                [restored, deconvolved] = aligned.bring_back(restored, deconvolved)?;
+            }
             let deviation = deviation.as_ref().filter(|_| is_told);
             // A capture without noise tells the scene better than a network that takes light from around the frame out of it: 24 views
             // of panoramas have 0.8 dB more so, and 24 painted ones 0.3.
@@ -346,7 +328,7 @@ impl Restoration {
             restored = shining(restored, &deconvolved, image, saturation)?;
             restored = guard.refine(&deconvolved, restored, options.refine)?;
         }
-        Ok((restored, Corrected { angle, smaller_windows }))
+        Ok((restored, Corrected { angle, lateral_colour, smaller_windows }))
     }
 
     /// The PSF as the panel stands in a capture.

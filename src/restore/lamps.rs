@@ -5,6 +5,7 @@ use std::fmt;
 use ndarray::Zip;
 use serde::Serialize;
 
+use super::areas::visit_areas;
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::saturation::saturated_from;
 
@@ -29,39 +30,32 @@ pub(super) fn find_lamps(
     scene: &LinearImage,
     saturation: [f32; CHANNELS],
 ) -> Vec<Lamp> {
-    let (height, width) = (capture.height(), capture.width());
     let from = saturation.map(saturated_from);
     let [red, green, blue] = [0, 1, 2].map(|channel| capture.channel(channel));
     let is_saturated =
         |red: &f32, green: &f32, blue: &f32| *red >= from[0] || *green >= from[1] || *blue >= from[2];
-    let mut todo = Zip::from(red).and(green).and(blue).par_map_collect(is_saturated);
+    let saturated = Zip::from(red).and(green).and(blue).par_map_collect(is_saturated);
     let light = scene.planes();
-    let (mut lamps, mut area) = (Vec::new(), Vec::new());
-    let mut start = 0;
-    loop {
-        let rest = &todo.as_slice().expect("planes are contiguous")[start..];
-        let Some(next) = rest.iter().position(|is_todo| *is_todo) else { break };
-        start += next;
-        let first = (start / width, start % width);
-        todo[first] = false;
-        area.clear();
-        area.push(first);
-        let mut next = 0;
-        while let Some(&(y, x)) = area.get(next) {
-            next += 1;
-            for y in y.saturating_sub(1)..=(y + 1).min(height - 1) {
-                for x in x.saturating_sub(1)..=(x + 1).min(width - 1) {
-                    if std::mem::take(&mut todo[[y, x]]) {
-                        area.push((y, x));
-                    }
-                }
-            }
-        }
-        let value = |channel: usize, (y, x): (usize, usize)| light[[channel, y, x]];
-        lamps.push(Lamp::of_area(&area, value, saturation));
-    }
+    let mut lamps = Vec::new();
+    let value = |channel: usize, (y, x): (usize, usize)| light[[channel, y, x]];
+    visit_areas(saturated, |area| lamps.push(Lamp::of_area(area, value, saturation)));
     lamps.sort_by(|a, b| b.total().total_cmp(&a.total()));
     lamps
+}
+
+/// The part of a scene's light that is above what saturates its capture, where that is saturated.
+pub(super) fn light_of_lamps(capture: &LinearImage, scene: &LinearImage, saturation: [f32; CHANNELS]) -> f64 {
+    let (mut above, mut all) = (0.0, 0.0);
+    for (channel, white) in saturation.into_iter().enumerate() {
+        let from = saturated_from(white);
+        for (captured, light) in capture.channel(channel).iter().zip(scene.channel(channel)) {
+            all += f64::from(light.max(0.0));
+            if *captured >= from {
+                above += f64::from((light - white).max(0.0));
+            }
+        }
+    }
+    above / all.max(f64::MIN_POSITIVE)
 }
 
 impl Lamp {

@@ -4,6 +4,7 @@ use ndarray::{Array3, ArrayView2};
 use rayon::prelude::*;
 
 use super::plateau::{Plateau, Top, shared_white};
+use super::shaded::shaded_whites;
 use crate::core::capture::{CaptureInfo, is_level};
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::saturation::saturated_from;
@@ -137,13 +138,35 @@ pub(super) fn cut_levels(image: &LinearImage) -> [Option<(f32, usize)>; CHANNELS
         let shared = narrow[channel].filter(|plateau| is_one_value && plateau.is_cut(top, together));
         shared.into_iter().chain(top.plateau()).reduce(Plateau::or_wide)
     });
+    let found: [Option<Plateau>; CHANNELS] = std::array::from_fn(|channel| {
+        found[channel].or_else(|| found.iter().flatten().find_map(|other| tops[channel].plateau_as(other)))
+    });
+    // All of a plateau saturates.
+    let level = |brightest: f32, darkest: f32| brightest.min(darkest / saturated_from(1.0));
+    let shaded = match found.iter().all(|found| found.is_some_and(|found| !found.is_wide())) {
+        true => [None; CHANNELS],
+        false => shaded_whites(
+            std::array::from_fn(|channel| image.channel(channel)),
+            tops.each_ref().map(Top::brightest),
+        ),
+    };
     std::array::from_fn(|channel| {
-        let as_another = || found.iter().flatten().find_map(|other| tops[channel].plateau_as(other));
-        // All of a plateau saturates.
-        found[channel].or_else(as_another).map(|Plateau { brightest, darkest, pixels, .. }| {
-            (brightest.min(darkest / saturated_from(1.0)), pixels)
-        })
+        let found = found[channel];
+        let shaded = shaded[channel]
+            .filter(|_| found.is_none_or(|found| found.is_wide()))
+            .map(|white| (level(white.level, white.darkest), white.pixels));
+        shaded.or_else(|| found.map(|found| (level(found.brightest, found.darkest), found.pixels)))
     })
+}
+
+/// Whether the brightest pixels of a linear capture end like a cut about this light, as those do whose shading was taken out after they were
+/// clipped: above it, and further above in the corners.
+pub fn saturates_about(image: &LinearImage, level: f32) -> bool {
+    /// What the gain of a shading adds where the first pixels saturate.
+    const ABOUT: std::ops::Range<f32> = 0.95..1.5;
+    let found = cut_levels(image);
+    found.iter().any(Option::is_some)
+        && found.iter().flatten().all(|(found, _)| ABOUT.contains(&(found / level)))
 }
 
 /// Finds the white level of each channel of a capture, as [`cut_levels`]. Channels without one saturate above all that they show: at

@@ -7,7 +7,7 @@ use super::tiles::{FRAMES_IN_MEMORY, Tiling, WindowCost};
 use crate::core::bytes::format_bytes;
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
-use crate::network::Model;
+use crate::network::{Kind, Model};
 
 /// The memory that is taken where nothing else is said.
 const USUAL_BYTES: u64 = 2 << 30;
@@ -186,6 +186,8 @@ pub(super) fn floats_of_pixel(kernel: &KernelKnowledge, model: &Model) -> usize 
         0 => 0,
         planes => CHANNELS * (planes + 1),
     };
+    // Red and blue of the deconvolved image, while they are brought to green.
+    let planes = if model.architecture().kind == Kind::Guided { planes + CHANNELS - 1 } else { planes };
     match (kernel, model.architecture().code_len()) {
         (KernelKnowledge::Field { .. }, Some(code)) => planes + code,
         _ => planes,

@@ -1,6 +1,7 @@
 //! Turns degraded images into restored ones: by a network, tile by tile, or by deconvolution.
 
 mod angle;
+mod areas;
 mod capture;
 mod cells;
 mod config;
@@ -15,6 +16,7 @@ mod guided;
 mod highlights;
 mod kernel;
 mod lamps;
+mod lateral;
 mod levels;
 mod likelihood;
 mod memory;
@@ -29,7 +31,10 @@ mod pose;
 mod precision;
 mod resemblance;
 mod restoration;
+mod shaded;
 mod shining;
+mod solved;
+mod symmetric;
 mod tiles;
 mod unexplained;
 
@@ -46,6 +51,8 @@ pub use grey::psf_seen;
 pub use highlights::{Highlights, blend_highlights};
 pub use kernel::{Angle, KernelFiles, KernelKnowledge};
 pub use lamps::Lamp;
+pub use lateral::LateralColour;
+pub use levels::saturates_about;
 pub use memory::{MemoryBudget, MemoryPlan};
 pub use notice::Notice;
 pub use planes::{PlaneConfig, make_planes};

@@ -1,6 +1,6 @@
 //! Finds the value at which a channel's brightest pixels end like a cut: what a sensor's white looks like in any units.
 
-use ndarray::ArrayView2;
+use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
 
 /// Pixels that have to be equally bright to be taken for saturated, in a channel or, where all channels end at the same value, in
@@ -99,6 +99,11 @@ impl Top {
         }
     }
 
+    /// Its brightest value but for outliers; zero of a dark channel.
+    pub(super) fn brightest(&self) -> f32 {
+        self.values.get(self.outliers).or(self.values.last()).copied().unwrap_or(0.0)
+    }
+
     /// Its plateau, if it ends like a cut.
     pub(super) fn plateau(&self) -> Option<Plateau> {
         SPREADS
@@ -153,6 +158,16 @@ impl Top {
 }
 
 impl Plateau {
+    /// Its pixels in a plane.
+    pub(super) fn mask(&self, plane: &Array2<f32>) -> Array2<bool> {
+        plane.mapv(|value| value >= self.darkest && value <= self.brightest)
+    }
+
+    /// Whether its pixels differ by more than rounding and compression make them.
+    pub(super) fn is_wide(&self) -> bool {
+        self.darkest < (1.0 - SPREADS[1].0) * self.brightest
+    }
+
     /// The same, or a wider one that has many more pixels.
     pub(super) fn or_wide(self, wide: Self) -> Self {
         let has_many_more = wide.pixels as f32 >= MANY_MORE * self.pixels as f32;
@@ -263,8 +278,6 @@ fn least_of_top(plane: ArrayView2<'_, f32>, count: usize) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use ndarray::Array2;
-
     use super::*;
 
     const SIDE: usize = 128;

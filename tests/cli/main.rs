@@ -33,6 +33,7 @@ mod instruction_sets;
 mod json_events;
 mod kernel_choice;
 mod layers;
+mod lens;
 mod margin;
 mod measure;
 mod negatives;

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 use udc::core::saturation::saturated_from;
 use udc::core::tone::ToneCurve;
 use udc::io::{AnyImage, DomainTag, Format};
-use udc::restore::{Capture, Lamp, PoseEstimate, Restored};
+use udc::restore::{Capture, Lamp, PoseEstimate, Restored, saturates_about};
 
 use super::Session;
 
@@ -39,7 +39,7 @@ pub(super) fn tell_of_level(session: &Session, name: &str, capture: &Capture, x_
     }
     let above = image.as_slice().iter().filter(|light| **light > ABOVE * x_max).count();
     let share = above as f64 / image.as_slice().len() as f64;
-    if share > MUCH_ABOVE {
+    if share > MUCH_ABOVE && !saturates_about(image, x_max) {
         session.warn(format_args!(
             "{name}: {:.2} % of its light is above --x-max {x_max}, up to {}, and is taken for saturated; a capture that saturates there \
              has none: tell the light at which it saturates, or leave --x-max out",
@@ -114,7 +114,7 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     let found = json!({
         "lamps": brightest(lamps), "lamps-in-all": lamps.len(), "lamps-outside": lamps_outside,
         "saturation": restored.levels, "relative-noise": restored.relative_noise, "pose": pose, "angle": angle,
-        "contradiction": restored.contradiction, "unlike": restored.unlike,
+        "lateral-colour": restored.lateral_colour, "contradiction": restored.contradiction, "unlike": restored.unlike,
     });
     session.found(name, found);
     if let Some(levels) = restored.describe_levels() {
@@ -149,6 +149,9 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     }
     if let Some(pose) = &restored.pose {
         session.note(format_args!("{name}: the flare moves the PSF: {pose}"));
+    }
+    if let Some(lateral) = restored.lateral_colour {
+        session.detail(format_args!("{name}: {lateral}"));
     }
     if let Some(noise) = restored.describe_noise() {
         session.detail(format_args!("{name}: {noise}"));

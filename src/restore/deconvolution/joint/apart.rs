@@ -7,8 +7,10 @@
 use std::array;
 
 use half::f16;
+use ndarray::ArrayView2;
 
 use super::super::noise::{BANDS, Detail, of_details};
+use super::interpolation::{Finest, WHITE};
 use super::noise_level::{NOISE_FREE, variance_of};
 use super::places::Place;
 use crate::core::image::{CHANNELS, LinearImage};
@@ -21,6 +23,9 @@ const LEAST_CORRELATION: f64 = 0.05;
 
 /// Colours that have to show noise, for what one has apart may be a scene of that colour.
 const LEAST_COLORS: usize = 2;
+
+/// How many times as much noise as rounding makes what is apart has to be.
+const LEAST_OF_STEPS: f32 = 2.0;
 
 /// Pixels that are looked at to see whether values are steps of a converter, and of how many of them one has to have another's value.
 const LOOKED_AT: usize = 4096;
@@ -63,6 +68,44 @@ pub(super) fn noise_apart(places: &[Place], left: [[f64; BANDS.len()]; CHANNELS]
     (noisy >= LEAST_COLORS).then_some(noise)
 }
 
+/// The same of a capture that shows noise, where its finest detail is shared by all colours, and so is the scene's: gravel, lawn, cloth.
+///
+/// Noise that a picture shares among its colours, as one has of which those were smoothed, is not distinguished from detail by that. There
+/// what is apart is smooth, or no more than the steps of its values.
+pub(super) fn noise_below_detail(
+    places: &[Place],
+    left: [[f64; BANDS.len()]; CHANNELS],
+    (image, alpha): (&LinearImage, f32),
+) -> Option<[f32; CHANNELS]> {
+    if !Finest::of_places(places).is_shared {
+        return None;
+    }
+    let noise = noise_apart(places, left)?;
+    let [finest, fine] = [0, 1].map(|band| variances_apart(places, band));
+    let is_white = |channel: usize| finest[channel] >= f64::from(WHITE[0]) * fine[channel];
+    let is_above_steps =
+        |channel: usize| noise[channel] >= LEAST_OF_STEPS * noise_of_steps(image.channel(channel), alpha);
+    let white = (0..CHANNELS).filter(|channel| is_white(*channel) && is_above_steps(*channel)).count();
+    (white >= LEAST_COLORS).then_some(noise)
+}
+
+/// The standard deviation of `ln(y + α)` that rounding gives to values in middling brightness.
+fn noise_of_steps(plane: ArrayView2<'_, f32>, alpha: f32) -> f32 {
+    /// The rounding of a step of one is evenly spread.
+    const OF_STEP: f32 = 0.288_675;
+    /// What differs by less is the same, but for rounding to 32 bits.
+    const LEAST_STEP: f32 = 1e-6;
+    let step = plane.len() / LOOKED_AT + 1;
+    let mut values: Vec<f32> = plane.iter().step_by(step).copied().filter(|value| *value > 0.0).collect();
+    values.sort_unstable_by(f32::total_cmp);
+    let quarter = values.len() / 4;
+    let middle = &values[quarter..values.len() - quarter];
+    let Some(median) = middle.get(middle.len() / 2) else { return 0.0 };
+    let steps = middle.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > LEAST_STEP * median);
+    let least = steps.fold(f32::INFINITY, f32::min);
+    if least.is_finite() { OF_STEP * least / (median + alpha) } else { 0.0 }
+}
+
 /// The variance of what each colour has apart from the others in a band.
 fn variances_apart(places: &[Place], band: usize) -> [f64; CHANNELS] {
     let mut moduli = Vec::with_capacity(places.len());
@@ -91,7 +134,7 @@ fn variances_apart(places: &[Place], band: usize) -> [f64; CHANNELS] {
 
 #[cfg(test)]
 mod tests {
-    use ndarray::Array3;
+    use ndarray::{Array2, Array3, Axis, s};
     use rand_distr::{Distribution, StandardNormal};
 
     use super::super::places::places_of;
@@ -130,6 +173,38 @@ mod tests {
         for (found, expected) in found(&capture(noise)).unwrap().into_iter().zip(noise) {
             assert!((found / expected - 1.0).abs() < 0.2, "{found} {expected}");
         }
+    }
+
+    #[test]
+    fn noise_below_detail_is_told_of_what_is_white_and_above_steps() {
+        let noise = [0.01, 0.02, 0.015];
+        let found = |capture: &LinearImage| {
+            let places = places_of(capture, ALPHA, [16.0; CHANNELS]);
+            noise_below_detail(&places, [[0.2, 0.5, 0.8]; CHANNELS], (capture, ALPHA))
+        };
+        let steps = |of_white: f32, capture: &LinearImage| {
+            capture.map_values(move |value| (value * of_white).round() / of_white)
+        };
+        // Four times the noise.
+        let detailed = capture(noise.map(|noise| 0.5 * noise));
+        for (found, expected) in found(&steps(4095.0, &detailed)).unwrap().into_iter().zip(noise) {
+            assert!((found / (0.5 * expected) - 1.0).abs() < 0.3, "{found} {expected}");
+        }
+        assert_eq!(found(&capture([0.05; CHANNELS])), None, "noise, not detail");
+        // Detail alone, as of a picture whose colours were smoothed.
+        assert_eq!(found(&steps(255.0, &capture([0.0; CHANNELS]))), None, "steps alone");
+        let mut smooth = detailed.clone().into_planes();
+        let green = smooth.index_axis(Axis(0), 1).to_owned();
+        for channel in [0, 2] {
+            let ratio = smooth.index_axis(Axis(0), channel).to_owned() / &green;
+            let mean = Array2::from_shape_fn(ratio.dim(), |(y, x)| {
+                let [rows, columns] =
+                    [(y, 128), (x, 160)].map(|(at, end)| at.saturating_sub(2)..(at + 3).min(end));
+                ratio.slice(s![rows, columns]).mean().unwrap()
+            });
+            smooth.index_axis_mut(Axis(0), channel).assign(&(mean * &green));
+        }
+        assert_eq!(found(&LinearImage::from_planes(smooth).unwrap()), None, "colours that were smoothed");
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::fmt;
 use rayon::prelude::*;
 
 use super::super::DeconvolutionConfig;
-use super::apart::{is_quantised, noise_apart};
+use super::apart::{is_quantised, noise_apart, noise_below_detail};
 use super::frame::Frame;
 use super::interpolation::Finest;
 use super::known::Known;
@@ -105,11 +105,6 @@ impl CaptureNoise {
     pub(in crate::restore) fn relative(&self) -> [f32; CHANNELS] {
         std::array::from_fn(|channel| self.levels[channel].middle())
     }
-
-    /// Whether there is none, as in computed captures.
-    pub(in crate::restore) fn is_clean(&self) -> bool {
-        self.relative().iter().all(|sigma| *sigma <= NOISE_FREE)
-    }
 }
 
 /// The noise of all channels, as seen through a PSF in a frame.
@@ -123,10 +118,15 @@ pub(super) fn noise_levels<'a>(
     let of_channel = |channel: usize| known(channel).noise_level(left[channel]);
     let mut levels: Vec<_> = (0..CHANNELS).into_par_iter().map(of_channel).collect();
     if config.noise.is_none() {
-        if NoiseLevel::hide(&levels) && is_quantised(image) {
+        if is_quantised(image) {
             // The capture has noise, and detail as fine.
             let places = places_of(image, config.alpha, config.saturation.map(saturated_from));
-            if let Some(apart) = noise_apart(&places, std::array::from_fn(|channel| left[channel])) {
+            let left = std::array::from_fn(|channel| left[channel]);
+            let apart = match NoiseLevel::hide(&levels) {
+                true => noise_apart(&places, left),
+                false => noise_below_detail(&places, left, (image, config.alpha)),
+            };
+            if let Some(apart) = apart {
                 levels.iter_mut().zip(apart).for_each(|(level, noise)| *level = NoiseLevel::even(noise));
             }
         }

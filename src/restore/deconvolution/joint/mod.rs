@@ -140,10 +140,7 @@ pub(super) fn solve(
         Some(noise) => noise.finest,
         None => Finest::of(image, config.alpha, config.saturation.map(saturated_from)),
     };
-    let is_told = is_noisy && {
-        let Finest { is_interpolated, is_shared, .. } = finest();
-        !is_interpolated || is_shared
-    };
+    let is_told = is_noisy && finest().is_measured;
     let residual = colors.residual(&scene)?;
     Ok(Solution { scene: LinearImage::from_planes(scene)?, deviation, residual, relative_noise, is_told })
 }

@@ -217,14 +217,18 @@ pub fn find_pose(
     Search::new(scene, &movable, progress)?.run(config.least_move)
 }
 
-/// The channel with most saturated pixels, and how many those are: green, where it is as good as others.
+/// The channel with most saturated pixels, and how many those are: green, where it is as good as others. Where that is more than lamps have,
+/// the middle one: a sky that one colour clips in is no lamp.
 fn channel_of_lamps(capture: &LinearImage, config: &PoseConfig) -> (usize, usize) {
     let count = |channel: usize| {
         let from = saturated_from(config.saturation[channel]);
         capture.channel(channel).iter().filter(|y| **y >= from).count()
     };
-    let counts = [0, 2, 1].map(|channel| (channel, count(channel)));
-    counts.into_iter().max_by_key(|(_, count)| *count).unwrap_or_default()
+    let mut counts = [0, 2, 1].map(|channel| (channel, count(channel)));
+    counts.sort_by_key(|(_, count)| *count);
+    let [_, middle, most] = counts;
+    let is_large = most.1 as f64 > LARGEST_LAMPS * capture.channel(most.0).len() as f64;
+    if is_large { middle } else { most }
 }
 
 /// How far to go from here, where `step` is the best: the last step was best to be `before`, and `taken` was gone.

@@ -261,3 +261,19 @@ fn steps_that_turn_back_or_are_short_end_in_the_middle() {
     assert_eq!(secant(0.2, (0.1, 0.1)), 0.2 * FURTHER, "steps become longer");
     assert_eq!([secant(0.2, (0.0, 0.0)), secant(0.0, (0.1, 0.1))], [0.2, 0.0]);
 }
+
+#[test]
+fn a_sky_that_one_colour_clips_in_is_no_lamp() {
+    let config = PoseConfig { alpha: 0.25, saturation: [1.0; CHANNELS], least_move: [0.0; 2] };
+    let capture = |blue: usize| {
+        LinearImage::from_planes(Array3::from_shape_fn((CHANNELS, 40, 50), |(channel, y, x)| match channel {
+            2 if y < blue => 1.0,
+            1 if y == 30 && x < 20 => 1.0,
+            0 if y == 30 && x < 10 => 1.0,
+            _ => 0.5,
+        }))
+        .unwrap()
+    };
+    assert_eq!(channel_of_lamps(&capture(0), &config), (1, 20));
+    assert_eq!(channel_of_lamps(&capture(10), &config), (1, 20), "blue has 500");
+}
