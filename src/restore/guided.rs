@@ -67,6 +67,8 @@ struct Given<'a> {
     image: &'a LinearImage,
     psf: &'a Psf,
     planes: &'a PlaneConfig,
+    /// Whether it is a part of a capture: in some hundred pixels, tiles of three colours beside each other seem to lie apart by a lens.
+    is_part: bool,
     /// Whether lamps throw much light over the frame, from in it or beyond.
     has_flare: bool,
 }
@@ -241,7 +243,7 @@ impl Restoration {
                 (curve.tone_map_in_place(solution.scene), Corrected::default())
             } else {
                 let has_flare = has_flare || shine_elsewhere;
-                let given = Given { image: &image, psf, planes, has_flare };
+                let given = Given { image: &image, psf, planes, is_part: parted.is_some(), has_flare };
                 self.correct((model, plan), given, solution, progress)?
             };
         let level = saturation.map(|white| curve.compress(saturated_from(white)));
@@ -279,7 +281,7 @@ impl Restoration {
     fn correct(
         &self,
         (model, plan): (&Model, &MemoryPlan),
-        Given { image, psf, planes: config, has_flare }: Given<'_>,
+        Given { image, psf, planes: config, is_part, has_flare }: Given<'_>,
         solution: Solution,
         progress: &Progress,
     ) -> Result<(ToneMappedImage, Corrected)> {
@@ -291,7 +293,7 @@ impl Restoration {
         let mut planes = planes_of(model.architecture().planes(), (image, psf), Some(solution), config)?;
         let mut shown = curve.tone_map(image);
         let (conditioning, angle) = self.conditioning(model, &shown, saturation, progress)?;
-        let lateral = self.guided_options().and(planes.get(Plane::Deconvolved));
+        let lateral = self.guided_options().and(planes.get(Plane::Deconvolved)).filter(|_| !is_part);
         let lateral = lateral.and_then(|deconvolved| Lateral::find(deconvolved, image, saturation));
         let lateral_colour = lateral.as_ref().map(Lateral::furthest);
         let mut aligned = None;

@@ -5,7 +5,6 @@ use ndarray::{Array3, Axis, Zip, s};
 use super::deconvolution::{Border, LampOutside, noise_of_capture};
 use super::guided::{Part, Parted, Posed, Whole};
 use super::lamps::find_lamps;
-use super::lateral::LateralColour;
 use super::memory::MemoryPlan;
 use super::restoration::Restoration;
 use super::solved::Solved;
@@ -87,8 +86,7 @@ impl Restoration {
         let quiet = progress.without_bars();
         if has_lamps {
             // The part with most of what the pose is told by says whether it is right, and whether lamps throw much light.
-            let brightest = parts.tiles().map(|tile| cut(image, tile)).max_by_key(saturated);
-            if let Some(part) = brightest {
+            if let Some(part) = parts.tiles().map(|tile| cut(image, tile)).max_by_key(saturated) {
                 let solved = self.solved(&part, posed, &whole, &quiet)?;
                 let has_flare = solved.has_flare(&part, whole.planes.saturation);
                 whole.parted = whole.parted.map(|parted| Parted { has_flare, ..parted });
@@ -99,7 +97,6 @@ impl Restoration {
         let mut light = Array3::<f32>::zeros(image.planes().dim());
         let (mut joined, mut curve) = (Array3::<f32>::zeros(image.planes().dim()), None);
         let (mut shines_above, mut lamps_outside, mut smaller_windows) = (false, Vec::new(), None);
-        let mut lateral_colour: Option<LateralColour> = None;
         let mut unexplained = Unexplained::default();
         let bar = progress.bar((size[0] * size[1]) as u64, PIXELS);
         for tile in parts.tiles() {
@@ -112,10 +109,6 @@ impl Restoration {
             let part = alone.restore_part((&whole, &plan), (window, psf), solved, &quiet)?;
             lamps_outside.extend(part.lamps_outside.into_iter().filter_map(|lamp| outside(lamp, tile, size)));
             smaller_windows = smaller_windows.or(part.smaller_windows);
-            lateral_colour = match (lateral_colour, part.lateral_colour) {
-                (Some(one), Some(other)) => Some(one.and(other)),
-                (one, other) => one.or(other),
-            };
             curve = part.image.curve();
             shines_above |= part.shines_above;
             unexplained = unexplained.and(part.unexplained);
@@ -136,7 +129,7 @@ impl Restoration {
             lamps,
             lamps_outside,
             angle: None,
-            lateral_colour,
+            lateral_colour: None,
             smaller_windows,
         })
     }

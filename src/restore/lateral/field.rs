@@ -63,7 +63,7 @@ impl Field {
     }
 
     /// Where the colour has what green has at (y, x).
-    pub(super) fn from_green(&self, y: f64, x: f64) -> [f64; 2] {
+    pub(super) fn on_colour(&self, y: f64, x: f64) -> [f64; 2] {
         // Distances change by some hundredths from pixel to pixel at most: two steps leave thousandths.
         let [down, along] = self.at([y, x]);
         let [down, along] = self.at([y - down, x - along]);
@@ -162,7 +162,7 @@ mod tests {
                 "{at:?} {found:?} {right:?}"
             );
         }
-        let [y, x] = field.from_green(30.0, 200.0);
+        let [y, x] = field.on_colour(30.0, 200.0);
         let there = field.on_green(y, x);
         assert!((there[0] - 30.0).hypot(there[1] - 200.0) < 1e-3, "{there:?}");
         assert!(field.is_further_than(0.5, 6.0));

@@ -109,7 +109,7 @@ impl Lateral {
         for (field, colour) in self.fields.iter().zip(COLOURS) {
             let Some(field) = field else { continue };
             let mut plane = planes.index_axis_mut(Axis(0), colour);
-            let mut moved = resampled(plane.view(), |y, x| field.from_green(y, x), sampling);
+            let mut moved = resampled(plane.view(), |y, x| field.on_colour(y, x), sampling);
             moved.par_mapv_inplace(|value| value.max(0.0));
             plane.assign(&moved);
         }
@@ -141,13 +141,6 @@ impl Aligned {
             deconvolved.assign(&own);
         }
         Ok([ToneMappedImage::from_planes(restored)?, ToneMappedImage::from_planes(deconvolved)?])
-    }
-}
-
-impl LateralColour {
-    /// The greater distances of two parts of a capture.
-    pub(super) fn and(self, other: Self) -> Self {
-        Self { red_px: self.red_px.max(other.red_px), blue_px: self.blue_px.max(other.blue_px) }
     }
 }
 
@@ -208,8 +201,8 @@ mod tests {
         let mut planes: Planes = std::iter::once((Plane::Deconvolved, image.clone())).collect();
         let (shown, aligned) = lateral.align(image.clone(), &mut planes).unwrap();
         let inner = |image: &ToneMappedImage, other: &ToneMappedImage| {
-            let pairs = image.planes().slice(ndarray::s![0, 8..-8, 8..-8]).to_owned()
-                - other.planes().slice(ndarray::s![0, 8..-8, 8..-8]);
+            let pairs = image.planes().slice(ndarray::s![0, 8..152, 8..184]).to_owned()
+                - other.planes().slice(ndarray::s![0, 8..152, 8..184]);
             (pairs.iter().map(|error| error * error).sum::<f32>() / pairs.len() as f32).sqrt()
         };
         let [before, after] = [inner(&image, &aligned_image), inner(&shown, &aligned_image)];
@@ -230,15 +223,6 @@ mod tests {
         assert!(found(&flat).is_none());
         let small = ToneMappedImage::from_planes(Array3::from_elem((CHANNELS, 5, 7), 0.3)).unwrap();
         assert!(found(&small).is_none());
-    }
-
-    /// Squares of three colours beside each other, which lie apart without a lens.
-    #[test]
-    fn colours_of_other_things_are_left_where_they_are() {
-        let planes = Array3::from_shape_fn((CHANNELS, 272, 432), |(channel, y, x)| {
-            if (y / 17 + x / 23) % 3 == channel { 0.8 } else { 0.3 + 0.05 * (y as f32 / 9.0).sin() }
-        });
-        assert!(found(&ToneMappedImage::from_planes(planes).unwrap()).is_none());
     }
 
     #[test]

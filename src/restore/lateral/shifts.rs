@@ -35,6 +35,11 @@ const ALIKE: f64 = 4.0;
 /// The part of the colour's detail in a block that green has to explain: patterns of other colours lie elsewhere without a lens.
 const LEAST_EXPLAINED: f64 = 0.5;
 
+/// The share of blocks in which green has to explain more of the colour where it is moved, of those where it is moved by so many pixels:
+/// of noise about a half are such.
+const MOST_BETTER: f64 = 0.75;
+const LEAST_MOVE_PX: f64 = 0.3;
+
 /// How many times less smoothed pixels tell than independent ones.
 const SMOOTHED: f64 = 9.0;
 
@@ -81,7 +86,38 @@ impl Pair<'_> {
                 }
             }
         }
-        Some(field)
+        self.is_better_with(&field, &corners).then_some(field)
+    }
+
+    /// Whether green explains more of the colour in most blocks where it is moved by a field.
+    fn is_better_with(&self, field: &Field, corners: &[[usize; 2]]) -> bool {
+        let gains = corners.par_iter().filter_map(|corner| {
+            let by = field.at(middle_of(*corner)).map(|by| by.clamp(-MOST_PX, MOST_PX));
+            if by[0].hypot(by[1]) < LEAST_MOVE_PX {
+                return None;
+            }
+            Some(self.unexplained(*corner, by)? < self.unexplained(*corner, [0.0; 2])?)
+        });
+        let gains: Vec<bool> = gains.collect();
+        let better = gains.iter().filter(|is_better| **is_better).count();
+        better as f64 >= MOST_BETTER * gains.len() as f64
+    }
+
+    /// The squares of what a multiple of green, moved by a shift, and a constant leave of the colour in a block.
+    fn unexplained(&self, corner: [usize; 2], by: [f64; 2]) -> Option<f64> {
+        let known = self.known(corner);
+        let [green, colour] =
+            [&self.green, &self.colour].map(|(plane, ..)| smoothed(window(*plane, corner), 1));
+        let moved = Moved::of(&green, by);
+        let mut sums = [0.0; 6];
+        for (i, _) in known.iter().enumerate().filter(|(_, known)| **known) {
+            let (y, x) = (i / BLOCK_PX + MARGIN_PX, i % BLOCK_PX + MARGIN_PX);
+            let ([_, g, ..], c) = (moved.terms(y, x), f64::from(colour[y * WINDOW_PX + x]));
+            sums.iter_mut().zip([1.0, g, c, g * g, g * c, c * c]).for_each(|(sum, value)| *sum += value);
+        }
+        let [n, g, c, gg, gc, cc] = sums;
+        let [of_green, shared, of_colour] = [gg - g * g / n, gc - g * c / n, cc - c * c / n];
+        (n > 0.0 && of_green > 0.0).then(|| of_colour - shared * shared / of_green)
     }
 
     /// What the block of this first pixel tells.
@@ -90,7 +126,7 @@ impl Pair<'_> {
     /// `c(x) = b + a·g(x + u + s) ≈ b + a·g(x + u) + a·sᵀ∇g(x + u)` by least squares, s the shift beside the field u (Lucas and Kanade,
     /// IJCAI 1981), both colours smoothed.
     fn shift(&self, corner: [usize; 2], field: &Field, passes: usize) -> Option<Shift> {
-        let middle = corner.map(|first| first as f64 + (BLOCK_PX as f64 - 1.0) / 2.0);
+        let middle = middle_of(corner);
         let known = self.known(corner);
         let count = known.iter().filter(|known| **known).count();
         if (count as f64) < LEAST_SHARE * (BLOCK_PX * BLOCK_PX) as f64 {
@@ -195,6 +231,10 @@ fn corners(size: [usize; 2]) -> Vec<[usize; 2]> {
         .filter(|(row, column)| is_taken(*row, *column))
         .map(|(row, column)| [row, column].map(|block| MARGIN_PX + block * BLOCK_PX))
         .collect()
+}
+
+fn middle_of(corner: [usize; 2]) -> [f64; 2] {
+    corner.map(|first| first as f64 + (BLOCK_PX as f64 - 1.0) / 2.0)
 }
 
 fn window(plane: ArrayView2<'_, f32>, [top, left]: [usize; 2]) -> Vec<f32> {
