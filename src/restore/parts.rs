@@ -283,7 +283,8 @@ mod tests {
         let [whole, joined] = [whole, joined].map(super::super::Restored::into_tone_mapped);
         let differences = Zip::from(&whole.planes()).and(&joined.planes()).map_collect(|a, b| (a - b).abs());
         let of_squares = differences.iter().map(|d| d * d).sum::<f32>() / differences.len() as f32;
-        assert!(of_squares.sqrt() < 4e-3, "{}", of_squares.sqrt());
+        // Lamps are a larger part of the light of a part, by which corrections are limited.
+        assert!(of_squares.sqrt() < 5e-3, "{}", of_squares.sqrt());
     }
 
     #[test]
