@@ -112,8 +112,6 @@ pub(super) struct Whole<'a> {
 pub(super) struct Parted {
     pub(super) noise: CaptureNoise,
     pub(super) has_lamps: bool,
-    /// Whether these throw much light.
-    pub(super) has_flare: bool,
 }
 
 /// What a capture, or a part of it, was restored to.
@@ -226,15 +224,13 @@ impl Restoration {
     ) -> Result<Part> {
         let Whole { model, planes, told, parted } = whole;
         let PlaneConfig { curve, saturation, .. } = *planes;
-        let has_flare = solved.has_flare(&image, saturation);
-        let Solved { relieved, lamps_outside, solution } = solved;
+        let Solved { relieved, lamps_outside, has_flare, solution } = solved;
         let image = relieved.unwrap_or(image);
         let unexplained = Unexplained::of(&image, &solution, (saturation, curve.alpha));
         let lamps = find_lamps(&image, &solution.scene, saturation);
         let (options, relative_noise) = (self.guided_options(), solution.relative_noise);
         let light = options.filter(|options| options.true_highlights).map(|_| solution.scene.clone());
-        let [are_elsewhere, shine_elsewhere] =
-            parted.as_ref().map_or([false; 2], |parted| [parted.has_lamps, parted.has_flare]);
+        let are_elsewhere = parted.as_ref().is_some_and(|parted| parted.has_lamps);
         let has_lamps = are_elsewhere || !(lamps.is_empty() && lamps_outside.is_empty());
         let is_told = !has_lamps && self.border() != Border::Smooth;
         let (restored, Corrected { angle, lateral_colour, smaller_windows }) =
@@ -242,7 +238,6 @@ impl Restoration {
                 // Nothing hides the scene: what is told to 70 dB would lose up to 4 by a correction.
                 (curve.tone_map_in_place(solution.scene), Corrected::default())
             } else {
-                let has_flare = has_flare || shine_elsewhere;
                 let given = Given { image: &image, psf, planes, is_part: parted.is_some(), has_flare };
                 self.correct((model, plan), given, solution, progress)?
             };

@@ -43,19 +43,14 @@ pub(super) fn find_lamps(
     lamps
 }
 
-/// The part of a scene's light that is above what saturates its capture, where that is saturated.
+/// The sum of a scene's light above what saturates its capture, where that is saturated.
 pub(super) fn light_of_lamps(capture: &LinearImage, scene: &LinearImage, saturation: [f32; CHANNELS]) -> f64 {
-    let (mut above, mut all) = (0.0, 0.0);
-    for (channel, white) in saturation.into_iter().enumerate() {
-        let from = saturated_from(white);
-        for (captured, light) in capture.channel(channel).iter().zip(scene.channel(channel)) {
-            all += f64::from(light.max(0.0));
-            if *captured >= from {
-                above += f64::from((light - white).max(0.0));
-            }
-        }
-    }
-    above / all.max(f64::MIN_POSITIVE)
+    let of_channel = |(channel, white): (usize, f32)| -> f64 {
+        let pixels = capture.channel(channel).into_iter().zip(scene.channel(channel));
+        let saturated = pixels.filter(|(captured, _)| **captured >= saturated_from(white));
+        saturated.map(|(_, light)| f64::from((light - white).max(0.0))).sum()
+    };
+    saturation.into_iter().enumerate().map(of_channel).sum()
 }
 
 impl Lamp {

@@ -6,7 +6,7 @@ use super::deconvolution::{
 use super::lamps::light_of_lamps;
 use super::planes::PlaneConfig;
 use crate::core::error::Result;
-use crate::core::image::{CHANNELS, LinearImage};
+use crate::core::image::LinearImage;
 use crate::core::progress::Progress;
 use crate::core::psf::Psf;
 
@@ -20,6 +20,8 @@ pub(super) struct Solved {
     /// The capture without the flare of lamps outside of it, if there are any.
     pub(super) relieved: Option<LinearImage>,
     pub(super) lamps_outside: Vec<LampOutside>,
+    /// Whether lamps throw much light over the frame, from in it or beyond.
+    pub(super) has_flare: bool,
     pub(super) solution: Solution,
 }
 
@@ -45,7 +47,9 @@ impl Solved {
             Some(noise) => solve_window((image, psf), &config, noise, progress)?,
             None => solve(image, psf, &config, progress)?,
         };
-        Ok(Self { relieved, lamps_outside, solution })
+        let above = light_of_lamps(image, &solution.scene, planes.saturation);
+        let has_flare = !lamps_outside.is_empty() || is_much(above, &solution.scene);
+        Ok(Self { relieved, lamps_outside, has_flare, solution })
     }
 
     /// The scene.
@@ -53,13 +57,14 @@ impl Solved {
         &self.solution.scene
     }
 
-    /// Whether lamps throw much light over the frame, from in it or beyond.
-    pub(super) fn has_flare(&self, image: &LinearImage, saturation: [f32; CHANNELS]) -> bool {
-        !self.lamps_outside.is_empty() || light_of_lamps(image, self.scene(), saturation) > MUCH_LIGHT
-    }
-
     /// The sum of squares of what the scene leaves of the capture.
     pub(super) fn left(&self) -> f64 {
         self.solution.residual.iter().map(|left| f64::from(*left).powi(2)).sum()
     }
+}
+
+/// Whether so much light above what saturates is much of an image's.
+pub(super) fn is_much(above: f64, image: &LinearImage) -> bool {
+    let all: f64 = image.as_slice().iter().map(|light| f64::from(light.max(0.0))).sum();
+    above > MUCH_LIGHT * all
 }

@@ -51,13 +51,32 @@ fn restored(folder: &Path, more: &[&str]) -> (String, String) {
 }
 
 #[test]
-fn colours_that_lie_on_each_other_are_not_told_to_lie_apart() {
+fn colours_that_a_lens_draws_apart_are_told() {
     let scratch = tempfile::tempdir().unwrap();
     let folder = scratch.path();
     let planes = capture_of(folder, "foliage", 1.0);
-    write(folder, planes);
+    write(folder, planes.clone());
     let (said, events) = restored(folder, &[]);
     assert!(!said.contains("the lens draws") && events.contains("\"lateral-colour\":null"), "{said}{events}");
+
+    // Red larger by 1.2 %: 1.6 pixels at the corner.
+    let at = |out: usize| (SIDE as f32 - 1.0) / 2.0 + (out as f32 - (SIDE as f32 - 1.0) / 2.0) / 1.012;
+    let larger = Array3::from_shape_fn(planes.dim(), |(channel, y, x)| {
+        if channel > 0 {
+            return planes[[channel, y, x]];
+        }
+        let (y, x) = (at(y), at(x));
+        let value = |down: usize, along: usize| planes[[0, y as usize + down, x as usize + along]];
+        let (down, along) = (y.fract(), x.fract());
+        (1.0 - down) * ((1.0 - along) * value(0, 0) + along * value(0, 1))
+            + down * ((1.0 - along) * value(1, 0) + along * value(1, 1))
+    });
+    write(folder, larger);
+    let (said, events) = restored(folder, &[]);
+    let px = events.split("\"red-px\":").nth(1).and_then(|rest| rest.split([',', '}']).next());
+    let px: f64 = px.expect("red lies apart").parse().unwrap();
+    assert!((1.2..2.3).contains(&px), "{px}");
+    assert!(said.contains("the lens draws red up to "), "{said}");
 }
 
 #[test]

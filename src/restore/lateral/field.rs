@@ -15,7 +15,7 @@ const ROUNDS: usize = 10;
 /// Distances from a fit, in standard deviations, from which on a block counts less than half.
 const AGREES: f64 = 2.0;
 
-/// Half the squared distance of the middle one of points in a plane whose coordinates have unit variance: `ln 2`.
+/// The squared distance of the middle one of points in a plane whose coordinates have unit variance.
 const MIDDLE_SQUARE: f64 = 2.0 * std::f64::consts::LN_2;
 
 /// What a block of a frame tells: that the colour lies `by` pixels beyond where it was guessed.

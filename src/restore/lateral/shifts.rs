@@ -37,7 +37,7 @@ const LEAST_EXPLAINED: f64 = 0.5;
 
 /// The share of blocks in which green has to explain more of the colour where it is moved, of those where it is moved by so many pixels:
 /// of noise about a half are such.
-const MOST_BETTER: f64 = 0.75;
+const LEAST_BETTER: f64 = 0.75;
 const LEAST_MOVE_PX: f64 = 0.3;
 
 /// How many times less smoothed pixels tell than independent ones.
@@ -100,14 +100,13 @@ impl Pair<'_> {
         });
         let gains: Vec<bool> = gains.collect();
         let better = gains.iter().filter(|is_better| **is_better).count();
-        better as f64 >= MOST_BETTER * gains.len() as f64
+        better as f64 >= LEAST_BETTER * gains.len() as f64
     }
 
     /// The squares of what a multiple of green, moved by a shift, and a constant leave of the colour in a block.
     fn unexplained(&self, corner: [usize; 2], by: [f64; 2]) -> Option<f64> {
         let known = self.known(corner);
-        let [green, colour] =
-            [&self.green, &self.colour].map(|(plane, ..)| smoothed(window(*plane, corner), 1));
+        let [green, colour] = self.smoothed(corner, 1);
         let moved = Moved::of(&green, by);
         let mut sums = [0.0; 6];
         for (i, _) in known.iter().enumerate().filter(|(_, known)| **known) {
@@ -132,8 +131,7 @@ impl Pair<'_> {
         if (count as f64) < LEAST_SHARE * (BLOCK_PX * BLOCK_PX) as f64 {
             return None;
         }
-        let [green, colour] =
-            [&self.green, &self.colour].map(|(plane, ..)| smoothed(window(*plane, corner), passes));
+        let [green, colour] = self.smoothed(corner, passes);
         let moved = Moved::of(&green, field.at(middle).map(|by| by.clamp(-MOST_PX, MOST_PX)));
         let (mut normal, mut alike, mut power) = ([[0.0; TERMS]; TERMS], [0.0; TERMS], 0.0);
         for (i, _) in known.iter().enumerate().filter(|(_, known)| **known) {
@@ -164,6 +162,11 @@ impl Pair<'_> {
         let covariance = [[of_shift(0, 0) + least, of_shift(0, 1)], [of_shift(1, 0), of_shift(1, 1) + least]];
         let information = symmetric::inverse(&covariance)?;
         Some(Shift { at: middle, by: [found[2] / gain, found[3] / gain], information })
+    }
+
+    /// The windows of both colours around a block.
+    fn smoothed(&self, corner: [usize; 2], passes: usize) -> [Vec<f32>; 2] {
+        [&self.green, &self.colour].map(|(plane, ..)| smoothed(window(*plane, corner), passes))
     }
 
     /// The pixels of a block that are far from saturated ones, row by row.

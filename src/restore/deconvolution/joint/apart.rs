@@ -31,14 +31,19 @@ const LEAST_OF_STEPS: f32 = 2.0;
 const LOOKED_AT: usize = 4096;
 const EQUAL_OF: usize = 20;
 
+/// Values of a plane's pixels that are not black, in ascending order.
+fn values_of(plane: ArrayView2<'_, f32>) -> Vec<f32> {
+    let step = plane.len() / LOOKED_AT + 1;
+    let mut values: Vec<f32> = plane.iter().step_by(step).copied().filter(|value| *value > 0.0).collect();
+    values.sort_unstable_by(f32::total_cmp);
+    values
+}
+
 /// Whether values are steps of a sensor's converter, and so have noise: many are equal, which light is not that was computed, unless
 /// it was rounded to half floats.
 pub(super) fn is_quantised(image: &LinearImage) -> bool {
     (0..CHANNELS).all(|channel| {
-        let plane = image.channel(channel);
-        let step = plane.len() / LOOKED_AT + 1;
-        let mut values: Vec<f32> = plane.iter().step_by(step).copied().filter(|value| *value > 0.0).collect();
-        values.sort_unstable_by(f32::total_cmp);
+        let values = values_of(image.channel(channel));
         let equal = values.windows(2).filter(|pair| pair[0].total_cmp(&pair[1]).is_eq()).count();
         let are_half = values.iter().all(|value| f16::from_f32(*value).to_f32().total_cmp(value).is_eq());
         let are_counts = || values.iter().all(|value| value.fract().abs() < f32::EPSILON);
@@ -95,9 +100,7 @@ fn noise_of_steps(plane: ArrayView2<'_, f32>, alpha: f32) -> f32 {
     const OF_STEP: f32 = 0.288_675;
     /// What differs by less is the same, but for rounding to 32 bits.
     const LEAST_STEP: f32 = 1e-6;
-    let step = plane.len() / LOOKED_AT + 1;
-    let mut values: Vec<f32> = plane.iter().step_by(step).copied().filter(|value| *value > 0.0).collect();
-    values.sort_unstable_by(f32::total_cmp);
+    let values = values_of(plane);
     let quarter = values.len() / 4;
     let middle = &values[quarter..values.len() - quarter];
     let Some(median) = middle.get(middle.len() / 2) else { return 0.0 };

@@ -110,6 +110,9 @@ const MOST_SATURATED: f64 = 0.3;
 /// of streets by day, eight would tell poses that are wrong by 4 to 31 deviations, and of twelve that take less one does.
 const LARGEST_LAMPS: f64 = 0.015;
 
+/// How many times the saturated pixels of another colour one has that is saturated alone.
+const ALONE: usize = 10;
+
 /// How a capture was taken, for [`find_pose`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseConfig {
@@ -217,8 +220,8 @@ pub fn find_pose(
     Search::new(scene, &movable, progress)?.run(config.least_move)
 }
 
-/// The channel with most saturated pixels, and how many those are: green, where it is as good as others. Where that is more than lamps have,
-/// the middle one: a sky that one colour clips in is no lamp.
+/// The channel with most saturated pixels, and how many those are: green, where it is as good as others. Where that is more than lamps have
+/// and the others have hardly any, the middle one: a sky that one colour clips in is no lamp.
 fn channel_of_lamps(capture: &LinearImage, config: &PoseConfig) -> (usize, usize) {
     let count = |channel: usize| {
         let from = saturated_from(config.saturation[channel]);
@@ -228,7 +231,8 @@ fn channel_of_lamps(capture: &LinearImage, config: &PoseConfig) -> (usize, usize
     counts.sort_by_key(|(_, count)| *count);
     let [_, middle, most] = counts;
     let is_large = most.1 as f64 > LARGEST_LAMPS * capture.channel(most.0).len() as f64;
-    if is_large { middle } else { most }
+    let is_alone = ALONE * middle.1 < most.1;
+    if is_large && is_alone { middle } else { most }
 }
 
 /// How far to go from here, where `step` is the best: the last step was best to be `before`, and `taken` was gone.

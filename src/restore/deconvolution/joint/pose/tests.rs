@@ -275,5 +275,6 @@ fn a_sky_that_one_colour_clips_in_is_no_lamp() {
         .unwrap()
     };
     assert_eq!(channel_of_lamps(&capture(0), &config), (1, 20));
+    assert_eq!(channel_of_lamps(&capture(3), &config), (2, 150), "blue lamps");
     assert_eq!(channel_of_lamps(&capture(10), &config), (1, 20), "blue has 500");
 }
