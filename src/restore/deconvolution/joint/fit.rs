@@ -62,8 +62,7 @@ impl<'a> Fit<'a> {
         (capture, saturated, brightness): (ArrayView2<'a, f32>, &Array2<bool>, ArrayView2<'_, f32>),
         places: Places<'a>,
     ) -> Self {
-        let around = grown(saturated, GUARD_PX);
-        let known = Zip::from(&around).par_map_collect(|around| if *around { 0.0 } else { 1.0 });
+        let known = Zip::from(&believed(saturated)).par_map_collect(|known| if *known { 1.0 } else { 0.0 });
         let high_pass = HighPass::new(known, brightness, HIGH_PASS_PX);
         Self { blur, capture, places, high_pass, frames: Pool::new(), planes: Pool::new() }
     }
@@ -237,6 +236,13 @@ vectorised! {
         out.iter_mut().zip(gradient).zip(inverse).for_each(|((z, g), p)| *z = p * g);
         dot(out, gradient)
     }
+}
+
+/// The pixels of a capture that tell flare, of those that are saturated.
+pub(super) fn believed(saturated: &Array2<bool>) -> Array2<bool> {
+    let mut around = grown(saturated, GUARD_PX);
+    around.par_mapv_inplace(|is_around| !is_around);
+    around
 }
 
 /// The largest number of a plane, or zero.

@@ -62,19 +62,22 @@ impl<'a> Known<'a> {
         Saturated { frame, capture: self.capture, psf: self.psf, pixels, level: self.level() }
     }
 
-    /// Finds the light of saturated `pixels`, if there are any, after a `coarse` scene at half the resolution where there is one.
+    /// Finds the light of the pixels that are saturated, if there are any, of which `saturated` has those of each colour, after a `coarse`
+    /// scene at half the resolution where there is one.
     pub(super) fn find_light(
         &self,
         frame: &Frame,
-        (pixels, coarse): (&Array2<bool>, Option<ArrayView2<'_, f32>>),
+        (saturated, coarse): (&[Array2<bool>], Option<ArrayView2<'_, f32>>),
         progress: &Progress,
     ) -> Result<Option<Found>> {
+        let pixels = &saturated[self.channel];
         if !pixels.iter().any(|saturated| *saturated) {
             return Ok(None);
         }
         let brightness = self.brightness(&frame.surround(self.capture));
-        let saturated = self.saturated(frame, pixels);
-        let light = saturated.light(frame.cut(&brightness), (coarse, self.is_reduced), progress)?;
+        let of_channel = self.saturated(frame, pixels);
+        let light =
+            of_channel.light((frame.cut(&brightness), saturated), (coarse, self.is_reduced), progress)?;
         Ok(Some(Found { light, brightness }))
     }
 

@@ -33,6 +33,13 @@ const MOST_LOOKED_AT: f64 = 0.2;
 /// The share up to which it is looked for as that of a sun, which is small and whose flare is surely seen.
 const MOST_GLARE: f64 = 0.5;
 
+/// How many times the level light is at most where another colour is not saturated: skies and coloured windows are two or three times
+/// as bright in one colour as in the next. The mean over that light, so that some of its pixels may be brighter.
+const BRIGHTEST_ALONE: f64 = 4.0;
+
+/// Pixels beside those that are saturated in all colours where light may be of a lamp that is: colours are found apart by as many.
+const BESIDE_ALL_PX: usize = 2;
+
 /// How much more of the misfit light found at half the resolution may leave than light that was spread at full: the fit clings to the
 /// scene's detail, and what it makes of that needs more steps. A workshop gains 7 dB by it.
 const SPREAD_CREDIT: f64 = 1.03;
@@ -159,10 +166,11 @@ impl Light {
 impl Saturated<'_> {
     /// Finds the light of saturated pixels: what half the resolution tells or what is measured, whichever explains the spikes
     /// of the flare better; those whose flares do not meet are looked at apart. `coarse` is the scene at half the resolution, if it is
-    /// known, and `brightness` D; where pixels are the means of blocks, the capture `is_reduced`.
+    /// known, and `brightness` D; where pixels are the means of blocks, the capture `is_reduced`. Of colours, this one among them, all
+    /// saturated pixels are `of_colors`.
     pub(super) fn light(
         &self,
-        brightness: ArrayView2<'_, f32>,
+        (brightness, of_colors): (ArrayView2<'_, f32>, &[Array2<bool>]),
         (coarse, is_reduced): (Option<ArrayView2<'_, f32>>, bool),
         progress: &Progress,
     ) -> Result<Light> {
@@ -184,7 +192,7 @@ impl Saturated<'_> {
         let (mut light, mut is_coarse, mut is_measured) = (Array2::zeros(frame.size()), false, true);
         for window in &windows {
             let coarse = coarse.as_ref().map(|light| window.cut(light.view()).to_owned());
-            let found = self.light_in(window, brightness, (coarse, belief), progress)?;
+            let found = self.light_in(window, (brightness, of_colors), (coarse, belief), progress)?;
             light.slice_mut(window.slices()).assign(&found.light);
             is_coarse |= found.is_coarse;
             is_measured &= found.is_measured;
@@ -196,7 +204,7 @@ impl Saturated<'_> {
     fn light_in(
         &self,
         window: &Window,
-        brightness: ArrayView2<'_, f32>,
+        (brightness, of_colors): (ArrayView2<'_, f32>, &[Array2<bool>]),
         (coarse, belief): (Option<Array2<f32>>, Belief),
         progress: &Progress,
     ) -> Result<Found> {
@@ -204,17 +212,19 @@ impl Saturated<'_> {
         let of_window = &frame.like(window.size(), [psf.nrows(), psf.ncols()]);
         let saturated = &window.cut(self.pixels.view()).to_owned();
         let [capture, brightness] = [self.capture, brightness].map(|plane| window.cut(plane));
-        let clipped = Clipped { blur: &of_window.blur(psf)?, capture, saturated, brightness, level };
+        let blur = of_window.blur(psf)?;
+        let clipped = Clipped::new(&blur, (capture, saturated, brightness), level);
         let is_believed = |light: &Array2<f32>| match belief {
             Belief::Always => true,
-            Belief::IfConvincing => clipped.is_convincing(light),
-            Belief::IfOfSuns => clipped.is_of_suns(light),
+            Belief::IfConvincing => {
+                clipped.is_convincing(light) && self.suits_colors(light, (window, of_colors))
+            }
+            Belief::IfOfSuns => clipped.is_of_suns(light) && self.suits_colors(light, (window, of_colors)),
             Belief::Never => false,
         };
-        let unknown = |coarse: Option<Array2<f32>>| {
-            let coarse = coarse.filter(|_| throws_flare(psf));
-            let is_coarse = coarse.is_some();
-            Found { light: coarse.unwrap_or_else(|| clipped.at_level()), is_measured: false, is_coarse }
+        let unknown = |coarse: Option<Array2<f32>>| match throws_flare(psf) {
+            true => Found { is_coarse: coarse.is_some(), light: clipped.shared(coarse), is_measured: false },
+            false => Found { is_coarse: false, light: clipped.at_level(), is_measured: false },
         };
         if belief == Belief::Never {
             return Ok(unknown(coarse));
@@ -243,6 +253,26 @@ impl Saturated<'_> {
                 Ok(Found { light, is_measured: true, is_coarse })
             }
         }
+    }
+
+    /// Whether light in a window suits what there is of other colours, which is known where they are not saturated: a sun saturates all,
+    /// and where one colour of a sky clips, noise and detail may look like the flare of a sun of that colour.
+    fn suits_colors(&self, light: &Array2<f32>, (window, of_colors): (&Window, &[Array2<bool>])) -> bool {
+        let mut in_all = Array2::from_elem(light.dim(), true);
+        for saturated in of_colors {
+            Zip::from(&mut in_all).and(window.cut(saturated.view())).par_for_each(|all, this| *all &= this);
+        }
+        let in_all = grown(&in_all, BESIDE_ALL_PX);
+        let (mut more, mut alone, mut squares_alone) = (0.0, 0.0, 0.0);
+        for (light, in_all) in light.iter().zip(&in_all) {
+            let of_pixel = f64::from(light / self.level - 1.0).max(0.0);
+            more += of_pixel;
+            if !in_all {
+                alone += of_pixel;
+                squares_alone += of_pixel * of_pixel;
+            }
+        }
+        2.0 * alone <= more || squares_alone <= (BRIGHTEST_ALONE - 1.0) * alone
     }
 
     /// The first scene with the light of saturated pixels in it, a whole plane. `brightness` is D, also a plane, and becomes zero at

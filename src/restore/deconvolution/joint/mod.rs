@@ -223,7 +223,7 @@ impl<'a> Given<'a> {
         let around = if is_whole { Around::of(frame, (&known, &noise), progress)? } else { None };
         let find_light = |channel: usize| {
             let coarse = coarse.as_ref().map(|scene| scene.index_axis(Axis(0), channel));
-            known[channel].find_light(frame, (&self.saturated[channel], coarse), progress)
+            known[channel].find_light(frame, (&self.saturated, coarse), progress)
         };
         // Where pixels are the means of blocks, planes are small, and channels are worked on side by side. Where they are large, that of
         // all channels is found before any has other planes.

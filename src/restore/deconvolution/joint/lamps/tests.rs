@@ -1,7 +1,9 @@
 use super::super::tests::panel_psf;
 use super::*;
 use crate::core::fft::TransformPrecision;
+use crate::core::rng::stream;
 use crate::restore::deconvolution::Border;
+use rand::RngExt as _;
 
 const LEVEL: f32 = 16.0;
 
@@ -13,7 +15,7 @@ fn found(
     pixels: &Array2<bool>,
 ) -> (Array2<f32>, bool) {
     let saturated = Saturated { frame, capture: capture.view(), psf: psf.view(), pixels, level: LEVEL };
-    let light = saturated.light(brightness.view(), (None, false), &Progress::default()).unwrap();
+    let light = saturated.light((brightness.view(), &[]), (None, false), &Progress::default()).unwrap();
     let mut plane = Array2::zeros(pixels.dim());
     light.of_pixels.write(pixels, &mut plane);
     (plane, light.is_measured)
@@ -90,6 +92,85 @@ fn a_sun_is_measured_whatever_share_of_the_frame_its_glare_saturates() {
     }
     let beliefs = [0.03, 0.1, 0.3, 0.6].map(|share| Belief::of(share, 0.04));
     assert_eq!(beliefs, [Belief::Always, Belief::IfConvincing, Belief::IfOfSuns, Belief::Never]);
+}
+
+/// A capture of a window that is on average so many times as bright as what saturates, and its saturated pixels.
+fn window_before_a_room(frame: &Frame, psf: &Array2<f32>, times: f32) -> (Array2<f32>, Array2<bool>) {
+    let mut rng = stream(7, "window");
+    let truth = Array2::from_shape_fn(frame.size(), |(y, x)| match (y, x) {
+        (20..125, 30..130) => LEVEL * (times + rng.random_range(-0.4..0.4f32)),
+        _ => 0.2 + 0.5 * ((y / 5 + x / 7) % 2) as f32,
+    });
+    let mut capture = Array2::zeros(frame.size());
+    frame.blur(psf.view()).unwrap().apply(&truth, &mut capture);
+    capture.mapv_inplace(|y| (y + 0.02 * rng.random_range(-1.0..1.0f32)).clamp(0.0, LEVEL));
+    let pixels = capture.mapv(|y| y >= LEVEL);
+    (capture, pixels)
+}
+
+/// What no sun explains is told by the flare of all of a window, the diffraction orders of its edges: how bright it is.
+#[test]
+fn an_area_is_as_bright_as_its_flare_tells() {
+    let mut psf = Array2::zeros((33, 33));
+    psf[[16, 16]] = 0.6;
+    for order in [[4, 16], [28, 16], [16, 4], [16, 28]] {
+        psf[order] = 0.1;
+    }
+    let frame = Frame::new([160; 2], [33; 2], Border::Smooth, TransformPrecision::Single);
+    for times in [1.0, 1.5, 2.2] {
+        let (capture, pixels) = window_before_a_room(&frame, &psf, times);
+        let brightness = local_mean(&capture, 4.0) + 0.25;
+        let (light, is_measured) = found(&frame, &psf, [&capture, &brightness], &pixels);
+        let part = light[[70, 80]] / (times * LEVEL);
+        assert!(!is_measured && (part - 1.0).abs() < 0.15, "{times}: {part}");
+    }
+}
+
+/// No flare tells the light of pixels within an area that is larger than the PSF: a sun there would be of rounding's making.
+#[test]
+fn light_that_throws_no_flare_out_of_an_area_is_not_made_up() {
+    let (frame, psf) =
+        (Frame::new([160; 2], [33; 2], Border::Smooth, TransformPrecision::Single), panel_psf(33));
+    let (capture, pixels) = window_before_a_room(&frame, &psf, 1.5);
+    let (psf, brightness) = (psf.view(), local_mean(&capture, 4.0) + 0.25);
+    let blur = frame.blur(psf).unwrap();
+    let clipped = Clipped::new(&blur, (capture.view(), &pixels, brightness.view()), LEVEL);
+    let light = clipped.measure(&frame.squared_blur(psf).unwrap(), &Progress::default()).unwrap().light;
+    let (mut hidden, mut told) = (0, 0);
+    for ((y, x), light) in light.indexed_iter() {
+        // The guard of two pixels, and the reach of sixteen.
+        let is_hidden = (40..105).contains(&y) && (50..110).contains(&x) && pixels[[y, x]];
+        hidden += usize::from(is_hidden);
+        told += usize::from(is_hidden && *light != LEVEL);
+    }
+    assert!(hidden > 3000 && told == 0, "{told} of {hidden}");
+}
+
+/// A sun saturates all colours, and the blue of a sky alone may be a few times as bright as what saturates.
+#[test]
+fn light_of_a_colour_suits_the_others() {
+    let of_area = |rows: std::ops::Range<usize>| {
+        Array2::from_shape_fn((60, 60), |(y, x)| rows.contains(&y) && (10..50).contains(&x))
+    };
+    let (frame, psf) =
+        (Frame::new([60; 2], [33; 2], Border::Zero, TransformPrecision::Single), panel_psf(33));
+    let (pixels, capture) = (of_area(5..40), Array2::from_elem((60, 60), LEVEL));
+    let saturated =
+        Saturated { frame: &frame, capture: capture.view(), psf: psf.view(), pixels: &pixels, level: LEVEL };
+    let suits = |of_area: f32, [y, x]: [usize; 2], others: &Array2<bool>| {
+        let mut light = pixels.mapv(|pixel| if pixel { of_area * LEVEL } else { 0.0 });
+        light[[y, x]] = 1e4 * LEVEL;
+        let of_colors = [others.clone(), others.clone(), pixels.clone()];
+        saturated.suits_colors(&light, (&Window::whole([60; 2]), &of_colors))
+    };
+    let (none, sun) = (of_area(0..0), of_area(18..22));
+    assert!(!suits(1.0, [20, 20], &none) && suits(1.0, [20, 20], &sun) && !suits(1.0, [30, 20], &sun));
+    let of_sky = |times: f32| {
+        let light = pixels.mapv(|pixel| if pixel { times * LEVEL } else { 0.0 });
+        saturated
+            .suits_colors(&light, (&Window::whole([60; 2]), &[none.clone(), none.clone(), pixels.clone()]))
+    };
+    assert!(of_sky(2.5) && !of_sky(6.0));
 }
 
 /// What its flare does not reach has no part in the light of a lamp: it is the same in what is cut out around it.
