@@ -1,6 +1,18 @@
-//! Walks over the connected areas of a mask.
+//! The saturated pixels of a capture, and the connected areas of a mask.
 
-use ndarray::Array2;
+use ndarray::{Array2, Zip};
+
+use crate::core::image::{CHANNELS, LinearImage};
+use crate::core::saturation::saturated_from;
+
+/// The pixels of a capture that are saturated in some colour.
+pub(super) fn saturated_in_some(capture: &LinearImage, saturation: [f32; CHANNELS]) -> Array2<bool> {
+    let from = saturation.map(saturated_from);
+    let [red, green, blue] = [0, 1, 2].map(|channel| capture.channel(channel));
+    let is_saturated =
+        |red: &f32, green: &f32, blue: &f32| *red >= from[0] || *green >= from[1] || *blue >= from[2];
+    Zip::from(red).and(green).and(blue).par_map_collect(is_saturated)
+}
 
 /// Calls `visit` with the rows and columns of each connected area of a mask's true pixels, those at corners included, in the order of their
 /// first pixels.

@@ -16,6 +16,7 @@ use super::levels::{
     corrected_levels, doubted_levels, find_levels_below, info_of, is_surpassed, reached_levels,
 };
 use super::memory::MemoryPlan;
+use super::peaks::peaks;
 use super::planes::{PlaneConfig, planes_of};
 use super::restoration::Restoration;
 use super::shining::shining;
@@ -285,6 +286,7 @@ impl Restoration {
         // What lamps leave is more than is told.
         let is_told = solution.is_told && !has_flare;
         let gentle = Gentle::of(image, &solution.scene, saturation);
+        let peaks = self.guided_options().and_then(|_| peaks(image, &solution.scene, saturation));
         let mut planes = planes_of(model.architecture().planes(), (image, psf), Some(solution), config)?;
         let mut shown = curve.tone_map(image);
         let (conditioning, angle) = self.conditioning(model, &shown, saturation, progress)?;
@@ -322,7 +324,7 @@ impl Restoration {
                 curve,
                 saturation,
             };
-            restored = shining(restored, &deconvolved, image, saturation)?;
+            restored = shining(restored, &deconvolved, (image, peaks.as_ref()), (saturation, curve))?;
             restored = guard.refine(&deconvolved, restored, options.refine)?;
         }
         Ok((restored, Corrected { angle, lateral_colour, smaller_windows }))

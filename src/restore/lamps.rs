@@ -2,10 +2,9 @@
 
 use std::fmt;
 
-use ndarray::Zip;
 use serde::Serialize;
 
-use super::areas::visit_areas;
+use super::areas::{saturated_in_some, visit_areas};
 use crate::core::image::{CHANNELS, LinearImage};
 use crate::core::saturation::saturated_from;
 
@@ -30,14 +29,10 @@ pub(super) fn find_lamps(
     scene: &LinearImage,
     saturation: [f32; CHANNELS],
 ) -> Vec<Lamp> {
-    let from = saturation.map(saturated_from);
-    let [red, green, blue] = [0, 1, 2].map(|channel| capture.channel(channel));
-    let is_saturated =
-        |red: &f32, green: &f32, blue: &f32| *red >= from[0] || *green >= from[1] || *blue >= from[2];
-    let saturated = Zip::from(red).and(green).and(blue).par_map_collect(is_saturated);
     let light = scene.planes();
     let mut lamps = Vec::new();
     let value = |channel: usize, (y, x): (usize, usize)| light[[channel, y, x]];
+    let saturated = saturated_in_some(capture, saturation);
     visit_areas(saturated, |area| lamps.push(Lamp::of_area(area, value, saturation)));
     lamps.sort_by(|a, b| b.total().total_cmp(&a.total()));
     lamps

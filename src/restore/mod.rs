@@ -25,6 +25,7 @@ mod network;
 mod notice;
 mod outside;
 mod parts;
+mod peaks;
 mod planes;
 mod plateau;
 mod pose;

