@@ -93,12 +93,13 @@ impl Fused {
     /// What is to be said of an image of which much is brighter than its values are.
     pub fn much_is_saturated(&self) -> Option<String> {
         let share = self.saturated.iter().sum::<usize>() as f64 / self.source.len() as f64;
+        let (of_what, advice) = match self.times.len() {
+            1 => ("saturated", "check --white, or take a shorter exposure with it (--exposures)"),
+            _ => ("saturated in every exposure", "add a shorter exposure, or check --white"),
+        };
+        let percent = 100.0 * share;
         (share >= MUCH).then(|| {
-            format!(
-                "{:.0} % of the values are saturated in every exposure and brighter than written; add a shorter exposure, or \
-                 check --white",
-                100.0 * share
-            )
+            format!("{percent:.0} % of the values are {of_what} and brighter than written; {advice}")
         })
     }
 }
