@@ -16,7 +16,7 @@ const REACH_PX: usize = 3;
 const LEAST_NEAR: f32 = 0.5;
 
 /// The part of the brightest light of its saturated area that a lamp's pixel has at least: what lies in the glare of a sun is told worse
-/// than to some times saturation. Twenty suns and nights are restored as without peaks so, and 0.07 dB worse without that.
+/// than to some times saturation. The mean of 22 suns and nights changes by -0.01 dB so, and by -0.07 without that.
 const LEAST_IN_AREA: f32 = 0.005;
 
 /// Finds the pixels of lamps in the light of a capture's scene, if any: they shine in all colours that are saturated there.

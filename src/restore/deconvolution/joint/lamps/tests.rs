@@ -126,6 +126,36 @@ fn an_area_is_as_bright_as_its_flare_tells() {
     }
 }
 
+/// Much brighter than what is presumed of areas that are alike: its flare explains so much that it is believed pixel by pixel.
+#[test]
+fn a_window_that_outshines_all_is_as_bright_as_its_flare_tells() {
+    const TIMES: f32 = 9.0;
+    let mut psf = Array2::zeros((65, 65));
+    psf[[32, 32]] = 0.9;
+    for (step, share) in [(10, 0.006), (20, 0.003), (30, 0.002)] {
+        for order in [[32 - step, 32], [32 + step, 32], [32, 32 - step], [32, 32 + step]] {
+            psf[order] = share;
+        }
+    }
+    let frame = Frame::new([160; 2], [65; 2], Border::Zero, TransformPrecision::Single);
+    let truth = Array2::from_shape_fn(frame.size(), |(y, x)| match (y, x) {
+        (40..90, 50..85) => TIMES * LEVEL * (1.0 + 0.2 * (y as f32 / 4.0).sin()),
+        _ => 0.1 + 0.1 * ((y / 9 + x / 11) % 2) as f32,
+    });
+    let mut capture = Array2::zeros(frame.size());
+    frame.blur(psf.view()).unwrap().apply(&truth, &mut capture);
+    capture.mapv_inplace(|y| y.clamp(0.0, LEVEL));
+    let pixels = capture.mapv(|y| y >= LEVEL);
+    let share = pixels.iter().filter(|saturated| **saturated).count() as f64 / pixels.len() as f64;
+    let (light, is_measured) = found(&frame, &psf, [&capture, &(local_mean(&capture, 4.0) + 0.25)], &pixels);
+    let bright: f32 = truth.iter().filter(|light| **light > LEVEL).sum();
+    let part = light.sum() / bright;
+    assert!(
+        share > MOST_MEASURED && is_measured && (part - 1.0).abs() < 0.15,
+        "{share} {is_measured} {part}"
+    );
+}
+
 /// No flare tells the light of pixels within an area that is larger than the PSF: a sun there would be of rounding's making.
 #[test]
 fn light_that_throws_no_flare_out_of_an_area_is_not_made_up() {
