@@ -33,7 +33,7 @@ pub(super) fn peaks(
     let together = means(light.view());
     let is_peak = |plane: &Array2<f32>, place: (usize, usize), least: f32| {
         let own = plane[place];
-        own >= least && own >= LEAST_NEAR * brightest_near(plane.view(), place)
+        own >= least && own >= LEAST_NEAR * brightest_near(plane.view(), place, REACH_PX)
     };
     let mut peaks = Zip::indexed(&saturated).par_map_collect(|place, saturated| {
         *saturated && (is_peak(&light, place, BRIGHT) || is_peak(&together, place, BRIGHT_TOGETHER))
@@ -75,10 +75,11 @@ fn means(plane: ArrayView2<'_, f32>) -> Array2<f32> {
     means
 }
 
-fn brightest_near(plane: ArrayView2<'_, f32>, (y, x): (usize, usize)) -> f32 {
+/// The brightest of the pixels up to a `reach` from one along rows and columns, that itself among them.
+pub(super) fn brightest_near(plane: ArrayView2<'_, f32>, (y, x): (usize, usize), reach: usize) -> f32 {
     let (height, width) = plane.dim();
-    let columns = x.saturating_sub(REACH_PX)..(x + REACH_PX + 1).min(width);
-    let rows = y.saturating_sub(REACH_PX)..(y + REACH_PX + 1).min(height);
+    let columns = x.saturating_sub(reach)..(x + reach + 1).min(width);
+    let rows = y.saturating_sub(reach)..(y + reach + 1).min(height);
     rows.flat_map(|y| &row_of(plane, y)[columns.clone()]).fold(0.0, |most, value| value.max(most))
 }
 

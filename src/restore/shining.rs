@@ -3,6 +3,7 @@
 use ndarray::parallel::prelude::*;
 use ndarray::{Array2, ArrayView2, Axis};
 
+use super::peaks::brightest_near;
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, Image, LinearImage, ToneMappedImage, row_of};
 use crate::core::saturation::saturated_from;
@@ -45,7 +46,7 @@ pub(super) fn shining(
                 if *captured >= from {
                     *restored = restored.max(least(deconvolved, (y, x), *restored, around));
                     if peaks.is_some_and(|peaks| peaks[[y, x]]) {
-                        *restored = restored.max(brightest(deconvolved, (y, x)).min(white));
+                        *restored = restored.max(brightest_near(deconvolved, (y, x), BESIDE_PX).min(white));
                     }
                 }
             }
@@ -72,14 +73,6 @@ fn least(plane: ArrayView2<'_, f32>, (y, x): (usize, usize), found: f32, around:
         return found;
     }
     *around.select_nth_unstable_by(darker, f32::total_cmp).1
-}
-
-/// The brightest pixel beside one, or that itself.
-fn brightest(plane: ArrayView2<'_, f32>, (y, x): (usize, usize)) -> f32 {
-    let (height, width) = plane.dim();
-    let columns = x.saturating_sub(BESIDE_PX)..(x + BESIDE_PX + 1).min(width);
-    let rows = y.saturating_sub(BESIDE_PX)..(y + BESIDE_PX + 1).min(height);
-    rows.flat_map(|y| &row_of(plane, y)[columns.clone()]).fold(0.0, |most, value| value.max(most))
 }
 
 #[cfg(test)]
