@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::super::DeconvolutionConfig;
 use super::apart::{is_quantised, noise_apart, noise_below_detail};
+use super::enlarged::noise_of_enlarged;
 use super::frame::Frame;
 use super::interpolation::Finest;
 use super::known::Known;
@@ -118,17 +119,19 @@ pub(super) fn noise_levels<'a>(
     let of_channel = |channel: usize| known(channel).noise_level(left[channel]);
     let mut levels: Vec<_> = (0..CHANNELS).into_par_iter().map(of_channel).collect();
     if config.noise.is_none() {
+        let from = config.saturation.map(saturated_from);
         if is_quantised(image) {
             // The capture has noise, and detail as fine.
-            let places = places_of(image, config.alpha, config.saturation.map(saturated_from));
+            let places = places_of(image, config.alpha, from);
             let left = std::array::from_fn(|channel| left[channel]);
             let apart = match NoiseLevel::hide(&levels) {
                 true => noise_apart(&places, left),
                 false => noise_below_detail(&places, left, (image, config.alpha)),
             };
-            if let Some(apart) = apart {
-                levels.iter_mut().zip(apart).for_each(|(level, noise)| *level = NoiseLevel::even(noise));
-            }
+            set_all(&mut levels, apart);
+        }
+        if NoiseLevel::hide(&levels) {
+            set_all(&mut levels, noise_of_enlarged(image, config.alpha, from));
         }
         NoiseLevel::agree(&mut levels);
         if let Some(errors) = config.coding_error {
@@ -138,6 +141,13 @@ pub(super) fn noise_levels<'a>(
         }
     }
     Ok(levels)
+}
+
+/// Gives each channel this noise at any brightness, if any is told.
+fn set_all(levels: &mut [NoiseLevel], noise: Option<[f32; CHANNELS]>) {
+    for (level, noise) in levels.iter_mut().zip(noise.into_iter().flatten()) {
+        *level = NoiseLevel::even(noise);
+    }
 }
 
 /// The deviation of light that was encoded by the curve of sRGB with this error.

@@ -29,6 +29,7 @@ mod cosines;
 mod diagonal;
 mod doubt;
 mod effort;
+mod enlarged;
 mod fit;
 mod flare;
 mod frame;
