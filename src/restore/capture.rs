@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::deconvolution::{DoubtedNoise, NOISE_FREE};
+use super::floor::Floor;
 use super::{Contradiction, FoundAngle, Lamp, LampOutside, LateralColour, PoseEstimate, Unlike};
 use crate::capture::{Developed, Pictures, SCENE_BRACKET, Told, names_of};
 use crate::core::capture::CaptureInfo;
@@ -47,6 +48,8 @@ pub struct Restored {
     pub levels: Option<[Option<f32>; CHANNELS]>,
     /// What seems to saturate channels by the capture's brightest pixels, where the method took a level that these do not reach.
     pub doubted_levels: Option<[Option<f32>; CHANNELS]>,
+    /// Light that all of it has in all colours, where it has such.
+    pub floor: Option<Floor>,
     /// Noise that was told of the capture and can't be its own.
     pub doubted_noise: Option<DoubtedNoise>,
     /// How the PSF contradicts the capture, where it does so by much.
@@ -237,6 +240,7 @@ impl Restored {
             lamps_outside: Vec::new(),
             levels: None,
             doubted_levels: None,
+            floor: None,
             doubted_noise: None,
             contradiction: None,
             unlike: None,

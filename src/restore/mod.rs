@@ -9,6 +9,7 @@ pub mod deconvolution;
 mod deconvolved;
 mod estimate;
 mod field;
+mod floor;
 mod gentle;
 mod grey;
 mod guard;
@@ -48,6 +49,7 @@ pub use deconvolution::{
     find_pose_by_lamp_outside,
 };
 pub use field::code_map;
+pub use floor::Floor;
 pub use grey::psf_seen;
 pub use highlights::{Highlights, blend_highlights};
 pub use kernel::{Angle, KernelFiles, KernelKnowledge};

@@ -11,6 +11,7 @@ use super::angle::{FoundAngle, find_code};
 use super::capture::{Capture, Restored};
 use super::deconvolution::{Border, DeconvolutionConfig, Method, NoiseCurve};
 use super::field::code_map;
+use super::floor::{self, Floor};
 use super::grey::{grey_kernel, is_grey, made_grey};
 use super::guided::GuidedOptions;
 use super::highlights::{Highlights, blend_highlights};
@@ -335,8 +336,14 @@ impl Restoration {
 
     fn restore_here(&self, capture: Capture, progress: &Progress) -> Result<Restored> {
         let capture = self.cut(capture);
+        if !is_grey(&capture.image) {
+            let brightest = floor::brightest(&capture.image, self.curve);
+            let restored = self.restore_colors(capture, progress)?;
+            let floor = Floor::of(&restored.image, brightest, restored.curve);
+            return Ok(Restored { floor, ..restored });
+        }
         let is_told_by_code = self.is_network() && !self.reads_planes();
-        if self.kernel.sized_psf().is_err() || is_told_by_code || !is_grey(&capture.image) {
+        if self.kernel.sized_psf().is_err() || is_told_by_code {
             return self.restore_colors(capture, progress);
         }
         // Of one colour, and its PSF tells of three: it is seen through all of them at once.

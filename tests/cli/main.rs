@@ -10,6 +10,7 @@
 mod angle;
 mod archives;
 mod bench;
+mod black_level;
 mod brackets;
 mod color_tags;
 mod common;

@@ -115,6 +115,7 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
         "lamps": brightest(lamps), "lamps-in-all": lamps.len(), "lamps-outside": lamps_outside,
         "saturation": restored.levels, "relative-noise": restored.relative_noise, "pose": pose, "angle": angle,
         "lateral-colour": restored.lateral_colour, "contradiction": restored.contradiction, "unlike": restored.unlike,
+        "floor": restored.floor,
     });
     session.found(name, found);
     if let Some(levels) = restored.describe_levels() {
@@ -130,6 +131,9 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     }
     if let Some(doubt) = restored.doubt() {
         session.warn(format_args!("{name}: {doubt}"));
+    }
+    if let Some(floor) = &restored.floor {
+        session.warn(format_args!("{name}: {floor}"));
     }
     if let Some(doubt) = &restored.doubted_noise {
         session.warn(format_args!("{name}: {doubt}"));
