@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::angle::FoundAngle;
 use super::capture::{Capture, Restored};
+use super::censored::with_darkness;
 use super::deconvolution::{Border, CaptureNoise, LampOutside, Solution, doubt_told_noise};
 use super::guard::{Gentle, Guard, Left};
 use super::highlights::blend_highlights;
@@ -149,6 +150,7 @@ impl Restoration {
         let told = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..self.curve() };
         let curve = self.curve_of(told, &image, of_file.is_some());
         let levels = found.map(|levels| reached_levels(&image, levels));
+        let image = if self.guided_options().is_some() { with_darkness(image)? } else { image };
         let (border, noise) = (self.border(), self.noise_curve());
         let planes = PlaneConfig { curve, border, saturation, noise, coding_error };
         let mut posed = self.posed_psf(&image, &planes, progress)?;

@@ -4,6 +4,7 @@ mod angle;
 mod areas;
 mod capture;
 mod cells;
+mod censored;
 mod config;
 pub mod deconvolution;
 mod deconvolved;

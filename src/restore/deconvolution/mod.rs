@@ -23,7 +23,7 @@ pub(super) use joint::pose::write_pose_in_words;
 pub use joint::pose::{
     FoundPose, FromOutside, PoseConfig, PoseEstimate, UntoldPose, find_pose, find_pose_by_lamp_outside,
 };
-pub(super) use joint::{CaptureNoise, NOISE_FREE};
+pub(super) use joint::{CaptureNoise, NOISE_FREE, local_mean};
 pub use joint::{DoubtedNoise, Solution};
 use ndarray::{Array2, Array3, ArrayView2, Axis};
 pub use noise_curve::NoiseCurve;

@@ -74,6 +74,7 @@ pub(in crate::restore) use noise_level::NOISE_FREE;
 use noise_level::NoiseLevel;
 use prior::{Edges, InverseBrightness};
 use refine::{Pilot, Refined, refine};
+pub(in crate::restore) use smooth::local_mean;
 
 /// The share of a channel that is clipped, from which clipped light of small captures is first found at lower resolutions.
 const LEAST_CLIPPED: f64 = 5e-3;

@@ -255,7 +255,7 @@ pub(super) fn smoothed(
 }
 
 /// The local mean with a bell of `sigma_px`, of those pixels alone that lie in the plane.
-pub(super) fn local_mean(plane: &Array2<f32>, sigma_px: f32) -> Array2<f32> {
+pub(in crate::restore) fn local_mean(plane: &Array2<f32>, sigma_px: f32) -> Array2<f32> {
     let mut mean = Array2::zeros(plane.dim());
     local_mean_into(plane, sigma_px, mean.view_mut(), |_, mean, out| out.copy_from_slice(mean));
     mean
