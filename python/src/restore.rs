@@ -202,6 +202,7 @@ pub(crate) fn restore<'py>(
         let usual = if settings.true_highlights { DomainTag::Linear } else { capture.image.domain() };
         let restored = restoration.restore(capture, progress)?;
         notices.extend(restored.doubt().map(warning));
+        notices.extend(restored.empty_lines.as_ref().map(|lines| warning(lines.to_string())));
         notices.extend(restored.floor.map(|floor| warning(floor.to_string())));
         notices.extend(restored.doubted_noise.map(|noise| warning(noise.to_string())));
         notices.extend(restored.doubt_psf().map(warning));

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::deconvolution::{DoubtedNoise, NOISE_FREE};
+use super::empty_lines::EmptyLines;
 use super::floor::Floor;
 use super::{Contradiction, FoundAngle, Lamp, LampOutside, LateralColour, PoseEstimate, Unlike};
 use crate::capture::{Developed, Pictures, SCENE_BRACKET, Told, names_of};
@@ -48,6 +49,8 @@ pub struct Restored {
     pub levels: Option<[Option<f32>; CHANNELS]>,
     /// What seems to saturate channels by the capture's brightest pixels, where the method took a level that these do not reach.
     pub doubted_levels: Option<[Option<f32>; CHANNELS]>,
+    /// Rows and columns of the capture that hold nothing, where it has such.
+    pub empty_lines: Option<EmptyLines>,
     /// Light that all of it has in all colours, where it has such.
     pub floor: Option<Floor>,
     /// Noise that was told of the capture and can't be its own.
@@ -240,6 +243,7 @@ impl Restored {
             lamps_outside: Vec::new(),
             levels: None,
             doubted_levels: None,
+            empty_lines: None,
             floor: None,
             doubted_noise: None,
             contradiction: None,
@@ -287,8 +291,12 @@ impl Restored {
         ))
     }
 
-    /// What to tell where the PSF can't be that of the capture: what it looks like instead, or that no scene explains it.
+    /// What to tell where the PSF can't be that of the capture: what it looks like instead, or that no scene explains it. Beside lines that
+    /// hold nothing, none does.
     pub fn doubt_psf(&self) -> Option<String> {
+        if self.empty_lines.is_some() {
+            return None;
+        }
         let unlike = self.unlike.map(|unlike| unlike.to_string());
         unlike.or_else(|| self.contradiction.map(|contradiction| contradiction.to_string()))
     }

@@ -1,7 +1,7 @@
 //! Makes up for the noise of dark captures that their files hold nothing of below zero.
 //!
-//! Where light is less than the noise, half of the values of a sensor are below its black level. A file that holds zeros in their place tells
-//! more light than there is, by up to 0.4 of the noise's standard deviation, and the darkness is restored grey.
+//! Where light is less than the noise, up to half of the values of a sensor are below its black level. A file that holds zeros in their
+//! place tells more light than there is, by up to 0.4 of the noise's standard deviation, and the darkness is restored grey.
 //!
 //! # Method
 //! Values are those of a normal variable, censored at zero (Tobin 1958). In each neighbourhood the share of zeros and the mean tell its
@@ -25,18 +25,18 @@ const NEAR_PX: f32 = 4.0;
 /// The share of zeros near a pixel above which they are no noise: of darkness half of the values are below zero.
 const MOST_NEAR: f32 = 0.6;
 
-/// The part of a channel's zeros that are not such at least.
+/// The part of a channel's zeros that may be noise at least.
 const LEAST_OF_NOISE: f64 = 0.5;
 
-/// How much more often than by chance the next pixel of a zero is one, too, at most: noise of pixels that were measured is independent. Of twelve
-/// captures at night it is by -0.02 to 0.02.
+/// How much more often than by chance the next pixel of a zero is one, too, at most: noise of pixels that were measured is independent. Of
+/// eleven captures at night it is by -0.02 to 0.02.
 const MOST_MORE: f64 = 0.1;
 
 /// Pixels of which the noise is told, at most.
 const MOST_SAMPLES: usize = 1 << 18;
 
-/// Which of all deviations that neighbourhoods tell is the noise's, since what is bright beside darkness raises most of them: of nine captures
-/// whose noise is more than three steps, what lies below zero is told to 7 % by it, and up to 34 % too far by the median.
+/// Which of all deviations that neighbourhoods tell is the noise's, since what is bright beside darkness raises most of them: of nine
+/// captures whose noise is more than three steps, what lies below zero is told to 7 % by it, and up to 34 % too far by the median.
 const ONE_OF: usize = 10;
 
 /// The most light, in standard deviations of the noise, whose share of zeros is told from none.

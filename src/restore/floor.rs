@@ -39,8 +39,8 @@ impl fmt::Display for Floor {
         let Self { light, share } = self;
         write!(
             f,
-            "the darkest light is {light:.3} in all colours, {:.1} % of the brightest, as where a sensor's black level was left in: the panel's \
-             haze has none; if so, take it away before, or tell --black",
+            "the darkest light is {light:.3} in all colours, {:.1} % of the brightest, as where a sensor's black level was left in; if so, \
+             take it away before, or tell --black",
             100.0 * share
         )
     }

@@ -8,6 +8,7 @@ mod censored;
 mod config;
 pub mod deconvolution;
 mod deconvolved;
+mod empty_lines;
 mod estimate;
 mod field;
 mod floor;
@@ -49,6 +50,7 @@ pub use deconvolution::{
     DoubtedNoise, FoundPose, FromOutside, LampOutside, PoseConfig, PoseEstimate, UntoldPose, find_pose,
     find_pose_by_lamp_outside,
 };
+pub use empty_lines::EmptyLines;
 pub use field::code_map;
 pub use floor::Floor;
 pub use grey::psf_seen;

@@ -10,6 +10,7 @@ use std::sync::atomic::AtomicUsize;
 use super::angle::{FoundAngle, find_code};
 use super::capture::{Capture, Restored};
 use super::deconvolution::{Border, DeconvolutionConfig, Method, NoiseCurve};
+use super::empty_lines::EmptyLines;
 use super::field::code_map;
 use super::floor::{self, Floor};
 use super::grey::{grey_kernel, is_grey, made_grey};
@@ -331,7 +332,10 @@ impl Restoration {
     /// [`Error::Interrupted`].
     pub fn restore(&self, capture: Capture, progress: &Progress) -> Result<Restored> {
         // On a thread of the pool, which begins each of thousands of small operations at once instead of waking another.
-        rayon::scope(|_| self.restore_here(capture, progress))
+        rayon::scope(|_| {
+            let empty_lines = EmptyLines::of(&capture.image);
+            Ok(Restored { empty_lines, ..self.restore_here(capture, progress)? })
+        })
     }
 
     fn restore_here(&self, capture: Capture, progress: &Progress) -> Result<Restored> {

@@ -66,6 +66,20 @@ fn half_floats_of_light_in_small_units_are_told_of_their_steps() {
     assert!(!said(folder, "capture.exr", &["--half", "-o", "h.exr"]).contains("half floats hold"));
 }
 
+#[test]
+fn bars_are_told_of_and_not_the_psf() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    write_capture(folder);
+    let mut planes = io::read_image::<Linear>(&folder.join("capture.exr")).unwrap().into_planes();
+    planes.slice_mut(ndarray::s![.., ..6, ..]).fill(0.0);
+    let image = LinearImage::from_planes(planes).unwrap();
+    io::write_image(&folder.join("barred.exr"), &image, &WriteOptions::default()).unwrap();
+    let told = said(folder, "barred.exr", &["-o", "r.exr"]);
+    assert!(told.contains("its rows 0 to 5 hold nothing") && !told.contains("PSF"), "{told}");
+    assert!(!said(folder, "capture.exr", &["-o", "r.exr"]).contains("hold nothing"));
+}
+
 /// As of the pictures beside them in a folder: the floats are linear light.
 #[test]
 fn floats_that_are_told_to_be_encoded_are_told_of() {

@@ -115,7 +115,7 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
         "lamps": brightest(lamps), "lamps-in-all": lamps.len(), "lamps-outside": lamps_outside,
         "saturation": restored.levels, "relative-noise": restored.relative_noise, "pose": pose, "angle": angle,
         "lateral-colour": restored.lateral_colour, "contradiction": restored.contradiction, "unlike": restored.unlike,
-        "floor": restored.floor,
+        "floor": restored.floor, "empty-lines": restored.empty_lines,
     });
     session.found(name, found);
     if let Some(levels) = restored.describe_levels() {
@@ -131,6 +131,9 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     }
     if let Some(doubt) = restored.doubt() {
         session.warn(format_args!("{name}: {doubt}"));
+    }
+    if let Some(lines) = &restored.empty_lines {
+        session.warn(format_args!("{name}: {lines}"));
     }
     if let Some(floor) = &restored.floor {
         session.warn(format_args!("{name}: {floor}"));
