@@ -121,29 +121,7 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     if let Some(levels) = restored.describe_levels() {
         session.note(format_args!("{name}: {levels}"));
     }
-    let saturated = lamps.iter().map(|lamp| lamp.pixels).sum::<usize>() as f64;
-    let share = saturated / restored.image.size().into_iter().product::<usize>() as f64;
-    if share > MUCH_SATURATED {
-        session.warn(format_args!(
-            "{name}: {:.0} % of its pixels are saturated, and what is there is guessed; expose for a shorter time, or fuse a bracket",
-            100.0 * share
-        ));
-    }
-    if let Some(doubt) = restored.doubt() {
-        session.warn(format_args!("{name}: {doubt}"));
-    }
-    if let Some(lines) = &restored.empty_lines {
-        session.warn(format_args!("{name}: {lines}"));
-    }
-    if let Some(floor) = &restored.floor {
-        session.warn(format_args!("{name}: {floor}"));
-    }
-    if let Some(doubt) = &restored.doubted_noise {
-        session.warn(format_args!("{name}: {doubt}"));
-    }
-    if let Some(doubt) = restored.doubt_psf() {
-        session.warn(format_args!("{name}: {doubt}"));
-    }
+    warn(session, name, restored);
     if restored.through_grey {
         session.note(format_args!(
             "{name}: its colours are the same everywhere; it is restored as grey, with the colours of the PSF weighed by their luminance"
@@ -172,6 +150,33 @@ pub(super) fn tell(session: &Session, name: &str, restored: &Restored) {
     }
     for lamp in lamps_outside {
         session.detail(format_args!("{name}: {lamp}"));
+    }
+}
+
+/// Warns of what may spoil it.
+fn warn(session: &Session, name: &str, restored: &Restored) {
+    let saturated = restored.lamps.iter().map(|lamp| lamp.pixels).sum::<usize>() as f64;
+    let share = saturated / restored.image.size().into_iter().product::<usize>() as f64;
+    if share > MUCH_SATURATED {
+        session.warn(format_args!(
+            "{name}: {:.0} % of its pixels are saturated, and what is there is guessed; expose for a shorter time, or fuse a bracket",
+            100.0 * share
+        ));
+    }
+    if let Some(doubt) = restored.doubt() {
+        session.warn(format_args!("{name}: {doubt}"));
+    }
+    if let Some(lines) = &restored.empty_lines {
+        session.warn(format_args!("{name}: {lines}"));
+    }
+    if let Some(floor) = &restored.floor {
+        session.warn(format_args!("{name}: {floor}"));
+    }
+    if let Some(doubt) = &restored.doubted_noise {
+        session.warn(format_args!("{name}: {doubt}"));
+    }
+    if let Some(doubt) = restored.doubt_psf() {
+        session.warn(format_args!("{name}: {doubt}"));
     }
 }
 
