@@ -36,11 +36,14 @@ pub struct Floor {
 
 impl fmt::Display for Floor {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { light, share } = self;
+        /// Below it, three decimals would not tell it.
+        const SMALL: f32 = 0.01;
+        let Self { light, share } = *self;
+        let light = if light < SMALL { format!("{light:.2e}") } else { format!("{light:.3}") };
         write!(
             f,
-            "the darkest light is {light:.3} in all colours, {:.1} % of the brightest, as where a sensor's black level was left in; if so, \
-             take it away before, or tell --black",
+            "the darkest light is {light} in all colours, {:.1} % of the brightest, as where a sensor's black level was left in; if so, \
+             take it away before, or tell --black, and --white where that is not 1",
             100.0 * share
         )
     }
@@ -104,6 +107,13 @@ mod tests {
         let mapped = CURVE.tone_map(&image(0.0626, [0.0, 0.0005, 0.001]));
         let of_mapped = Floor::of(&AnyImage::ToneMapped(mapped, None), 1.0, CURVE).expect("a floor");
         assert!((of_mapped.light - found.light).abs() < 1e-4, "{of_mapped:?}");
+    }
+
+    #[test]
+    fn light_of_small_units_is_told_in_them() {
+        let told = |light: f32| Floor { light, share: 0.1 }.to_string();
+        assert!(told(6.26e-8).contains("6.26e-8 in all colours"), "{}", told(6.26e-8));
+        assert!(told(63.7).contains("63.700 in all colours"), "{}", told(63.7));
     }
 
     #[test]
