@@ -11,8 +11,8 @@ use super::effort::{
     reduced_effort, takes_few_steps,
 };
 use super::frame::{Blur, Frame, row};
-use super::known::{Found, Known};
-use super::lamps::{Lamps, Presumed};
+use super::known::Known;
+use super::lamps::{Lamps, Light, Presumed};
 use super::noise_level::{NOISE_FREE, NoiseLevel};
 use super::prior::{Edges, Prior};
 use super::uncertainty::NoiseGain;
@@ -87,12 +87,14 @@ impl<'a> Channel<'a> {
     pub(super) fn new(
         frame: &'a Frame,
         known: Known<'a>,
-        (pixels, found, noise, around): (Array2<bool>, Option<Found>, NoiseLevel, Option<&Around>),
+        (pixels, found, noise, around): (Array2<bool>, Option<Light>, NoiseLevel, Option<&Around>),
         progress: &Progress,
     ) -> Result<Self> {
         progress.check()?;
         let Known { capture, psf, channel, config, is_guarded, .. } = known;
-        if let Some(Found { light, mut brightness }) = found {
+        if let Some(light) = found {
+            // Found anew: planes of all channels would have to be kept while the light of the last is looked for.
+            let mut brightness = known.brightness(&frame.surround(capture));
             let is_computed = noise.middle() <= NOISE_FREE && !frame.has_surrounding();
             let is_guarded = is_guarded && !is_computed;
             let darkness = DARKNESS * config.alpha;

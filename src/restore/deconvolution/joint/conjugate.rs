@@ -45,6 +45,7 @@ pub(super) enum Preconditioner<'a> {
 /// Planes that are written over in each step.
 pub(super) struct Room {
     gradient: Array2<f32>,
+    /// The direction of a step; has no room of its own where there is to be no other.
     direction: Array2<f32>,
     /// What the preconditioner makes, and the penalty's matrix times the direction.
     turned: Array2<f32>,
@@ -54,7 +55,8 @@ pub(super) struct Room {
 
 impl Room {
     pub(super) fn new(frame: &Frame) -> Self {
-        let [gradient, direction, turned] = std::array::from_fn(|_| frame.plane());
+        let [gradient, turned] = std::array::from_fn(|_| frame.plane());
+        let direction = Array2::default((0, 0));
         Self { gradient, direction, turned, image: Array2::zeros(frame.size()) }
     }
 
@@ -86,10 +88,18 @@ impl System<'_> {
             held
         });
         let mut slope = self.precondition(room, &held);
-        std::mem::swap(&mut room.direction, &mut room.turned);
+        if room.direction.is_empty() && steps > 1 {
+            room.direction = Array2::zeros(x.dim());
+        }
         for step in 1..=steps {
             progress.check()?;
-            let curvature = self.weigh_direction(room);
+            let Room { gradient, direction, turned, image } = &mut *room;
+            if step == 1 {
+                std::mem::swap(direction, turned);
+            }
+            // No other step needs the gradient of the last.
+            let product = if step == steps { gradient } else { turned };
+            let curvature = self.weigh(direction, (product, image));
             if !(curvature > 0.0 && slope > 0.0) {
                 break;
             }
@@ -106,6 +116,9 @@ impl System<'_> {
                 *d = z + kept * *d;
             });
             slope = next;
+        }
+        if room.turned.is_empty() {
+            std::mem::swap(&mut room.direction, &mut room.turned);
         }
         x.par_mapv_inplace(|light| light.max(0.0));
         Ok(())
@@ -124,15 +137,15 @@ impl System<'_> {
         self.blur.transpose_rows((self.capture.nrows(), left), (gradient, take));
     }
 
-    /// Writes W A d of the direction to `image` and the penalty's matrix times it to `turned`; returns its inner product with the
+    /// Writes W A d of a direction to `image` and the penalty's matrix times it to `product`; returns its inner product with the
     /// normal matrix times itself.
-    fn weigh_direction(&self, room: &mut Room) -> f64 {
-        let of_prior = self.prior.product(&room.direction, &mut room.turned);
+    fn weigh(&self, direction: &Array2<f32>, (product, image): (&mut Array2<f32>, &mut Array2<f32>)) -> f64 {
+        let of_prior = self.prior.product(direction, product);
         let weigh = |y: usize, image: &[f32], out: &mut [f32]| weigh(out, image, row(self.weights, y));
-        of_prior + self.blur.apply_into(&room.direction, (&mut room.image, weigh))
+        of_prior + self.blur.apply_into(direction, (image, weigh))
     }
 
-    /// Takes so many times the normal matrix times the direction from the gradient, after [`Self::weigh_direction`].
+    /// Takes so many times the normal matrix times the direction from the gradient, after [`Self::weigh`].
     fn lower(&self, length: f32, held: &Array2<bool>, room: &mut Room) {
         let Room { gradient, turned, image, .. } = room;
         let lower = |y: usize, seen: &[f32], gradient: &mut [f32]| {

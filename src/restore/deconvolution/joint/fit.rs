@@ -159,11 +159,17 @@ impl<'a> Fit<'a> {
 
     /// `w·h(y − A s)`, and the sum of its squares.
     pub(super) fn residual(&self, light: &Array2<f32>) -> (Loan<'_, Array2<f32>>, f64) {
-        let [mut left, mut residual] = [(); 2].map(|()| self.lend_frame());
+        let mut residual = self.lend_frame();
+        let misfit = self.write_residual(light, &mut residual);
+        (residual, misfit)
+    }
+
+    /// Writes `w·h(y − A s)`; returns the sum of its squares.
+    pub(super) fn write_residual(&self, light: &Array2<f32>, residual: &mut Array2<f32>) -> f64 {
+        let mut left = self.lend_frame();
         self.blur.apply(light, &mut left);
         Zip::from(&mut *left).and(self.capture).par_for_each(|left, y| *left = y - *left);
-        let misfit = self.high_pass.pass(&left, &mut residual);
-        (residual, misfit)
+        self.high_pass.pass(&left, residual)
     }
 
     /// Takes some steps with one preconditioner, which may depend on the slope at the first; the one that lowers the misfit by less

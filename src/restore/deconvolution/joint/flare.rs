@@ -1,11 +1,15 @@
 //! Measures the light that the sensor clipped by the flare that it throws over the rest of the frame.
 
+use std::sync::OnceLock;
+
 use ndarray::{Array2, ArrayView2, Zip};
 use rayon::prelude::*;
 
+use super::super::objective::sum_of_rows;
 use super::effort::takes_few_steps;
 use super::fit::{Fit, Places, believed, grown};
 use super::frame::{Blur, row};
+use super::members::OfMembers;
 use super::seen::{part_surely_seen, times_likely_seen};
 use crate::core::error::Result;
 use crate::core::progress::Progress;
@@ -99,7 +103,21 @@ pub(super) struct Clipped<'a> {
     /// The light at which pixels are saturated.
     pub(super) level: f32,
     /// The saturated pixels whose flare is seen.
-    seen: Array2<bool>,
+    seen: &'a Array2<bool>,
+    /// What light is told by.
+    fit: Fit<'a>,
+    /// What the level leaves of the capture, and the sum of its squares, once it was asked for.
+    of_level: OnceLock<(Array2<f32>, f64)>,
+}
+
+/// The saturated pixels of a capture whose flare falls on pixels that are believed.
+pub(super) fn seen_pixels(blur: &Blur<'_>, saturated: &Array2<bool>) -> Array2<bool> {
+    let believed =
+        Zip::from(&believed(saturated)).par_map_collect(|is_believed| if *is_believed { 1.0 } else { 0.0 });
+    let mut shares = Array2::zeros(saturated.dim());
+    blur.transpose(&believed, &mut shares);
+    let is_seen = |saturated: &bool, share: &f32| *saturated && *share >= LEAST_SEEN;
+    Zip::from(saturated).and(&shares).par_map_collect(is_seen)
 }
 
 /// The light of saturated pixels, which is the level at which they saturate at least.
@@ -110,18 +128,17 @@ pub(super) struct Measured {
 }
 
 impl<'a> Clipped<'a> {
-    /// Of a capture, its saturated pixels and its brightness, and the light at which they are saturated.
+    /// Of a capture, its saturated pixels, those of them that [are seen](seen_pixels) and its brightness, and the light at which they are
+    /// saturated.
     pub(super) fn new(
         blur: &'a Blur<'a>,
-        (capture, saturated, brightness): (ArrayView2<'a, f32>, &'a Array2<bool>, ArrayView2<'a, f32>),
-        level: f32,
+        capture: ArrayView2<'a, f32>,
+        [saturated, seen]: [&'a Array2<bool>; 2],
+        (brightness, level): (ArrayView2<'a, f32>, f32),
     ) -> Self {
-        let believed = believed(saturated).mapv(|is_believed| if is_believed { 1.0 } else { 0.0 });
-        let mut shares = Array2::zeros(saturated.dim());
-        blur.transpose(&believed, &mut shares);
-        let is_seen = |saturated: &bool, share: &f32| *saturated && *share >= LEAST_SEEN;
-        let seen = Zip::from(saturated).and(&shares).par_map_collect(is_seen);
-        Self { blur, capture, saturated, brightness, level, seen }
+        let places = Places { may_shine: seen, at_least: level, seed: LEAST_LIGHT * level };
+        let fit = Fit::new(blur, (capture, saturated, brightness), places);
+        Self { blur, capture, saturated, brightness, level, seen, fit, of_level: OnceLock::new() }
     }
 
     /// Finds the light of saturated pixels.
@@ -140,43 +157,45 @@ impl<'a> Clipped<'a> {
     ///
     /// `squared` is A with the squares of the PSF.
     pub(super) fn measure(&self, squared: &Blur<'_>, progress: &Progress) -> Result<Measured> {
-        let fit = self.fit();
-        let Measured { light, is_gathered } = self.fitted(&fit, squared, progress)?;
-        let misfit = fit.misfit(&light);
-        Ok(Measured { light: self.believed(&fit, (light, misfit)).0, is_gathered })
+        let Measured { light, is_gathered } = self.fitted(squared, progress)?;
+        let misfit = self.misfit(&light);
+        Ok(Measured { light: self.believed(light, misfit).0, is_gathered })
     }
 
     /// Corrects a light that was found at half the resolution by what its flare tells at the full one.
     pub(super) fn corrected(&self, coarse: Array2<f32>, progress: &Progress) -> Result<Array2<f32>> {
-        let fit = self.fit();
-        let mut coarse = coarse;
-        Zip::from(&mut coarse).and(self.saturated).par_for_each(|light, saturated| {
+        let mut light = coarse;
+        Zip::from(&mut light).and(self.saturated).par_for_each(|light, saturated| {
             *light = if *saturated { light.max(self.level) } else { 0.0 };
         });
-        let mut light = coarse.clone();
+        let coarse = OfMembers::new(self.saturated, |place| light[place]);
         let (rounds, steps) = CORRECTION;
         let is_large = takes_few_steps(self.blur.frame.transform_samples());
         let rounds = if is_large { 1 } else { rounds };
-        let [of_coarse, after] = fit.gather_in_rounds(&mut light, (rounds, steps, LEAST_GAIN), progress)?;
-        let misfit = if is_large { after } else { fit.misfit(&light) };
-        let (light, of_light) = self.believed(&fit, (light, misfit));
-        Ok(if of_coarse < of_light { coarse } else { light })
+        let [of_coarse, after] =
+            self.fit.gather_in_rounds(&mut light, (rounds, steps, LEAST_GAIN), progress)?;
+        let misfit = if is_large { after } else { self.misfit(&light) };
+        let (mut light, of_light) = self.believed(light, misfit);
+        if of_coarse < of_light {
+            coarse.write(self.saturated, &mut light);
+        }
+        Ok(light)
     }
 
     /// As much of a light and what it leaves of the sum of squares as is believed, see [`measure`](Self::measure), and what that leaves.
-    fn believed(&self, fit: &Fit<'_>, (light, misfit): (Array2<f32>, f64)) -> (Array2<f32>, f64) {
-        let at_level = self.at_level();
-        if misfit <= CONVINCING * fit.misfit(&at_level) {
+    fn believed(&self, light: Array2<f32>, misfit: f64) -> (Array2<f32>, f64) {
+        if misfit <= CONVINCING * self.left_by_level().1 {
             return (light, misfit);
         }
-        if let Some(part) = self.part_seen(fit, &light, &at_level) {
+        let at_level = self.at_level();
+        if let Some(part) = self.part_seen(&light, &at_level) {
             // Light that is none below the level gathers some of the scene's detail.
             let light = &at_level + &(narrow(part) * &(&light - &at_level));
-            let misfit = fit.misfit(&light);
+            let misfit = self.misfit(&light);
             return (light, misfit);
         }
-        let Some(plausible) = self.plausible(fit, &light, &at_level) else { return (light, misfit) };
-        let misfit = fit.misfit(&plausible);
+        let Some(plausible) = self.plausible(&light, &at_level) else { return (light, misfit) };
+        let misfit = self.misfit(&plausible);
         (plausible, misfit)
     }
 
@@ -184,22 +203,22 @@ impl<'a> Clipped<'a> {
     /// of lamps, and whatever it explains if it is that of suns whose flare is surely seen; their glare saturates what is around them. Windows
     /// shine all over.
     pub(super) fn is_convincing(&self, light: &Array2<f32>) -> bool {
-        let (fit, level) = (self.fit(), self.at_level());
-        let left = fit.misfit(light) / fit.misfit(&level);
+        let left = self.misfit(light) / self.left_by_level().1;
+        let level = self.at_level();
         left <= SURELY_CONVINCING && self.is_mostly_seen()
             || self.shining(&(light - &level)) <= WIDESPREAD
-                && (left <= CONVINCING || self.part_seen(&fit, light, &level).is_some())
+                && (left <= CONVINCING || self.part_seen(light, &level).is_some())
     }
 
     /// Whether a light is that of suns, or of lamps as small, whose flare is surely seen.
     pub(super) fn is_of_suns(&self, light: &Array2<f32>) -> bool {
-        self.part_seen(&self.fit(), light, &self.at_level()).is_some()
+        self.part_seen(light, &self.at_level()).is_some()
     }
 
     /// Whether the flare of most saturated pixels is seen: an area that is larger than the PSF is taken to be even within.
     fn is_mostly_seen(&self) -> bool {
         let count = |pixels: &Array2<bool>| pixels.iter().filter(|is_one| **is_one).count();
-        2 * count(&self.seen) >= count(self.saturated)
+        2 * count(self.seen) >= count(self.saturated)
     }
 
     /// A light with none at pixels that the flare of suns saturates, whatever is there: that is painted over, where the level would stay
@@ -207,7 +226,7 @@ impl<'a> Clipped<'a> {
     pub(super) fn without_glare(&self, mut light: Array2<f32>) -> Array2<f32> {
         let at_level = self.at_level();
         let is_sun = |light: &f32| *light > SUN * self.level;
-        if !light.iter().any(is_sun) || self.part_seen(&self.fit(), &light, &at_level).is_none() {
+        if !light.iter().any(is_sun) || self.part_seen(&light, &at_level).is_none() {
             return light;
         }
         let (level, more) = (self.level, &light - &at_level);
@@ -225,12 +244,12 @@ impl<'a> Clipped<'a> {
 
     /// How much of what a light has above the level is seen in the capture, where it comes from a small part of the frame and its flare is
     /// surely seen, however little it is beside the scene's own detail.
-    fn part_seen(&self, fit: &Fit<'_>, light: &Array2<f32>, at_level: &Array2<f32>) -> Option<f64> {
+    fn part_seen(&self, light: &Array2<f32>, at_level: &Array2<f32>) -> Option<f64> {
         let more = light - at_level;
         if shining_pixels(&more) > LARGEST_SUN * more.len() as f64 {
             return None;
         }
-        part_surely_seen(&fit.seen(&more), &fit.residual(at_level).0)
+        part_surely_seen(&self.fit.seen(&more), &self.left_by_level().0)
     }
 
     /// The level at which they saturate for the light of all saturated pixels.
@@ -243,22 +262,24 @@ impl<'a> Clipped<'a> {
     ///
     /// The flare of large areas does not tell their pixels apart, but how bright they are together.
     pub(super) fn shared(&self, coarse: Option<Array2<f32>>) -> Array2<f32> {
-        let (fit, at_level) = (self.fit(), self.at_level());
-        let (times, of_level) = {
-            let (left, of_level) = fit.residual(&at_level);
-            (times_likely_seen(&fit.seen(&at_level), &left).min(MOST_SHARED), of_level)
-        };
-        let shared = &at_level * narrow(1.0 + times);
-        let of_shared = fit.misfit(&shared);
+        let at_level = self.at_level();
+        let (left, of_level) = self.left_by_level();
+        let seen = self.fit.seen(&at_level);
+        let times = narrow(times_likely_seen(&seen, left).min(MOST_SHARED));
+        let of_shared = sum_of_rows(left.nrows(), |y| {
+            let pixels = row(left, y).iter().zip(row(&seen, y));
+            pixels.map(|(left, seen)| f64::from(left - times * seen).powi(2)).sum()
+        });
         match coarse {
             _ if of_shared > TOLD * of_level => coarse.unwrap_or(at_level),
-            Some(coarse) if fit.misfit(&coarse) <= of_shared => coarse,
-            _ => shared,
+            Some(coarse) if self.misfit(&coarse) <= of_shared => coarse,
+            _ => at_level.mapv_into(|light| (1.0 + times) * light),
         }
     }
 
     /// The part of a light above another that is believed where all of it would throw more flare than is plausible.
-    fn plausible(&self, fit: &Fit<'_>, light: &Array2<f32>, least: &Array2<f32>) -> Option<Array2<f32>> {
+    fn plausible(&self, light: &Array2<f32>, least: &Array2<f32>) -> Option<Array2<f32>> {
+        let fit = &self.fit;
         let mut more = fit.lend_plane();
         Zip::from(&mut *more).and(light).and(least).par_for_each(|more, light, least| *more = light - least);
         let of = |light: &Array2<f32>| {
@@ -314,7 +335,8 @@ impl<'a> Clipped<'a> {
         (0..hidden.nrows()).into_par_iter().map(of_row).collect()
     }
 
-    fn fitted(&self, fit: &Fit<'_>, squared: &Blur<'_>, progress: &Progress) -> Result<Measured> {
+    fn fitted(&self, squared: &Blur<'_>, progress: &Progress) -> Result<Measured> {
+        let fit = &self.fit;
         let mut light = self.at_level();
         fit.spread(&mut light, (FIRST_STEPS, squared), progress)?;
         let spread = light.clone();
@@ -337,21 +359,25 @@ impl<'a> Clipped<'a> {
 
     /// What a light of saturated pixels, the level included, leaves of that sum of squares.
     pub(super) fn misfit(&self, light: &Array2<f32>) -> f64 {
-        self.fit().misfit(light)
+        self.fit.misfit(light)
     }
 
-    fn fit(&self) -> Fit<'_> {
-        let Self { blur, capture, saturated, brightness, level, ref seen } = *self;
-        let places = Places { may_shine: seen, at_least: level, seed: LEAST_LIGHT * level };
-        Fit::new(blur, (capture, saturated, brightness), places)
+    /// What the level leaves of the capture, `w·h(y − A·level·S)`, and the sum of its squares.
+    fn left_by_level(&self) -> &(Array2<f32>, f64) {
+        self.of_level.get_or_init(|| {
+            let mut left = Array2::zeros(self.capture.dim());
+            let misfit = self.fit.write_residual(&self.at_level(), &mut left);
+            (left, misfit)
+        })
     }
 }
 
 /// The number of pixels that a light comes from, as if all of them were alike.
 pub(super) fn shining_pixels(light: &Array2<f32>) -> f64 {
-    let sum: f64 = light.iter().map(|light| f64::from(*light)).sum();
-    let of_squares: f64 = light.iter().map(|light| f64::from(*light).powi(2)).sum();
-    sum.powi(2) / of_squares.max(f64::MIN_POSITIVE)
+    let sum_of = |of: fn(f64) -> f64| {
+        sum_of_rows(light.nrows(), |y| row(light, y).iter().map(|light| of(f64::from(*light))).sum())
+    };
+    sum_of(|light| light).powi(2) / sum_of(|light| light * light).max(f64::MIN_POSITIVE)
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "a part of light")]

@@ -20,11 +20,9 @@ const LEAST_POWER: f32 = 0.02;
 /// `h(r) = M·(r − G(M r)/G(M))` over the believed pixels M. One that is not normalised by M would leak the core of a lamp into
 /// its surroundings, and find a third of its light.
 pub(super) struct HighPass {
-    /// M: 1 where the capture is believed, 0 elsewhere.
-    known: Array2<f32>,
     /// 1/G(M).
     inverse_share: Array2<f32>,
-    /// w: M over the brightness.
+    /// w: M over the brightness, which is above zero where the capture is believed, and there alone.
     pub(super) weights: Array2<f32>,
     /// The standard deviation of the bell, in pixels.
     width_px: f32,
@@ -38,12 +36,12 @@ impl HighPass {
         let mut inverse_share = smoothed(known.dim(), width_px, copy_of(&known));
         inverse_share.par_mapv_inplace(|share| 1.0 / (share + LEAST_SHARE));
         let weights = Zip::from(&known).and(brightness).par_map_collect(|known, n| known / n);
-        Self { known, inverse_share, weights, width_px, rooms: Pool::new() }
+        Self { inverse_share, weights, width_px, rooms: Pool::new() }
     }
 
     /// Lends a plane, of which stale contents are to be overwritten.
     fn lend_room(&self) -> Loan<'_, Array2<f32>> {
-        self.rooms.lend(|| Array2::zeros(self.known.dim()))
+        self.rooms.lend(|| Array2::zeros(self.weights.dim()))
     }
 
     /// Weighs pixels by the local root mean square of what is left of them, `left` = `w·h(r)`, besides: where the scene is
@@ -53,17 +51,17 @@ impl HighPass {
     /// `w ← w / √(G(left²)/G(M) + ε)`, G of `width_px` pixels and ε a small part of the mean of left²: then what is left is near
     /// 1 everywhere. Done again with what is left then, errors of the first weights vanish.
     pub(super) fn weigh(&mut self, left: &Array2<f32>, width_px: f32) {
-        let known = &self.known;
-        let sum = |of: &dyn Fn(f32) -> f32, plane: &Array2<f32>| {
-            plane.iter().map(|v| f64::from(of(*v))).sum::<f64>()
-        };
-        let least =
-            LEAST_POWER * narrow(sum(&|left| left * left, left) / sum(&|known| known, known).max(1.0));
+        let power: f64 = left.iter().map(|left| f64::from(left * left)).sum();
+        let known = self.weights.iter().filter(|weight| **weight > 0.0).count();
+        let least = LEAST_POWER * narrow(power / known.max(1) as f64);
         let squares = |y: usize, out: &mut [f32]| {
             out.iter_mut().zip(row(left, y)).for_each(|(out, left)| *out = left * left);
         };
         let power = smoothed(left.dim(), width_px, squares);
-        let share = smoothed(left.dim(), width_px, copy_of(known));
+        let weights = &self.weights;
+        let share = smoothed(left.dim(), width_px, |y, out| {
+            out.iter_mut().zip(row(weights, y)).for_each(|(out, weight)| *out = f32::from(*weight > 0.0));
+        });
         Zip::from(&mut self.weights).and(&power).and(&share).par_for_each(|w, power, share| {
             *w /= (power / (share + LEAST_SHARE) + least).sqrt().max(f32::MIN_POSITIVE);
         });
@@ -78,8 +76,8 @@ impl HighPass {
 
     /// Writes `w·h(r)`; returns the sum of its squares.
     pub(super) fn pass(&self, r: &Array2<f32>, out: &mut Array2<f32>) -> f64 {
-        let Self { known, inverse_share, weights, width_px, .. } = self;
-        let believe = |y: usize, out: &mut [f32]| believe(out, row(r, y), row(known, y));
+        let Self { inverse_share, weights, width_px, .. } = self;
+        let believe = |y: usize, out: &mut [f32]| believe(out, row(r, y), row(weights, y));
         let leave = |y: usize, low: &mut [f32], out: &mut [f32]| {
             leave(out, row(r, y), low, [row(inverse_share, y), row(weights, y)])
         };
@@ -111,11 +109,11 @@ impl HighPass {
     }
 
     fn transpose(&self, r: &Array2<f32>, passed: &mut Array2<f32>) {
-        let Self { known, inverse_share, weights, width_px, .. } = self;
+        let Self { inverse_share, weights, width_px, .. } = self;
         let share =
             |y: usize, out: &mut [f32]| of_share(out, row(r, y), row(weights, y), row(inverse_share, y));
         let leave = |y: usize, smoothed: &mut [f32], out: &mut [f32]| {
-            leave_transposed(out, smoothed, row(r, y), [row(weights, y), row(known, y)]);
+            leave_transposed(out, smoothed, row(r, y), row(weights, y));
             0.0
         };
         smooth_into(passed.view_mut(), *width_px, share, leave);
@@ -124,8 +122,8 @@ impl HighPass {
 
 vectorised! {
     /// Writes `M·r`.
-    fn believe<'a>(out: &'a mut [f32], r: &'a [f32], known: &'a [f32]) -> () {
-        out.iter_mut().zip(r).zip(known).for_each(|((out, r), known)| *out = r * known);
+    fn believe<'a>(out: &'a mut [f32], r: &'a [f32], weights: &'a [f32]) -> () {
+        out.iter_mut().zip(r).zip(weights).for_each(|((out, r), w)| *out = if *w > 0.0 { *r } else { 0.0 });
     }
 }
 
@@ -149,10 +147,9 @@ vectorised! {
 
 vectorised! {
     /// Writes a row of `M·(w·r − smoothed)`.
-    fn leave_transposed<'a>(out: &'a mut [f32], smoothed: &'a [f32], r: &'a [f32], factors: [&'a [f32]; 2]) -> () {
-        let [weights, known] = factors;
-        for ((((out, smoothed), r), w), known) in out.iter_mut().zip(smoothed).zip(r).zip(weights).zip(known) {
-            *out = (r * w - smoothed) * known;
+    fn leave_transposed<'a>(out: &'a mut [f32], smoothed: &'a [f32], r: &'a [f32], weights: &'a [f32]) -> () {
+        for (((out, smoothed), r), w) in out.iter_mut().zip(smoothed).zip(r).zip(weights) {
+            *out = if *w > 0.0 { r * w - smoothed } else { 0.0 };
         }
     }
 }

@@ -69,16 +69,14 @@ impl<'a> Known<'a> {
         frame: &Frame,
         (saturated, coarse): (&[Array2<bool>], Option<ArrayView2<'_, f32>>),
         progress: &Progress,
-    ) -> Result<Option<Found>> {
+    ) -> Result<Option<Light>> {
         let pixels = &saturated[self.channel];
         if !pixels.iter().any(|saturated| *saturated) {
             return Ok(None);
         }
         let brightness = self.brightness(&frame.surround(self.capture));
-        let of_channel = self.saturated(frame, pixels);
-        let light =
-            of_channel.light((frame.cut(&brightness), saturated), (coarse, self.is_reduced), progress)?;
-        Ok(Some(Found { light, brightness }))
+        let known = (frame.cut(&brightness), saturated);
+        self.saturated(frame, pixels).light(known, (coarse, self.is_reduced), progress).map(Some)
     }
 
     /// The noise of the channel alone; `left` are the parts of the scene's detail that the PSF leaves.
@@ -95,11 +93,4 @@ impl<'a> Known<'a> {
         let known = (self.config.alpha, saturated_from(self.level()));
         NoiseLevel::told(self.capture, known, least).or_more(noise)
     }
-}
-
-/// The light of a channel's saturated pixels.
-pub(super) struct Found {
-    pub(super) light: Light,
-    /// D, a whole plane.
-    pub(super) brightness: Array2<f32>,
 }

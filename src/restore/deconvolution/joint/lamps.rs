@@ -5,7 +5,7 @@ use ndarray::{Array2, ArrayView2, ArrayViewMut2, Zip};
 use super::coarse;
 use super::diagonal::diagonal;
 use super::fit::{grown, high_pass_reach};
-use super::flare::{Clipped, Measured};
+use super::flare::{Clipped, Measured, seen_pixels};
 use super::frame::{Blur, Frame, row};
 use super::members::{OfMembers, members};
 use super::prior::Modest;
@@ -189,10 +189,22 @@ impl Saturated<'_> {
                 Window::apart(pixels, reach)
             }
         };
+        let told = (brightness, of_colors);
+        if let [whole] = &windows[..]
+            && whole.size() == frame.size()
+        {
+            let Found { light, is_measured, is_coarse } =
+                self.light_in(whole, told, (coarse, belief), progress)?;
+            return Ok(Light {
+                of_pixels: OfMembers::new(pixels, |place| light[place]),
+                is_measured,
+                is_coarse,
+            });
+        }
         let (mut light, mut is_coarse, mut is_measured) = (Array2::zeros(frame.size()), false, true);
         for window in &windows {
             let coarse = coarse.as_ref().map(|light| window.cut(light.view()).to_owned());
-            let found = self.light_in(window, (brightness, of_colors), (coarse, belief), progress)?;
+            let found = self.light_in(window, told, (coarse, belief), progress)?;
             light.slice_mut(window.slices()).assign(&found.light);
             is_coarse |= found.is_coarse;
             is_measured &= found.is_measured;
@@ -213,7 +225,8 @@ impl Saturated<'_> {
         let saturated = &window.cut(self.pixels.view()).to_owned();
         let [capture, brightness] = [self.capture, brightness].map(|plane| window.cut(plane));
         let blur = of_window.blur(psf)?;
-        let clipped = Clipped::new(&blur, (capture, saturated, brightness), level);
+        let seen = &seen_pixels(&blur, saturated);
+        let clipped = Clipped::new(&blur, capture, [saturated, seen], (brightness, level));
         let is_believed = |light: &Array2<f32>| match belief {
             Belief::Always => true,
             Belief::IfConvincing => {

@@ -4,7 +4,8 @@
 //! agree on how much of it there is, however busy the scene is; what a scene's own glow makes look like flare is seen near the light alone,
 //! or in some blocks more and in others less than nothing.
 
-use ndarray::Array2;
+use ndarray::{Array2, ArrayView2, Axis};
+use rayon::prelude::*;
 
 /// Blocks along the shorter side, and the least side of one.
 const BLOCKS: usize = 8;
@@ -63,18 +64,21 @@ pub(super) fn part_surely_seen(flare: &Array2<f32>, left: &Array2<f32>) -> Optio
 }
 
 fn blocks_of(flare: &Array2<f32>, left: &Array2<f32>) -> Vec<Block> {
-    let (height, width) = flare.dim();
-    let side = (height.min(width) / BLOCKS).max(LEAST_BLOCK_PX);
-    let columns = width.div_ceil(side);
-    let mut blocks = vec![Block::default(); height.div_ceil(side) * columns];
-    for (y, (flare, left)) in flare.outer_iter().zip(left.outer_iter()).enumerate() {
-        for (x, (flare, left)) in flare.iter().zip(left).enumerate() {
-            let block = &mut blocks[y / side * columns + x / side];
-            block.alike += f64::from(flare * left);
-            block.power += f64::from(flare * flare);
+    let side = (flare.nrows().min(flare.ncols()) / BLOCKS).max(LEAST_BLOCK_PX);
+    let columns = flare.ncols().div_ceil(side);
+    let of_row_of_blocks = |(flare, left): (ArrayView2<'_, f32>, ArrayView2<'_, f32>)| {
+        let mut blocks = vec![Block::default(); columns];
+        for (flare, left) in flare.rows().into_iter().zip(left.rows()) {
+            for (x, (flare, left)) in flare.iter().zip(left).enumerate() {
+                let block = &mut blocks[x / side];
+                block.alike += f64::from(flare * left);
+                block.power += f64::from(flare * flare);
+            }
         }
-    }
-    blocks
+        blocks
+    };
+    let rows = flare.axis_chunks_iter(Axis(0), side).into_par_iter();
+    rows.zip(left.axis_chunks_iter(Axis(0), side)).flat_map_iter(of_row_of_blocks).collect()
 }
 
 /// What blocks tell together.

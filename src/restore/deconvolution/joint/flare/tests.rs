@@ -42,7 +42,8 @@ impl Lamp {
         let Self { frame, psf, capture, saturated, brightness } = self;
         let (blur, squared) = (frame.blur(psf.view()).unwrap(), frame.squared_blur(psf.view()).unwrap());
         let (capture, brightness) = (capture.view(), brightness.view());
-        let clipped = Clipped::new(&blur, (capture, saturated, brightness), LEVEL);
+        let seen = seen_pixels(&blur, saturated);
+        let clipped = Clipped::new(&blur, capture, [saturated, &seen], (brightness, LEVEL));
         check(&clipped, &squared, saturated.iter().filter(|saturated| **saturated).count());
     }
 }
@@ -76,7 +77,7 @@ fn light_convinces_where_it_explains_much_and_is_that_of_few_pixels() {
 #[test]
 fn light_that_outshines_the_capture_is_not_believed() {
     Lamp::new(1000.0).with(|clipped, squared, _| {
-        let light = clipped.fitted(&clipped.fit(), squared, &Progress::default()).unwrap().light;
+        let light = clipped.fitted(squared, &Progress::default()).unwrap().light;
         assert!(clipped.measure(squared, &Progress::default()).unwrap().light == light);
     });
     Lamp::of_scene(|y, x| match (y, x) {
@@ -86,9 +87,8 @@ fn light_that_outshines_the_capture_is_not_believed() {
     .with(|clipped, _, count| {
         assert!(count > 100, "{count} pixels are saturated");
         let of_level = clipped.at_level();
-        let fit = clipped.fit();
         let believed =
-            |light: &Array2<f32>| clipped.plausible(&fit, light, &of_level).unwrap_or_else(|| light.clone());
+            |light: &Array2<f32>| clipped.plausible(light, &of_level).unwrap_or_else(|| light.clone());
         assert_eq!(believed(&of_level), of_level);
         assert_eq!(believed(&(&of_level * 100.0)), of_level);
         // As a lamp shines, and some flare is believed.
@@ -109,9 +109,8 @@ fn the_light_of_a_sun_is_believed_in_a_scene_that_drowns_its_flare() {
         _ => leaves[[y / 3, x / 3]],
     })
     .with(|clipped, squared, _| {
-        let (fit, at_level) = (clipped.fit(), clipped.at_level());
         let light = clipped.measure(squared, &Progress::default()).unwrap().light;
-        assert!(fit.misfit(&light) > CONVINCING * fit.misfit(&at_level), "explains much");
+        assert!(clipped.misfit(&light) > CONVINCING * clipped.left_by_level().1, "explains much");
         let part = light.sum() / (4000.0 * LEVEL);
         assert!((0.7..1.4).contains(&part), "{part}");
     });

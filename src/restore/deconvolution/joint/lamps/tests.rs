@@ -164,7 +164,8 @@ fn light_that_throws_no_flare_out_of_an_area_is_not_made_up() {
     let (capture, pixels) = window_before_a_room(&frame, &psf, 1.5);
     let (psf, brightness) = (psf.view(), local_mean(&capture, 4.0) + 0.25);
     let blur = frame.blur(psf).unwrap();
-    let clipped = Clipped::new(&blur, (capture.view(), &pixels, brightness.view()), LEVEL);
+    let seen = seen_pixels(&blur, &pixels);
+    let clipped = Clipped::new(&blur, capture.view(), [&pixels, &seen], (brightness.view(), LEVEL));
     let light = clipped.measure(&frame.squared_blur(psf).unwrap(), &Progress::default()).unwrap().light;
     let (mut hidden, mut told) = (0, 0);
     for ((y, x), light) in light.indexed_iter() {
