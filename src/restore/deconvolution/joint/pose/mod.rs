@@ -100,8 +100,8 @@ const USELESS_SIGMA: Pose2 = [0.05, 2e-3];
 /// less light, small suns tell poses that are wrong by half a degree or 1 %.
 const LEAST_LIGHT_TO_NOISE: f64 = 80.0;
 
-/// The share of a channel's pixels that may be saturated: of more, skies and windows, the light explains the scene around it in any pose.
-/// Of 86 overexposed frames (192 × 192, six panels, PSFs in their pose) 36 tell a pose without this limit, 25 of which are wrong by more
+/// The share of the pixels that may be saturated, of a channel and of the part of it that is looked at: of more, skies and windows, the
+/// light explains the scene around it in any pose. Of 86 overexposed frames (192 × 192, six panels, PSFs in their pose) 36 tell a pose without this limit, 25 of which are wrong by more
 /// than six of their deviations; eight with it, two of which are. Of 76 others, some in their pose and some turned, fifteen tell one: eleven
 /// with the limit, one of which is wrong, and all of the other four are.
 const MOST_SATURATED: f64 = 0.3;
@@ -110,8 +110,15 @@ const MOST_SATURATED: f64 = 0.3;
 /// of streets by day, eight would tell poses that are wrong by 4 to 31 deviations, and of twelve that take less one does.
 const LARGEST_LAMPS: f64 = 0.015;
 
+/// How far from a pose that was found a second search begins, to confirm it.
+const ELSEWHERE: Pose2 = [0.3, 0.004];
+
+/// How far from that pose it ends where it confirms it, or by how many deviations of both.
+const CONFIRMED: Pose2 = [0.03, 1.5e-3];
+const CERTAINTY: f64 = 2.0;
+
 /// How many times the saturated pixels of another colour one has that is saturated alone.
-const ALONE: usize = 10;
+const ALONE: usize = 3;
 
 /// How a capture was taken, for [`find_pose`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -214,10 +221,30 @@ pub fn find_pose(
     }
     let movable = Movable::new(psf.channel(channel));
     let levels = (config.saturation[channel], config.alpha);
-    let Some(scene) = Scene::new(capture.channel(channel), movable.size(), levels) else {
-        return Ok(Err(UntoldPose::NoLamps));
-    };
-    Search::new(scene, &movable, progress)?.run(config.least_move)
+    let scene = || Scene::new(capture.channel(channel), movable.size(), levels, MOST_SATURATED);
+    let Some(scene_of_lamps) = scene() else { return Ok(Err(UntoldPose::NoLamps)) };
+    let of_lamps = scene_of_lamps.lamps.iter().filter(|lamp| **lamp).count();
+    if of_lamps as f64 > MOST_SATURATED * scene_of_lamps.lamps.len() as f64 {
+        return Ok(Err(UntoldPose::MuchSaturated));
+    }
+    let found = Search::new(scene_of_lamps, &movable, progress)?.run(config.least_move)?;
+    match (found, scene()) {
+        (Ok(estimate), Some(scene)) => {
+            let movable = movable.from([estimate.turn_deg + ELSEWHERE[0], estimate.scale + ELSEWHERE[1]]);
+            let again = Search::new(scene, &movable, progress)?.run([0.0; 2])?;
+            let is_confirmed = again.is_ok_and(|again| confirms(&estimate, &again));
+            Ok(if is_confirmed { Ok(estimate) } else { Err(UntoldPose::Fickle) })
+        }
+        (found, _) => Ok(found),
+    }
+}
+
+/// Whether a search that began elsewhere found a pose again.
+fn confirms(estimate: &PoseEstimate, again: &PoseEstimate) -> bool {
+    let apart = [again.turn_deg + ELSEWHERE[0], again.scale + ELSEWHERE[1]];
+    let turn_sigma_deg = estimate.turn_sigma_deg.hypot(again.turn_sigma_deg);
+    let sigmas = [turn_sigma_deg, estimate.scale_sigma.hypot(again.scale_sigma)];
+    (0..2).all(|part| apart[part].abs() <= CONFIRMED[part].max(CERTAINTY * sigmas[part]))
 }
 
 /// The channel with most saturated pixels, and how many those are: green, where it is as good as others. Where that is more than lamps have

@@ -13,6 +13,8 @@ pub(super) const LARGEST_PX: usize = 513;
 pub(super) struct Movable {
     spline: CubicSpline,
     size: [usize; 2],
+    /// The pose of the channel that others are relative to.
+    origin: Pose2,
 }
 
 impl Movable {
@@ -25,7 +27,13 @@ impl Movable {
         };
         let (height, width) = channel.dim();
         let middle = channel.slice(s![part(height), part(width)]);
-        Self { spline: CubicSpline::fit(middle), size: middle.dim().into() }
+        Self { spline: CubicSpline::fit(middle), size: middle.dim().into(), origin: [0.0; 2] }
+    }
+
+    /// The same channel, but that poses are relative to this one.
+    pub(super) fn from(self, [turn_deg, scale]: Pose2) -> Self {
+        let origin = [self.origin[0] + turn_deg, (1.0 + self.origin[1]) * (1.0 + scale) - 1.0];
+        Self { origin, ..self }
     }
 
     /// Height and width of the channel.
@@ -39,9 +47,9 @@ impl Movable {
     /// A pixel takes its light from the place turned back, at 1/(1 + s) of the distance, as
     /// [`MeasurementErrors`](crate::codes::MeasurementErrors) does.
     pub(super) fn at(&self, pose: Pose2) -> Array2<f32> {
-        let [turn_deg, scale] = pose;
+        let (turn_deg, times) = (self.origin[0] + pose[0], (1.0 + self.origin[1]) * (1.0 + pose[1]));
         let (sin, cos) = turn_deg.to_radians().sin_cos();
-        let (sin, cos) = (sin / (1.0 + scale), cos / (1.0 + scale));
+        let (sin, cos) = (sin / times, cos / times);
         let [centre_y, centre_x] = self.size.map(|side| (side / 2) as f64);
         let mut moved = Array2::zeros(self.size);
         let width = self.size[1];

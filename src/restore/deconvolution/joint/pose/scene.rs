@@ -56,11 +56,13 @@ pub(super) struct Scene {
 }
 
 impl Scene {
-    /// Looks for lamps in a channel that saturates at `level`, through a PSF of `psf` pixels; none without lamps.
+    /// Looks for lamps in a channel that saturates at `level`, through a PSF of `psf` pixels, where they take no more than the part `most`
+    /// of what is looked at, if there is such a place; none without lamps.
     pub(super) fn new(
         channel: ArrayView2<'_, f32>,
         psf: [usize; 2],
         (level, alpha): (f32, f32),
+        most: f64,
     ) -> Option<Self> {
         let clipped_from = saturated_from(level);
         // The glare around clipped light tells of it, and so do its orders: what may shine explains no other's flare.
@@ -69,7 +71,7 @@ impl Scene {
             false => clipped_from.min(bright_from(channel)),
         };
         // What is dark all over has none.
-        let [top, left] = window_of_lamps(&channel.mapv(|y| y > 0.0 && y >= lamps_from))?;
+        let [top, left] = window_of_lamps(&channel.mapv(|y| y > 0.0 && y >= lamps_from), most)?;
         let side = |length: usize| length.min(LARGEST_PX);
         let (height, width) = (side(channel.nrows()), side(channel.ncols()));
         let capture = channel.slice(s![top..top + height, left..left + width]).mapv(|y| y.max(0.0));
@@ -175,8 +177,8 @@ fn bright_from(channel: ArrayView2<'_, f32>) -> f32 {
     at(last - lamps).max(LAMP_CONTRAST * at(last / 2))
 }
 
-/// The corner of the part of the frame whose middle holds most lamps.
-fn window_of_lamps(lamps: &Array2<bool>) -> Option<[usize; 2]> {
+/// The corner of the part of the frame whose middle holds most lamps, of those that lamps fill no more than `most` of, if there are such.
+fn window_of_lamps(lamps: &Array2<bool>, most: f64) -> Option<[usize; 2]> {
     if !lamps.iter().any(|lamp| *lamp) {
         return None;
     }
@@ -194,7 +196,8 @@ fn window_of_lamps(lamps: &Array2<bool>) -> Option<[usize; 2]> {
     let window = |start: usize, whole: usize| start..start + whole.min(LARGEST_PX);
     // Row by row, so that a clipped sky takes no longer than a lamp.
     let lefts: Vec<usize> = starts(width).collect();
-    let mut of_rows = Array2::<u64>::zeros((height, lefts.len()));
+    // The lamps of a row, and what these count.
+    let mut of_rows = Array2::<[u64; 2]>::from_elem((height, lefts.len()), [0; 2]);
     Zip::from(of_rows.axis_iter_mut(Axis(0))).and(lamps.axis_iter(Axis(0))).par_for_each(
         |mut of_row, lamps| {
             if !lamps.iter().any(|lamp| *lamp) {
@@ -204,13 +207,17 @@ fn window_of_lamps(lamps: &Array2<bool>) -> Option<[usize; 2]> {
                 let window = lamps.slice(s![window(*left, width)]);
                 let near =
                     window.iter().enumerate().filter(|(_, lamp)| **lamp).map(|(x, _)| nearness(x, width));
-                *sum = near.sum();
+                *sum = near.fold([0; 2], |[count, sum], near| [count + 1, sum + near]);
             }
         },
     );
-    let score = |top: usize, column: usize| -> u64 {
+    let room = (height.min(LARGEST_PX) * width.min(LARGEST_PX)) as f64;
+    // Those with too many come after all others.
+    let score = |top: usize, column: usize| -> (bool, u64) {
         let of_rows = of_rows.slice(s![window(top, height), column]);
-        of_rows.iter().enumerate().map(|(y, of_row)| nearness(y, height) * of_row).sum()
+        let count: u64 = of_rows.iter().map(|[count, _]| count).sum();
+        let sum = of_rows.iter().enumerate().map(|(y, [_, of_row])| nearness(y, height) * of_row).sum();
+        (count as f64 <= most * room, sum)
     };
     let corners = starts(height).flat_map(|top| (0..lefts.len()).map(move |column| (top, column)));
     let (top, column) = corners.max_by_key(|(top, column)| score(*top, *column))?;
@@ -233,12 +240,26 @@ mod tests {
             places.iter().for_each(|place| lamps[*place] = true);
             lamps
         };
-        assert_eq!(window_of_lamps(&lamps(&[])), None);
+        let window = |places: &[(usize, usize)]| window_of_lamps(&lamps(places), 1.0);
+        assert_eq!(window(&[]), None);
         // Corners stand 176 pixels apart, and a window's middle is 352 pixels in.
-        assert_eq!(window_of_lamps(&lamps(&[(352, 352)])), Some([0, 0]));
-        assert_eq!(window_of_lamps(&lamps(&[(704, 1056)])), Some([352, 704]));
-        assert_eq!(window_of_lamps(&lamps(&[(704, 1056), (1400, 10)])), Some([352, 704]));
-        assert_eq!(window_of_lamps(&lamps(&[(704, 1056), (1000, 1410), (1001, 1409)])), Some([704, 1056]));
+        assert_eq!(window(&[(352, 352)]), Some([0, 0]));
+        assert_eq!(window(&[(704, 1056)]), Some([352, 704]));
+        assert_eq!(window(&[(704, 1056), (1400, 10)]), Some([352, 704]));
+        assert_eq!(window(&[(704, 1056), (1000, 1410), (1001, 1409)]), Some([704, 1056]));
+    }
+
+    /// A lit wall that is overexposed has more saturated pixels than all lamps, and tells nothing.
+    #[test]
+    fn a_window_that_a_wall_fills_gives_way_to_others() {
+        let mut lamps = Array2::from_elem((704, 2112), false);
+        lamps.slice_mut(s![50..650, 20..620]).fill(true);
+        lamps.slice_mut(s![300..400, 1710..1810]).fill(true);
+        assert_eq!(window_of_lamps(&lamps, 1.0), Some([0, 0]));
+        assert_eq!(window_of_lamps(&lamps, 0.1), Some([0, 1408]));
+        // Where walls are all there is, they are looked at.
+        lamps.slice_mut(s![.., 620..]).fill(true);
+        assert!(window_of_lamps(&lamps, 0.1).is_some());
     }
 
     /// As far as it is added up lamp by lamp, corner by corner.
@@ -257,6 +278,6 @@ mod tests {
         };
         let corners = [0, 16].into_iter().flat_map(|top| [0, 132, 264, 396].map(|left| [top, left]));
         let best = corners.max_by_key(|[top, left]| score(*top, *left));
-        assert_eq!(window_of_lamps(&lamps), best);
+        assert_eq!(window_of_lamps(&lamps, 1.0), best);
     }
 }

@@ -24,6 +24,8 @@ pub enum UntoldPose {
         /// Of the scale.
         scale_sigma: f64,
     },
+    /// A search that begins elsewhere finds another.
+    Fickle,
     /// The pose is within the least move.
     InPlace,
 }
@@ -56,6 +58,12 @@ impl fmt::Display for UntoldPose {
                     "its flare tells the turn to {turn_sigma_deg:.2}° and the scale to {:.2} %, where {turn}° and {} % are asked",
                     100.0 * scale_sigma,
                     100.0 * scale
+                )
+            }
+            Self::Fickle => {
+                write!(
+                    f,
+                    "what explains its lamps best depends on where it is looked for, as it is not their flare"
                 )
             }
             Self::InPlace => write!(f, "the PSF is in its pose"),
