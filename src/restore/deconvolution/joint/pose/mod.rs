@@ -16,6 +16,8 @@
 //! 4. What is left is the scene, correlated as scenes are: the covariance of the pose is
 //!    `H⁻¹ (Σ_b g_b g_bᵀ) H⁻¹` with H = JᵀP⊥J, P⊥ taking away what light explains, and g_b = Σ JᵀP⊥ r over blocks of pixels
 //!    (Liang and Zeger, Biometrika 73, 1986). Where flare is weak, it is large, and the capture tells nothing.
+//! 5. A second search begins beside the pose: it ends there if flare tells it, and elsewhere if the scene's own detail does, which the
+//!    deviations know nothing of.
 
 mod alike;
 mod evidence;
@@ -219,29 +221,32 @@ pub fn find_pose(
     if saturated as f64 > MOST_SATURATED * capture.channel(channel).len() as f64 {
         return Ok(Err(UntoldPose::MuchSaturated));
     }
-    let movable = Movable::new(psf.channel(channel));
-    let levels = (config.saturation[channel], config.alpha);
-    let scene = || Scene::new(capture.channel(channel), movable.size(), levels, MOST_SATURATED);
+    let mut movable = Movable::new(psf.channel(channel));
+    let (size, levels) = (movable.size(), (config.saturation[channel], config.alpha));
+    let scene = || Scene::new(capture.channel(channel), size, levels, MOST_SATURATED);
     let Some(scene_of_lamps) = scene() else { return Ok(Err(UntoldPose::NoLamps)) };
     let of_lamps = scene_of_lamps.lamps.iter().filter(|lamp| **lamp).count();
     if of_lamps as f64 > MOST_SATURATED * scene_of_lamps.lamps.len() as f64 {
         return Ok(Err(UntoldPose::MuchSaturated));
     }
     let found = Search::new(scene_of_lamps, &movable, progress)?.run(config.least_move)?;
-    match (found, scene()) {
-        (Ok(estimate), Some(scene)) => {
-            let movable = movable.from([estimate.turn_deg + ELSEWHERE[0], estimate.scale + ELSEWHERE[1]]);
-            let again = Search::new(scene, &movable, progress)?.run([0.0; 2])?;
-            let is_confirmed = again.is_ok_and(|again| confirms(&estimate, &again));
-            Ok(if is_confirmed { Ok(estimate) } else { Err(UntoldPose::Fickle) })
+    let Ok(estimate) = found else { return Ok(found) };
+    // Beside it on one side or on the other, where a search finds nothing from the first.
+    for side in [1.0, -1.0] {
+        let Some(scene) = scene() else { break };
+        let elsewhere = [estimate.turn_deg + side * ELSEWHERE[0], estimate.scale + side * ELSEWHERE[1]];
+        movable = movable.about(elsewhere);
+        if let Ok(again) = Search::new(scene, &movable, progress)?.run([0.0; 2])? {
+            let is_confirmed = confirms(&estimate, &again, side);
+            return Ok(if is_confirmed { Ok(estimate) } else { Err(UntoldPose::Fickle) });
         }
-        (found, _) => Ok(found),
     }
+    Ok(Err(UntoldPose::Fickle))
 }
 
-/// Whether a search that began elsewhere found a pose again.
-fn confirms(estimate: &PoseEstimate, again: &PoseEstimate) -> bool {
-    let apart = [again.turn_deg + ELSEWHERE[0], again.scale + ELSEWHERE[1]];
+/// Whether a search that began elsewhere, on one `side` or on the other, found a pose again.
+fn confirms(estimate: &PoseEstimate, again: &PoseEstimate, side: f64) -> bool {
+    let apart = [again.turn_deg + side * ELSEWHERE[0], again.scale + side * ELSEWHERE[1]];
     let turn_sigma_deg = estimate.turn_sigma_deg.hypot(again.turn_sigma_deg);
     let sigmas = [turn_sigma_deg, estimate.scale_sigma.hypot(again.scale_sigma)];
     (0..2).all(|part| apart[part].abs() <= CONFIRMED[part].max(CERTAINTY * sigmas[part]))

@@ -31,8 +31,7 @@ impl Movable {
     }
 
     /// The same channel, but that poses are relative to this one.
-    pub(super) fn from(self, [turn_deg, scale]: Pose2) -> Self {
-        let origin = [self.origin[0] + turn_deg, (1.0 + self.origin[1]) * (1.0 + scale) - 1.0];
+    pub(super) fn about(self, origin: Pose2) -> Self {
         Self { origin, ..self }
     }
 
