@@ -231,17 +231,21 @@ pub fn find_pose(
     }
     let found = Search::new(scene_of_lamps, &movable, progress)?.run(config.least_move)?;
     let Ok(estimate) = found else { return Ok(found) };
+    let mut is_doubted = false;
     // Beside it on one side or on the other, where a search finds nothing from the first.
     for side in [1.0, -1.0] {
         let Some(scene) = scene() else { break };
         let elsewhere = [estimate.turn_deg + side * ELSEWHERE[0], estimate.scale + side * ELSEWHERE[1]];
         movable = movable.about(elsewhere);
-        if let Ok(again) = Search::new(scene, &movable, progress)?.run([0.0; 2])? {
-            let is_confirmed = confirms(&estimate, &again, side);
-            return Ok(if is_confirmed { Ok(estimate) } else { Err(UntoldPose::Fickle) });
+        match Search::new(scene, &movable, progress)?.run([0.0; 2])? {
+            Ok(again) if confirms(&estimate, &again, side) => return Ok(found),
+            // From there it does not come close, which tells nothing against the pose.
+            Err(UntoldPose::WeakFlare) => {}
+            Err(_) if side > 0.0 => is_doubted = true,
+            _ => return Ok(Err(UntoldPose::Fickle)),
         }
     }
-    Ok(Err(UntoldPose::Fickle))
+    Ok(if is_doubted { Err(UntoldPose::Fickle) } else { found })
 }
 
 /// Whether a search that began elsewhere, on one `side` or on the other, found a pose again.
