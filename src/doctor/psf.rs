@@ -92,6 +92,13 @@ fn look_at_energy(about: &str, faults: &PsfFaults, findings: &mut Findings) {
             "set it to its neighbours' light, or measure with dark frames",
         );
     }
+    let exposures = "measure with several exposures by `udc fuse --point-source`";
+    if let Some(core) = faults.describe_saturated_cores() {
+        findings.warn(about, "psf-saturated", core, exposures);
+    }
+    if let Some(steps) = faults.describe_steps() {
+        findings.warn(about, "psf-steps", steps, exposures);
+    }
 }
 
 /// Looks at where the light of a PSF lies that is as it should be otherwise.

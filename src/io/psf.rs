@@ -1,6 +1,8 @@
 //! Reads and writes PSFs as image files, and says what is wrong with those that are read.
 
 mod faults;
+mod floor;
+mod levels;
 mod lone;
 mod noise;
 mod place;
