@@ -54,11 +54,20 @@ pub(super) fn cut_offs(frames: &[Array3<f32>], times: &[f64], saturation: f64) -
     (0..frames.len()).filter_map(cut_off).collect()
 }
 
+/// The shares of white from which on what values end at is taken for white, and is told of; what is darker is a capture of darkness.
+const LEAST_WHITE: f64 = 0.8;
+const LEAST_DOUBTED: f64 = 0.03;
+
 /// Where the values of a mosaic end below white, as a share of that: a sensor may be full before its converter is. Far below, flat light
 /// is more plausible.
 pub(super) fn end_below_white(mosaic: &Array3<f32>, saturation: f64) -> Option<f64> {
-    const LEAST: f64 = 0.8;
-    plateau(mosaic).filter(|level| (LEAST..saturation).contains(level))
+    plateau(mosaic).filter(|level| (LEAST_WHITE..saturation).contains(level))
+}
+
+/// Where the values of a picture alone end far below white, as a share of that: flat light, or that of a sensor of fewer bits than were told.
+pub(super) fn end_far_below_white(frames: &[Array3<f32>]) -> Option<f64> {
+    let [picture] = frames else { return None };
+    plateau(picture).filter(|level| (LEAST_DOUBTED..LEAST_WHITE).contains(level))
 }
 
 /// For each of so many exposures, the value from which on its light may be cut off.

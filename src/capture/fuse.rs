@@ -10,11 +10,12 @@ use crate::core::saturation::SATURATED_SHARE;
 use super::alignment::{Motion, check_motion, motions};
 use super::bayer::{BayerPattern, demosaic, demosaic_scene, greens_look_swapped};
 use super::bracket::Bracket;
-use super::cut_off::{CutOff, ceilings, cut_offs, end_below_white};
+use super::cut_off::{CutOff, ceilings, cut_offs, end_below_white, end_far_below_white};
 use super::exposure_times::{check_order, estimate_times, ratios_found};
 use super::frames::{Frames, Uneven};
 use super::inpaint::inpaint;
 use super::lone::count_lone;
+use super::pedestal::pedestal;
 use super::point_source::core_share;
 
 /// How the exposures of a pixel become one value.
@@ -140,6 +141,10 @@ pub struct Fused {
     pub cut_off: Vec<CutOff>,
     /// Where the values of a mosaic alone end, as a share of the white that was told, which that was taken for.
     pub white_found: Option<f64>,
+    /// Where the values of a picture alone end far below the white that was told, as a share of it, as if cut off there.
+    pub white_doubted: Option<f64>,
+    /// What all exposures have alike whatever their time, as a share of white: a black level that was left in.
+    pub pedestal: Option<f64>,
     /// How many pixels shine in the dark frames, where there were any; they are filled from their neighbours wherever
     /// they do in the dark frame of the exposure that their value was taken of.
     pub hot_pixels: Option<usize>,
@@ -177,6 +182,7 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
     let numbers = exposures.first_numbers();
     let (mut times, mut frames) = (exposures.times.clone(), std::mem::take(&mut exposures.frames));
     let white_found = find_white(&mut frames, exposures.clipped.as_mut(), config);
+    let (white_doubted, pedestal) = (end_far_below_white(&frames), pedestal(&frames, &times));
     check_order(&frames, &times, &numbers)?;
     let cut_off = cut_offs(&frames, &times, config.saturation);
     let ceilings = ceilings(&cut_off, frames.len(), config.saturation);
@@ -212,12 +218,11 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
         Some((mosaic, pattern)) => demosaic_scene(mosaic, pattern)?,
         None => merged,
     };
-    let full = 1.0 / times.last().expect("a bracket has at least one exposure");
     Ok(Fused {
         image: LinearImage::from_planes(planes)?,
         source,
         saturated,
-        saturation: config.white_balance.map(|gain| gain * full),
+        saturation: config.white_balance.map(|gain| gain * (1.0 / times[times.len() - 1])),
         discarded: valid.as_ref().map_or(0, |valid| valid.iter().filter(|v| !**v).count()),
         ratio_found,
         motion,
@@ -228,6 +233,8 @@ pub fn fuse(bracket: Bracket, config: &FuseConfig) -> Result<Fused> {
         uneven: exposures.uneven,
         cut_off,
         white_found,
+        white_doubted,
+        pedestal,
         hot_pixels: exposures.darks.map(|darks| darks.hot_pixels()),
         looks_hot,
     })

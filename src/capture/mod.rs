@@ -17,6 +17,7 @@ mod groups;
 pub mod inpaint;
 mod levels;
 mod lone;
+mod pedestal;
 mod pictures;
 mod plausible;
 pub mod point_source;

@@ -8,7 +8,7 @@ use super::alike::{Said, check_levels, check_scene};
 use super::bracket::Bracket;
 use super::fuse::FuseConfig;
 use super::levels::{Kind, Levels, Samples, Unit};
-use super::plausible::{check_floats, check_reachable};
+use super::plausible::{check_floats, check_reachable, check_white};
 use super::shots::{Shot, differ, exposures, exposures_of_darks, is_in_doubt, without_dark};
 use super::told::Told;
 use crate::core::capture::CaptureInfo;
@@ -107,6 +107,8 @@ impl Pictures {
         {
             warnings.push(format!("{}: {warning}", names_of(files)));
         }
+        let surpassed = told.levels.white.and_then(|gave| check_white(&lights.planes, white, gave));
+        warnings.extend(surpassed.map(|warning| format!("{}: {warning}", names_of(files))));
         let config = FuseConfig { white, black, bayer, white_balance, ..config };
         Ok(Self { warnings, told: told.clone(), config, raw, said, divided_by, lights, darks })
     }

@@ -8,6 +8,11 @@ use crate::core::error::{Error, Result};
 /// Below this share of white, the brightest value of all pictures is suspicious.
 const DARKEST_SHARE: f64 = 0.01;
 
+/// From so many times white on, values are not those of photosites that are a little fuller than others, of which there may be some;
+/// few may be hot.
+const FAR_ABOVE: f64 = 1.25;
+const FEWEST_ABOVE: usize = 16;
+
 /// Refuses a level of `flag` that no value reaches: of integers, or of 32-bit floats.
 pub(super) fn check_reachable(flag: &str, level: f64, unit: Unit) -> Result<()> {
     match unit {
@@ -44,9 +49,33 @@ pub(super) fn check_floats(pictures: &[Array3<f32>], given: Option<f64>) -> Resu
     }))
 }
 
+/// Warns of a `white` below what many values have, which the user `gave` so in the units of the files.
+pub(super) fn check_white(pictures: &[Array3<f32>], white: f64, gave: f64) -> Option<String> {
+    let above = |value: &&f32| f64::from(**value) > FAR_ABOVE * white;
+    let values = pictures.iter().flatten().filter(|value| value.is_finite());
+    let (count, largest) =
+        values.filter(above).fold((0, 0.0_f32), |(count, most), v| (count + 1, most.max(*v)));
+    (count >= FEWEST_ABOVE).then(|| {
+        format!(
+            "{count} values lie far above --white {gave}, up to {}: a photosite holds no more than white, and all of them count as \
+             saturated; give the value of a full one",
+            (1e3 * f64::from(largest) / white * gave).round() / 1e3
+        )
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_white_that_many_values_surpass_is_warned_of() {
+        let pictures = [Array3::from_shape_fn((1, 8, 8), |(_, y, _)| if y < 4 { 0.05 } else { 0.25 })];
+        let said = check_white(&pictures, 0.0625, 1023.0).unwrap();
+        assert!(said.starts_with("32 values lie far above --white 1023, up to 4092:"), "{said}");
+        assert_eq!(check_white(&pictures, 0.24, 3931.0), None, "a sensor's white is not one value");
+        assert_eq!(check_white(&pictures, 0.25, 4095.0), None);
+    }
 
     #[test]
     fn levels_above_all_values_are_refused_in_their_unit() {

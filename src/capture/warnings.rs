@@ -23,6 +23,18 @@ impl Fused {
                  is taken for white; to take another, tell --white"
             )
         }));
+        warnings.extend(self.white_doubted.map(|level| {
+            format!(
+                "its values end at {level:.4} of white, many of them at one, as of a sensor that is full there, and are taken for light: if it is, \
+                 tell its white with --white"
+            )
+        }));
+        warnings.extend(self.pedestal.map(|level| {
+            format!(
+                "all of its exposures have about {level:.4} of white alike, which no light is, as that grows with time: a black level was left \
+                 in; tell it with --black"
+            )
+        }));
         warnings.extend(self.doubtful_times());
         let compared = |uneven: &Uneven| {
             let [first, other] = uneven.pictures;

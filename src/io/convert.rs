@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde_json::json;
 
-use super::lost::{what_is_lost_of_display, what_is_lost_of_mapping};
+use super::lost::{what_is_lost_of_display, what_is_lost_of_light, what_is_lost_of_mapping};
 use super::{DomainTag, Format, PixelOptions, Pixels, read_pixels, write_pixels};
 use crate::core::capture::CaptureInfo;
 use crate::core::error::{Error, Result};
@@ -91,8 +91,8 @@ impl Conversion {
 }
 
 impl ConvertedImage {
-    /// What the output cannot say of its values where they are no linear light: how they are tone-mapped, or that they are
-    /// those of a display.
+    /// What the output cannot say of its values: that they are linear light, how they are tone-mapped, or that they are those of a
+    /// display.
     pub fn mapping_beyond(&self, output: &Path) -> Option<String> {
         match self.pixels.domain? {
             DomainTag::ToneMapped => {
@@ -100,7 +100,8 @@ impl ConvertedImage {
                 what_is_lost_of_mapping(output, curve.unwrap_or_default())
             }
             DomainTag::Display => what_is_lost_of_display(output),
-            DomainTag::Linear | DomainTag::Srgb => None,
+            DomainTag::Linear => what_is_lost_of_light(output),
+            DomainTag::Srgb => None,
         }
     }
 
@@ -141,6 +142,8 @@ mod tests {
         assert_eq!(kept(1.0, "a.png"), None);
         assert_eq!(kept(0.9, "a.png"), Some([0.9; CHANNELS]));
         assert_eq!(kept(1.0, "a.npy"), Some([1.0; CHANNELS]));
+        let lost = |name: &str| clipping_at(1.0).mapping_beyond(Path::new(name));
+        assert!(lost("a.jpg").unwrap().contains("--domain linear") && lost("a.npy").is_none());
     }
 
     #[test]

@@ -53,6 +53,15 @@ pub fn what_is_lost_of_mapping(path: &Path, curve: ToneCurve) -> Option<String> 
     ))
 }
 
+/// What a file of integers cannot say of linear light: it looks dark where it is taken for a picture.
+pub(super) fn what_is_lost_of_light(path: &Path) -> Option<String> {
+    Format::of_extension(path).ok().filter(|format| !format.holds_light())?;
+    Some(format!(
+        "{} holds linear light and cannot say so: give --domain linear where it is read; `udc finish` makes a picture to look at",
+        path.display()
+    ))
+}
+
 /// What the file of a picture for viewing cannot say of it: a `.npy` would be taken for linear light.
 pub(super) fn what_is_lost_of_display(path: &Path) -> Option<String> {
     Format::of_extension(path).ok().filter(|format| *format == Format::Npy)?;

@@ -2,15 +2,15 @@
 
 use std::borrow::Cow;
 
-use ndarray::{Array3, Zip};
 use serde::Serialize;
 
 use super::angle::FoundAngle;
 use super::capture::{Capture, Restored};
 use super::censored::with_darkness;
+use super::coded::with_whole_areas;
 use super::deconvolution::{Border, CaptureNoise, LampOutside, Solution, doubt_told_noise};
 use super::guard::{Gentle, Guard, Left};
-use super::highlights::blend_highlights;
+use super::highlights::{blend_highlights, cut_off, most_light, with_light};
 use super::lamps::{Lamp, find_lamps};
 use super::lateral::{Lateral, LateralColour};
 use super::levels::{
@@ -22,6 +22,7 @@ use super::planes::{PlaneConfig, planes_of};
 use super::restoration::Restoration;
 use super::shining::shining;
 use super::solved::Solved;
+use super::starved::without_dots;
 use super::unexplained::Unexplained;
 use super::{FromOutside, Pose, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside};
 use crate::core::error::Result;
@@ -106,6 +107,8 @@ pub(super) struct Whole<'a> {
     pub(super) planes: PlaneConfig,
     /// φ∘C of the result.
     pub(super) told: ToneCurve,
+    /// The light that each channel of the result has at most, where lamps are not given their own.
+    pub(super) most: [f32; CHANNELS],
     /// Where it is restored in parts.
     pub(super) parted: Option<Parted>,
 }
@@ -150,6 +153,8 @@ impl Restoration {
         let told = ToneCurve { x_max: saturation.into_iter().fold(0.0, f32::max), ..self.curve() };
         let curve = self.curve_of(told, &image, of_file.is_some());
         let levels = found.map(|levels| reached_levels(&image, levels));
+        let is_coded = coding_error.is_some() && self.guided_options().is_some();
+        let image = if is_coded { with_whole_areas(image, saturation)? } else { image };
         let image = if self.guided_options().is_some() { with_darkness(image)? } else { image };
         let (border, noise) = (self.border(), self.noise_curve());
         let planes = PlaneConfig { curve, border, saturation, noise, coding_error };
@@ -157,7 +162,8 @@ impl Restoration {
         let window =
             plan.parts.as_ref().map_or([image.height(), image.width()], |parts| parts.window().into());
         let doubted_noise = doubt_told_noise(&image, &posed.psf, &planes.deconvolution(), window)?;
-        let whole = Whole { model, planes, told, parted: None };
+        let most = most_light(&image, saturation, told.x_max);
+        let whole = Whole { model, planes, told, most, parted: None };
         let part = match &plan.parts {
             Some(parts) => self.restore_in_parts((whole, parts), &image, &mut posed, progress)?,
             None => {
@@ -225,7 +231,7 @@ impl Restoration {
         solved: Solved,
         progress: &Progress,
     ) -> Result<Part> {
-        let Whole { model, planes, told, parted } = whole;
+        let Whole { model, planes, told, most, parted } = whole;
         let PlaneConfig { curve, saturation, .. } = *planes;
         let Solved { relieved, lamps_outside, has_flare, solution } = solved;
         let image = relieved.unwrap_or(image);
@@ -253,13 +259,15 @@ impl Restoration {
                 shines_above = is_surpassed(saturation, &light);
                 AnyImage::Linear(light)
             }
-            None if curve != *told => AnyImage::Linear(curve.inverse_tone_map(&restored)),
             None if options.is_some() => {
                 // There is no other light, whatever the network makes of what saturates.
-                let most = told.compress(told.x_max);
-                let cut = restored.map_in_place(|value| value.clamp(0.0, most));
-                AnyImage::ToneMapped(cut, Some(*told))
+                let cut = cut_off(restored, most.map(|light| curve.compress(light)))?;
+                match curve == *told {
+                    true => AnyImage::ToneMapped(cut, Some(*told)),
+                    false => AnyImage::Linear(curve.inverse_tone_map(&cut)),
+                }
             }
+            None if curve != *told => AnyImage::Linear(curve.inverse_tone_map(&restored)),
             None => AnyImage::ToneMapped(restored, Some(*told)),
         };
         Ok(Part {
@@ -285,6 +293,7 @@ impl Restoration {
     ) -> Result<(ToneMappedImage, Corrected)> {
         let PlaneConfig { curve, border, saturation, .. } = *config;
         let (left, is_clean) = (Left::of(solution.residual.view()), solution.is_clean());
+        let relative_noise = solution.relative_noise;
         // What lamps leave is more than is told.
         let is_told = solution.is_told && !has_flare;
         let gentle = Gentle::of(image, &solution.scene, saturation);
@@ -328,6 +337,7 @@ impl Restoration {
             };
             restored = shining(restored, &deconvolved, (image, peaks.as_ref()), (saturation, curve))?;
             restored = guard.refine(&deconvolved, restored, options.refine)?;
+            restored = without_dots(restored, (image, &deconvolved), (relative_noise, curve))?;
         }
         Ok((restored, Corrected { angle, lateral_colour, smaller_windows }))
     }
@@ -394,29 +404,9 @@ fn is_sure(estimate: &PoseEstimate, deviations: f64) -> bool {
         || scale.abs() > LEAST_MOVE[1].max(deviations * scale_sigma)
 }
 
-/// A restored scene with the light of lamps where the capture is saturated.
-fn with_light(
-    restored: LinearImage,
-    capture: &LinearImage,
-    light: &LinearImage,
-    saturation: [f32; CHANNELS],
-) -> Result<LinearImage> {
-    let mut planes: Array3<f32> = restored.into_planes();
-    for (channel, mut plane) in planes.outer_iter_mut().enumerate() {
-        let from = saturated_from(saturation[channel]);
-        let pixels = Zip::from(&mut plane).and(capture.channel(channel)).and(light.channel(channel));
-        pixels.par_for_each(|restored, captured, light| {
-            if *captured >= from {
-                *restored = restored.max(*light);
-            }
-        });
-    }
-    LinearImage::from_planes(planes)
-}
-
 #[cfg(test)]
 mod tests {
-    use ndarray::Array2;
+    use ndarray::{Array2, Array3};
 
     use super::*;
     use crate::codes::MeasurementErrors;

@@ -1,10 +1,12 @@
 //! Puts known highlights back: inside of large saturated areas the capture says more than a restoration.
 
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, Array3, ArrayView2, Zip};
 use serde::Serialize;
 
+use super::levels::reached_levels;
 use crate::core::error::Result;
-use crate::core::image::{CHANNELS, Domain, Image};
+use crate::core::image::{CHANNELS, Domain, Image, LinearImage, ToneMappedImage};
+use crate::core::saturation::saturated_from;
 
 /// What is done where the capture is saturated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -106,6 +108,43 @@ fn depth(plane: ArrayView2<'_, f32>, saturated_from: f32) -> Array2<f32> {
         }
     }
     depth
+}
+
+/// The light that each channel of a restored capture has at most: one of which the capture reaches what saturates it, what saturates the
+/// brightest of those, as of white balanced colours that are clipped together; others have no such light.
+pub(super) fn most_light(image: &LinearImage, saturation: [f32; CHANNELS], usual: f32) -> [f32; CHANNELS] {
+    let reached = reached_levels(image, saturation);
+    let brightest = reached.iter().flatten().copied().fold(0.0, f32::max);
+    reached.map(|level| if level.is_some() { brightest } else { usual })
+}
+
+/// Cuts each channel at zero and at its own value.
+pub(super) fn cut_off(image: ToneMappedImage, most: [f32; CHANNELS]) -> Result<ToneMappedImage> {
+    let mut planes: Array3<f32> = image.into_planes();
+    for (mut plane, most) in planes.outer_iter_mut().zip(most) {
+        plane.par_mapv_inplace(|value| value.clamp(0.0, most));
+    }
+    ToneMappedImage::from_planes(planes)
+}
+
+/// A restored scene with the light of lamps where the capture is saturated.
+pub(super) fn with_light(
+    restored: LinearImage,
+    capture: &LinearImage,
+    light: &LinearImage,
+    saturation: [f32; CHANNELS],
+) -> Result<LinearImage> {
+    let mut planes: Array3<f32> = restored.into_planes();
+    for (channel, mut plane) in planes.outer_iter_mut().enumerate() {
+        let from = saturated_from(saturation[channel]);
+        let pixels = Zip::from(&mut plane).and(capture.channel(channel)).and(light.channel(channel));
+        pixels.par_for_each(|restored, captured, light| {
+            if *captured >= from {
+                *restored = restored.max(*light);
+            }
+        });
+    }
+    LinearImage::from_planes(planes)
 }
 
 #[cfg(test)]
@@ -237,5 +276,24 @@ mod tests {
         assert!((depth[[20, 20]] - 5.0).abs() <= 1.0 && depth[[20, 26]] == 0.0);
         let full = super::depth(Array2::ones((9, 9)).view(), 1.0);
         assert!(full.iter().all(|&d| d == FADE_PX));
+    }
+
+    /// A red lamp before what is dark; white balanced colours, of which the brightest clips last; and a capture of which nothing is clipped.
+    #[test]
+    fn light_is_cut_where_its_own_colour_saturates() {
+        let image = |light: [f32; 3]| {
+            LinearImage::from_planes(Array3::from_shape_fn((3, 2, 2), |(c, y, _)| light[c] * y as f32))
+                .unwrap()
+        };
+        let [lamp, balanced] = [[1.0, 40.0, 40.0], [2.0, 1.0, 1.6]];
+        assert_eq!(most_light(&image([1.0, 0.4, 0.4]), lamp, 40.0), [1.0, 40.0, 40.0]);
+        assert_eq!(most_light(&image(balanced), balanced, 2.0), [2.0; 3]);
+        assert_eq!(most_light(&image([0.9, 1.0, 0.9]), balanced, 2.0), [2.0, 1.0, 2.0]);
+        assert_eq!(most_light(&image([0.5; 3]), [16.0; 3], 16.0), [16.0; 3]);
+        let cut = cut_off(
+            ToneMappedImage::from_planes(Array3::from_elem((3, 1, 1), 0.9)).unwrap(),
+            [0.8, 1.0, 0.9],
+        );
+        assert_eq!(cut.unwrap().as_slice(), [0.8, 0.9, 0.9]);
     }
 }

@@ -93,12 +93,11 @@ impl fmt::Display for Lamp {
             .map(|(name, times)| format!("{times:.1} in {name}"))
             .collect();
         let pixels = if self.pixels == 1 { "pixel" } else { "pixels" };
-        write!(
-            f,
-            "lamp at row {y:.0}, column {x:.0}: {} saturated {pixels}, as bright as saturation times {}",
-            self.pixels,
-            times.join(", ")
-        )
+        let saturated = format!("at row {y:.0}, column {x:.0}: {} saturated {pixels}", self.pixels);
+        if self.times_saturation.iter().all(|times| *times < 1.0) {
+            return write!(f, "glare {saturated}, more by the flare of lamps than by light of their own");
+        }
+        write!(f, "lamp {saturated}, as bright as saturation times {}", times.join(", "))
     }
 }
 
@@ -126,6 +125,11 @@ mod tests {
         assert!(
             faint.to_string().ends_with("as bright as saturation times 7.2 in green, 1.5 in blue"),
             "{faint}"
+        );
+        let glare = Lamp { times_saturation: [0.02, 0.4, 0.0], ..lamps[0].clone() };
+        assert!(
+            glare.to_string().starts_with("glare at row 8, column 15: 1 saturated pixel, more by"),
+            "{glare}"
         );
     }
 

@@ -1,5 +1,6 @@
 //! Tells captures that their PSF does not explain.
 
+use std::cmp::Ordering;
 use std::fmt;
 
 use ndarray::Zip;
@@ -11,6 +12,10 @@ use crate::core::saturation::saturated_from;
 
 /// Standard deviations of its noise by which a pixel contradicts the scene.
 const DEVIATIONS: f32 = 4.5;
+
+/// The relative noise of captures that are asked: below, it is rounding or the grain of a scene, which a sun's light outshines; above, so few
+/// photons are counted that their noise is nothing like a bell, and half of a scene is black.
+const ASKED: std::ops::Range<f32> = 3e-3..0.5;
 
 /// Light of a scene, over α, up to which it is black.
 const BLACK: f32 = 1e-5;
@@ -41,7 +46,8 @@ impl Unexplained {
         (saturation, alpha): ([f32; CHANNELS], f32),
     ) -> Self {
         let mut counts = Self::default();
-        if solution.is_clean() {
+        let middle = middle(solution.relative_noise);
+        if solution.is_clean() || !ASKED.contains(&middle) {
             return counts;
         }
         for (channel, left) in solution.residual.outer_iter().enumerate() {
@@ -82,15 +88,19 @@ impl Unexplained {
 
     /// What is to be told of it, if it is much.
     pub(super) fn contradiction(&self) -> Option<Contradiction> {
-        let middle = |counts: [usize; CHANNELS]| {
-            let mut shares: [f64; CHANNELS] =
-                std::array::from_fn(|channel| counts[channel] as f64 / self.known[channel].max(1) as f64);
-            shares.sort_by(f64::total_cmp);
-            shares[CHANNELS / 2]
+        let share = |counts: [usize; CHANNELS]| {
+            let share = |channel: usize| counts[channel] as f64 / self.known[channel].max(1) as f64;
+            middle(std::array::from_fn(share))
         };
-        let found = Contradiction { contradicting: middle(self.contradicting), black: middle(self.black) };
+        let found = Contradiction { contradicting: share(self.contradicting), black: share(self.black) };
         (found.contradicting >= CONTRADICTING && found.black >= MUCH_BLACK).then_some(found)
     }
+}
+
+/// The middle one of three numbers.
+fn middle<T: PartialOrd + Copy>(mut of: [T; CHANNELS]) -> T {
+    of.sort_by(|a, b| a.partial_cmp(b).unwrap_or(Ordering::Equal));
+    of[CHANNELS / 2]
 }
 
 /// How a PSF contradicts a capture: the shares of its pixels, of the middle one of the colours.

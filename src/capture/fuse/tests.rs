@@ -291,6 +291,10 @@ fn a_mosaic_that_ends_below_white_has_its_white_there() {
         assert_eq!(fused(end, false).white_found, None);
     }
     assert_eq!([0.5, 1.0].map(|end| fused(end, true).white_found), [None; 2], "flat light, and white itself");
+    // As of 12 bits that were told to be 14.
+    let doubted = fused(0.25, false);
+    assert!(doubted.warnings()[0].contains("end at 0.2500 of white"), "{:?}", doubted.warnings());
+    assert_eq!([0.95, 1.0].map(|end| fused(end, true).white_doubted), [None; 2]);
 }
 
 /// Noise that repeats nowhere, with a mean of zero.
