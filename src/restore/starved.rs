@@ -7,8 +7,9 @@ use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::tone::ToneCurve;
 
-/// The relative noise of a capture from which on it is starved of photons: of scenes with 190 at white it is 0.1 to 0.45. Of frames of
-/// which a pixel counts one and less it is 0.7 and more, and what are single counts there came out 40 times as bright as any.
+/// The relative noise of a capture from which on it is starved of photons. Of eight scenes with 190 photoelectrons at white it is 0.27 to
+/// 0.38, and with 60, which the limit changes by 0.01 dB at most, 0.51 to 0.65. Of frames of which a pixel counts one and less it is 0.7
+/// and more, and single counts came out up to 76 times as bright as any.
 const STARVED: f32 = 0.5;
 
 /// How much brighter than the brightest of a pixel and its neighbours, in the capture and its deconvolution, it may be.
