@@ -67,7 +67,9 @@ pub(super) fn end_below_white(mosaic: &Array3<f32>, saturation: f64) -> Option<f
 /// Where the values of a picture alone end far below white, as a share of that: flat light, or that of a sensor of fewer bits than were told.
 pub(super) fn end_far_below_white(frames: &[Array3<f32>]) -> Option<f64> {
     let [picture] = frames else { return None };
-    plateau(picture).filter(|level| (LEAST_DOUBTED..LEAST_WHITE).contains(level))
+    // What most of a picture has is a wall.
+    let (level, _) = counted_plateau(picture).filter(|(_, pixels)| 2 * pixels < picture.len())?;
+    (LEAST_DOUBTED..LEAST_WHITE).contains(&level).then_some(level)
 }
 
 /// For each of so many exposures, the value from which on its light may be cut off.
@@ -79,13 +81,18 @@ pub(super) fn ceilings(cut_offs: &[CutOff], exposures: usize, saturation: f64) -
 
 /// The maximum of a picture, where many more values are that bright than a little darker.
 fn plateau(frame: &Array3<f32>) -> Option<f64> {
+    counted_plateau(frame).map(|(level, _)| level)
+}
+
+/// The same, and how many values are that bright.
+fn counted_plateau(frame: &Array3<f32>) -> Option<(f64, usize)> {
     let level = f64::from(frame.iter().copied().fold(0.0, f32::max));
     let [top, bottom] = [PLATEAU, PLATEAU + BELOW].map(|below| level * (1.0 - below));
     let (mut on, mut below) = (0, 0);
     for value in frame.iter().map(|value| f64::from(*value)).filter(|value| *value >= bottom) {
         if value >= top { on += 1 } else { below += 1 }
     }
-    (level > 0.0 && on >= FEWEST && on > CLEARLY_MORE * below).then_some(level)
+    (level > 0.0 && on >= FEWEST && on > CLEARLY_MORE * below).then_some((level, on))
 }
 
 /// Whether a shorter exposure, of `share` of the time, shows more light on the longer one's plateau than its level is.

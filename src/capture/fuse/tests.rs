@@ -295,6 +295,8 @@ fn a_mosaic_that_ends_below_white_has_its_white_there() {
     let doubted = fused(0.25, false);
     assert!(doubted.warnings()[0].contains("end at 0.2500 of white"), "{:?}", doubted.warnings());
     assert_eq!([0.95, 1.0].map(|end| fused(end, true).white_doubted), [None; 2]);
+    let wall = Bracket::single(Array3::from_elem((3, 48, 48), 0.25)).unwrap();
+    assert_eq!(fuse(wall, &FuseConfig::default()).unwrap().white_doubted, None);
 }
 
 /// Noise that repeats nowhere, with a mean of zero.
