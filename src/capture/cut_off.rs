@@ -64,7 +64,7 @@ pub(super) fn end_below_white(mosaic: &Array3<f32>, saturation: f64) -> Option<f
     plateau(mosaic).filter(|level| (LEAST_WHITE..saturation).contains(level))
 }
 
-/// Where the values of a picture alone end far below white, as a share of that: flat light, or that of a sensor of fewer bits than were told.
+/// Where the values of a picture alone end far below white, as a share of that: flat light, or that of a sensor of fewer bits than told.
 pub(super) fn end_far_below_white(frames: &[Array3<f32>]) -> Option<f64> {
     let [picture] = frames else { return None };
     // What most of a picture has is a wall.

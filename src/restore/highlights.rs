@@ -278,7 +278,7 @@ mod tests {
         assert!(full.iter().all(|&d| d == FADE_PX));
     }
 
-    /// A red lamp before what is dark; white balanced colours, of which the brightest clips last; and a capture of which nothing is clipped.
+    /// A red lamp before what is dark; white balanced colours, of which the brightest clips last; and a capture that is nowhere clipped.
     #[test]
     fn light_is_cut_where_its_own_colour_saturates() {
         let image = |light: [f32; 3]| {

@@ -13,7 +13,7 @@ use crate::core::saturation::saturated_from;
 /// Standard deviations of its noise by which a pixel contradicts the scene.
 const DEVIATIONS: f32 = 4.5;
 
-/// The relative noise of captures that are asked: below, it is rounding or the grain of a scene, which a sun's light outshines; above, so few
+/// The relative noise of captures that are asked: below, it is rounding or grain of a scene, which a sun's light outshines; above, so few
 /// photons are counted that their noise is nothing like a bell, and half of a scene is black.
 const ASKED: std::ops::Range<f32> = 3e-3..0.5;
 
