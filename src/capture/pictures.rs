@@ -6,12 +6,14 @@ use ndarray::{Array2, Array3};
 
 use super::alike::{Said, check_levels, check_scene};
 use super::bracket::Bracket;
+use super::exposure_times::SAME_TIME;
 use super::fuse::FuseConfig;
 use super::levels::{Kind, Levels, Samples, Unit};
 use super::plausible::{check_floats, check_reachable, check_white};
 use super::shots::{Shot, differ, exposures, exposures_of_darks, is_in_doubt, without_dark};
 use super::told::Told;
 use crate::core::capture::CaptureInfo;
+use crate::core::coded::raise_doubtful;
 use crate::core::error::{Error, Result};
 use crate::core::image::CHANNELS;
 use crate::core::progress::Progress;
@@ -42,9 +44,24 @@ pub struct Pictures {
 struct Group {
     planes: Vec<Array3<f32>>,
     shots: Vec<Shot>,
+    /// Which were coded with losses.
+    coded: Vec<bool>,
 }
 
 impl Group {
+    /// Raises to `white` what coding may have made darker of saturated pixels, where a shorter exposure tells them; those of the shortest
+    /// are made whole as it is restored.
+    fn raise_doubtful(&mut self, times: &[f64], white: f64) {
+        #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
+        let white = white as f32;
+        let shortest = times.iter().copied().fold(f64::INFINITY, f64::min);
+        for ((planes, is_coded), &time) in self.planes.iter_mut().zip(&self.coded).zip(times) {
+            if *is_coded && time * (1.0 - SAME_TIME) > shortest {
+                raise_doubtful(planes, white);
+            }
+        }
+    }
+
     fn divide(&mut self, levels: [f64; CHANNELS]) {
         #[expect(clippy::cast_possible_truncation, reason = "images are 32-bit floats")]
         let factors = levels.map(|level| level.recip() as f32);
@@ -89,6 +106,7 @@ impl Pictures {
         }
         let levels = Levels::of(&told.levels, unit, raw.as_ref());
         warnings.extend(levels.warning(first));
+        warnings.extend(levels.doubt(first, raw.as_ref()));
         let Levels { white, black, bayer, white_balance, .. } = levels;
         if told.levels.white.is_none() && black >= white {
             return Err(Error::Unsupported(format!(
@@ -152,6 +170,7 @@ impl Pictures {
 
     /// Puts pictures, their times, the mask and the dark frames together.
     pub(super) fn join(&mut self, times: &[f64]) -> Result<Bracket> {
+        self.lights.raise_doubtful(times, self.config.white);
         let mut bracket = Bracket::new(std::mem::take(&mut self.lights.planes), times)?;
         if self.told.darks.is_some() {
             let dark_times = self.dark_times(times, &bracket)?;
@@ -211,6 +230,7 @@ impl Reader<'_> {
             if !are_dark {
                 self.check_scene(file, &pixels)?;
             }
+            group.coded.push(pixels.capture.is_some_and(|info| info.coding_error.is_some()));
             group.planes.push(pixels.planes);
             group.shots.push(Shot { seconds: pixels.exposure_s, iso: pixels.iso });
         }
@@ -339,7 +359,8 @@ mod tests {
     /// Pictures of `count` files that say nothing.
     fn silent(count: usize, told: Told) -> Pictures {
         let shots = vec![Shot { seconds: None, iso: None }; count];
-        let lights = Group { planes: vec![Array3::zeros((3, 4, 4)); count], shots };
+        let lights =
+            Group { planes: vec![Array3::zeros((3, 4, 4)); count], shots, coded: vec![false; count] };
         let config = FuseConfig::default();
         Pictures {
             warnings: Vec::new(),
@@ -364,5 +385,27 @@ mod tests {
         assert!(silent(3, Told::default()).times().unwrap_err().to_string().contains("--exposures"));
         let told = Told { exposures: Some(vec![2.0, 1.0]), ..published() };
         assert_eq!(silent(2, told).times().unwrap(), [2.0, 1.0]);
+    }
+
+    #[test]
+    fn what_coding_darkened_is_told_by_a_shorter_exposure() {
+        let mut pictures = silent(3, Told::default());
+        let values = [[0.86, 0.84], [0.86, 0.9], [0.86, 0.9]];
+        for (planes, values) in pictures.lights.planes.iter_mut().zip(values) {
+            planes[[0, 0, 0]] = values[0];
+            planes[[1, 2, 3]] = values[1];
+        }
+        pictures.lights.coded = vec![true; 3];
+        pictures.lights.raise_doubtful(&[4.0, 1.0, 1.001], 1.0);
+        let found: Vec<_> =
+            pictures.lights.planes.iter().map(|planes| [planes[[0, 0, 0]], planes[[1, 2, 3]]]).collect();
+        assert_eq!(found, [[1.0, 0.84], [0.86, 0.9], [0.86, 0.9]]);
+        pictures.lights.planes[0][[0, 0, 0]] = 0.86;
+        pictures.lights.coded = vec![false; 3];
+        pictures.lights.raise_doubtful(&[4.0, 1.0, 1.001], 1.0);
+        assert!(
+            pictures.lights.planes[0][[0, 0, 0]] < 0.9,
+            "what was not coded is as bright as it was measured"
+        );
     }
 }

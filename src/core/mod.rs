@@ -7,6 +7,7 @@ pub mod broad_peak;
 pub mod bytes;
 pub mod camera_color;
 pub mod capture;
+pub(crate) mod coded;
 pub mod color;
 pub mod config;
 pub mod error;

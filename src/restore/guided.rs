@@ -7,7 +7,6 @@ use serde::Serialize;
 use super::angle::FoundAngle;
 use super::capture::{Capture, Restored};
 use super::censored::with_darkness;
-use super::coded::with_whole_areas;
 use super::deconvolution::{Border, CaptureNoise, LampOutside, Solution, doubt_told_noise};
 use super::guard::{Gentle, Guard, Left};
 use super::highlights::{blend_highlights, cut_off, most_light, with_light};
@@ -25,6 +24,7 @@ use super::solved::Solved;
 use super::starved::without_dots;
 use super::unexplained::Unexplained;
 use super::{FromOutside, Pose, PoseConfig, PoseEstimate, find_pose, find_pose_by_lamp_outside};
+use crate::core::coded::with_whole_areas;
 use crate::core::error::Result;
 use crate::core::image::{CHANNELS, LinearImage, ToneMappedImage};
 use crate::core::progress::Progress;
@@ -198,29 +198,6 @@ impl Restoration {
             smaller_windows,
             ..restored
         })
-    }
-
-    /// Solves for the scene of a capture, or of a part of one, by the PSF as it is posed there, unless what is left of a capture without
-    /// noise tells that it was right before.
-    pub(super) fn solved<'s>(
-        &'s self,
-        image: &LinearImage,
-        posed: &mut Posed<'s>,
-        Whole { planes, parted, .. }: &Whole<'_>,
-        progress: &Progress,
-    ) -> Result<Solved> {
-        let noise = parted.as_ref().map(|parted| &parted.noise);
-        let solved = Solved::of((image, &posed.psf), (planes, posed.has_none_outside), noise, progress)?;
-        if posed.pose.is_some() && solved.solution.is_clean() {
-            // Where no noise hides it, what is left of the capture says which of the two is right.
-            let own = self.kernel().needed_psf()?;
-            let unmoved = Solved::of((image, own), (planes, false), noise, progress)?;
-            if unmoved.left() < solved.left() {
-                *posed = Posed { psf: Cow::Borrowed(own), pose: None, has_none_outside: false };
-                return Ok(unmoved);
-            }
-        }
-        Ok(solved)
     }
 
     /// Restores a capture, or a part of one, of which the scene has been solved for.
@@ -402,53 +379,4 @@ fn is_sure(estimate: &PoseEstimate, deviations: f64) -> bool {
     let PoseEstimate { turn_deg, turn_sigma_deg, scale, scale_sigma, .. } = *estimate;
     turn_deg.abs() > LEAST_MOVE[0].max(deviations * turn_sigma_deg)
         || scale.abs() > LEAST_MOVE[1].max(deviations * scale_sigma)
-}
-
-#[cfg(test)]
-mod tests {
-    use ndarray::{Array2, Array3};
-
-    use super::*;
-    use crate::codes::MeasurementErrors;
-    use crate::core::fft::{Boundary, Convolver};
-    use crate::core::rng::stream;
-    use crate::restore::deconvolution::Border;
-
-    /// Of a capture without noise; one with some is not asked.
-    #[test]
-    fn what_is_left_of_a_clean_capture_tells_the_right_psf() {
-        let plane = Array2::from_shape_fn((65, 65), |(y, x)| {
-            let squares = (y as f32 - 32.0).powi(2) + (x as f32 - 32.0).powi(2);
-            let is_order = y.abs_diff(32) % 8 == 0 && x.abs_diff(32) % 8 == 0;
-            (-squares / 0.8).exp() + if is_order { 1e-3 } else { 1e-5 } * (-squares.sqrt() / 12.0).exp()
-        });
-        let of_channels = |plane: Array2<f32>| {
-            Array3::from_shape_fn((CHANNELS, plane.nrows(), plane.ncols()), |(_, y, x)| plane[[y, x]])
-        };
-        let psf = Psf::from_energy(of_channels(&plane / plane.sum())).unwrap();
-        let errors = MeasurementErrors { scale: 0.002, ..MeasurementErrors::default() };
-        let moved = errors.apply(&psf, &mut stream(0, "moved")).unwrap();
-        let scene = Array2::from_shape_fn((96, 96), |(y, x)| match (y, x) {
-            (20..40, 50..80) => 1.5,
-            (60..63, 30..33) => 40.0,
-            _ => 0.2 + 0.05 * ((y as f32 / 9.0).sin() + (x as f32 / 7.0).cos()),
-        });
-        let convolver = Convolver::new([96, 96], [65, 65], Boundary::Zero).unwrap();
-        let seen =
-            convolver.convolve_plane(scene.view(), &convolver.kernel_spectrum(psf.channel(0)).unwrap());
-        let image = LinearImage::from_planes(of_channels(seen)).unwrap();
-        let curve = ToneCurve::default();
-        let planes = PlaneConfig {
-            curve,
-            border: Border::Zero,
-            saturation: [curve.x_max; CHANNELS],
-            noise: None,
-            coding_error: None,
-        };
-        let solved =
-            |psf: &Psf| Solved::of((&image, psf), (&planes, false), None, &Progress::default()).unwrap();
-        let (right, wrong) = (solved(&psf), solved(&moved));
-        assert!(right.solution.is_clean());
-        assert!(right.left() < wrong.left(), "{} {}", right.left(), wrong.left());
-    }
 }

@@ -5,7 +5,7 @@ mod areas;
 mod capture;
 mod cells;
 mod censored;
-mod coded;
+mod chosen;
 mod config;
 pub mod deconvolution;
 mod deconvolved;

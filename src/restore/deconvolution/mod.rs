@@ -19,10 +19,10 @@ mod wiener;
 mod wiener_orieux;
 
 pub use joint::beyond::{LampOutside, Relieved, without_lamps_outside};
-pub(super) use joint::pose::write_pose_in_words;
 pub use joint::pose::{
     FoundPose, FromOutside, PoseConfig, PoseEstimate, UntoldPose, find_pose, find_pose_by_lamp_outside,
 };
+pub(super) use joint::pose::{window_of_pose, write_pose_in_words};
 pub(super) use joint::{CaptureNoise, NOISE_FREE, local_mean};
 pub use joint::{DoubtedNoise, Solution};
 use ndarray::{Array2, Array3, ArrayView2, Axis};

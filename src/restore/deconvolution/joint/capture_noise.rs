@@ -102,6 +102,11 @@ impl CaptureNoise {
         Ok(DoubtedNoise::of(told.relative(), shown.relative(), shown.finest.is_interpolated))
     }
 
+    /// Whether the capture has no noise, as computed ones have none.
+    pub(in crate::restore) fn is_clean(&self) -> bool {
+        self.relative().iter().all(|sigma| *sigma <= NOISE_FREE)
+    }
+
     /// The standard deviation of the noise of `log(capture + α)` in each channel, where it is of middling brightness.
     pub(in crate::restore) fn relative(&self) -> [f32; CHANNELS] {
         std::array::from_fn(|channel| self.levels[channel].middle())

@@ -20,6 +20,7 @@
 //!    deviations know nothing of.
 
 mod alike;
+mod confirm;
 mod evidence;
 mod fit;
 mod moved;
@@ -42,11 +43,12 @@ use crate::core::psf::Psf;
 use crate::core::saturation::saturated_from;
 use crate::core::tone::ToneCurve;
 use crate::restore::levels::find_levels;
+use confirm::confirmed;
 use evidence::{deviations, light_to_noise};
 use fit::LampFit;
 use moved::Movable;
 pub use outside::{FromOutside, find_pose_by_lamp_outside};
-use scene::Scene;
+use scene::{Scene, Window, window_of};
 pub use untold::UntoldPose;
 
 /// A turn in degrees, and a scale as a share.
@@ -111,13 +113,6 @@ const MOST_SATURATED: f64 = 0.3;
 /// The part of a frame that its lamps take at most, as if all of their light were alike: of ten captures that take more, most of rooms and
 /// of streets by day, eight would tell poses that are wrong by 4 to 31 deviations, and of twelve that take less one does.
 const LARGEST_LAMPS: f64 = 0.015;
-
-/// How far from a pose that was found a second search begins, to confirm it.
-const ELSEWHERE: Pose2 = [0.3, 0.004];
-
-/// How far from that pose it ends where it confirms it, or by how many deviations of both.
-const CONFIRMED: Pose2 = [0.03, 1.5e-3];
-const CERTAINTY: f64 = 2.0;
 
 /// How many times the saturated pixels of another colour one has that is saturated alone.
 const ALONE: usize = 3;
@@ -231,29 +226,18 @@ pub fn find_pose(
     }
     let found = Search::new(scene_of_lamps, &movable, progress)?.run(config.least_move)?;
     let Ok(estimate) = found else { return Ok(found) };
-    let mut is_doubted = false;
-    // Beside it on one side or on the other, where a search finds nothing from the first.
-    for side in [1.0, -1.0] {
-        let Some(scene) = scene() else { break };
-        let elsewhere = [estimate.turn_deg + side * ELSEWHERE[0], estimate.scale + side * ELSEWHERE[1]];
-        movable = movable.about(elsewhere);
-        match Search::new(scene, &movable, progress)?.run([0.0; 2])? {
-            Ok(again) if confirms(&estimate, &again, side) => return Ok(found),
-            // From there it does not come close, which tells nothing against the pose.
-            Err(UntoldPose::WeakFlare) => {}
-            Err(_) if side > 0.0 => is_doubted = true,
-            _ => return Ok(Err(UntoldPose::Fickle)),
-        }
-    }
-    Ok(if is_doubted { Err(UntoldPose::Fickle) } else { found })
+    let from_elsewhere = |elsewhere: Pose2| {
+        let Some(scene) = scene() else { return Ok(Err(UntoldPose::NoLamps)) };
+        movable.begin_at(elsewhere);
+        Search::new(scene, &movable, progress)?.run([0.0; 2])
+    };
+    confirmed(estimate, from_elsewhere)
 }
 
-/// Whether a search that began elsewhere, on one `side` or on the other, found a pose again.
-fn confirms(estimate: &PoseEstimate, again: &PoseEstimate, side: f64) -> bool {
-    let apart = [again.turn_deg + side * ELSEWHERE[0], again.scale + side * ELSEWHERE[1]];
-    let turn_sigma_deg = estimate.turn_sigma_deg.hypot(again.turn_sigma_deg);
-    let sigmas = [turn_sigma_deg, estimate.scale_sigma.hypot(again.scale_sigma)];
-    (0..2).all(|part| apart[part].abs() <= CONFIRMED[part].max(CERTAINTY * sigmas[part]))
+/// The part of a capture by which [`find_pose`] tells a pose; none without lamps.
+pub(in crate::restore) fn window_of_pose(capture: &LinearImage, config: &PoseConfig) -> Option<Window> {
+    let (channel, _) = channel_of_lamps(capture, config);
+    Some(window_of(capture.channel(channel), config.saturation[channel], MOST_SATURATED)?.0)
 }
 
 /// The channel with most saturated pixels, and how many those are: green, where it is as good as others. Where that is more than lamps have

@@ -30,9 +30,9 @@ impl Movable {
         Self { spline: CubicSpline::fit(middle), size: middle.dim().into(), origin: [0.0; 2] }
     }
 
-    /// The same channel, but that poses are relative to this one.
-    pub(super) fn about(self, origin: Pose2) -> Self {
-        Self { origin, ..self }
+    /// Makes poses relative to this one.
+    pub(super) fn begin_at(&mut self, origin: Pose2) {
+        self.origin = origin;
     }
 
     /// Height and width of the channel.

@@ -41,6 +41,15 @@ const LAMP_CONTRAST: f32 = 8.0;
 /// The share of the pixels that are lamps, at most, unless more are clipped.
 const LAMP_SHARE: f64 = 1e-2;
 
+/// A part of a capture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::restore) struct Window {
+    pub(in crate::restore) top: usize,
+    pub(in crate::restore) left: usize,
+    pub(in crate::restore) height: usize,
+    pub(in crate::restore) width: usize,
+}
+
 /// Lamps and their surroundings in one channel of a capture.
 pub(super) struct Scene {
     pub(super) frame: Frame,
@@ -64,16 +73,8 @@ impl Scene {
         (level, alpha): (f32, f32),
         most: f64,
     ) -> Option<Self> {
-        let clipped_from = saturated_from(level);
-        // The glare around clipped light tells of it, and so do its orders: what may shine explains no other's flare.
-        let lamps_from = match has_areas(&channel.mapv(|y| y >= clipped_from)) {
-            true => clipped_from,
-            false => clipped_from.min(bright_from(channel)),
-        };
-        // What is dark all over has none.
-        let [top, left] = window_of_lamps(&channel.mapv(|y| y > 0.0 && y >= lamps_from), most)?;
-        let side = |length: usize| length.min(LARGEST_PX);
-        let (height, width) = (side(channel.nrows()), side(channel.ncols()));
+        let (window, lamps_from) = window_of(channel, level, most)?;
+        let Window { top, left, height, width } = window;
         let capture = channel.slice(s![top..top + height, left..left + width]).mapv(|y| y.max(0.0));
         let lamps = capture.mapv(|y| y >= lamps_from);
         let seed = LEAST_LIGHT * capture.iter().fold(0.0, |most: f32, y| most.max(*y));
@@ -157,6 +158,21 @@ impl Scene {
             add_scaled(plane, -part, column);
         }
     }
+}
+
+/// The part of a channel that saturates at `level` which is looked at for its lamps, and the light from which on pixels count as such;
+/// see [`Scene::new`].
+pub(super) fn window_of(channel: ArrayView2<'_, f32>, level: f32, most: f64) -> Option<(Window, f32)> {
+    let clipped_from = saturated_from(level);
+    // The glare around clipped light tells of it, and so do its orders: what may shine explains no other's flare.
+    let lamps_from = match has_areas(&channel.mapv(|y| y >= clipped_from)) {
+        true => clipped_from,
+        false => clipped_from.min(bright_from(channel)),
+    };
+    // What is dark all over has none.
+    let [top, left] = window_of_lamps(&channel.mapv(|y| y > 0.0 && y >= lamps_from), most)?;
+    let [height, width] = [channel.nrows(), channel.ncols()].map(|side| side.min(LARGEST_PX));
+    Some((Window { top, left, height, width }, lamps_from))
 }
 
 /// Whether there are pixels of a set beside one another.

@@ -1,11 +1,11 @@
 //! Makes whole what compression left of saturated areas: a JPEG spreads the codes of pixels that were all white.
 
-use ndarray::{Array2, ArrayView2, Zip};
+use ndarray::{Array2, Array3, ArrayView2, Zip};
 use rayon::prelude::*;
 
-use crate::core::error::Result;
-use crate::core::image::{CHANNELS, LinearImage};
-use crate::core::saturation::saturated_from;
+use super::error::Result;
+use super::image::{CHANNELS, LinearImage};
+use super::saturation::saturated_from;
 
 /// The share of what saturates from which on a pixel may have been saturated before it was coded: nine codes of 255. A capture with a lamp
 /// that was coded with a quality of 98, 95, 90 and 75 is restored 4.3, 3.8, 0.5 and -0.1 dB better so, a night with twelve lamps 1.5.
@@ -16,13 +16,17 @@ const MAY_BE: f32 = 0.92;
 const LEAST_AROUND: f64 = 0.15;
 const AROUND_PX: usize = 2;
 
-/// Raises pixels among saturated ones of a capture that was coded with losses to what saturates.
+/// The share of what saturates up to which a coded pixel may be trusted where a shorter exposure tells it too: what is beside a saturated
+/// area comes out of its block darker than it was. A bracket of a quality of 95, 90 and 75 with a lamp is restored 5.8, 2.9 and 0.3 dB better.
+const TRUSTED: f32 = 0.85;
+
+/// Raises pixels among saturated ones of an image that was coded with losses to what saturates.
 ///
 /// Taken for light that was measured, they tell that no lamp is there, and the flare of lamps is left in.
 ///
 /// # Errors
 /// Never for images of one size.
-pub(super) fn with_whole_areas(image: LinearImage, saturation: [f32; CHANNELS]) -> Result<LinearImage> {
+pub(crate) fn with_whole_areas(image: LinearImage, saturation: [f32; CHANNELS]) -> Result<LinearImage> {
     let mut planes = image.into_planes();
     planes.outer_iter_mut().into_par_iter().zip(saturation).for_each(|(mut plane, level)| {
         let raised = among_saturated(plane.view(), level);
@@ -33,6 +37,13 @@ pub(super) fn with_whole_areas(image: LinearImage, saturation: [f32; CHANNELS]) 
         });
     });
     LinearImage::from_planes(planes)
+}
+
+/// Raises pixels of a picture that was coded with losses and of which there is a shorter exposure to what saturates, wherever they may have
+/// been saturated, so that the shorter one tells them.
+pub(crate) fn raise_doubtful(planes: &mut Array3<f32>, saturation: f32) {
+    planes
+        .par_mapv_inplace(|value| if value >= TRUSTED * saturation { value.max(saturation) } else { value });
 }
 
 /// The pixels that are not saturated and may have been, among those that are.
@@ -56,8 +67,6 @@ fn among_saturated(plane: ArrayView2<'_, f32>, level: f32) -> Array2<bool> {
 
 #[cfg(test)]
 mod tests {
-    use ndarray::Array3;
-
     use super::*;
 
     /// A lamp whose pixels waver, one that is less bright, and a pixel of a bright wall beside a single saturated one.
