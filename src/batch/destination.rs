@@ -84,7 +84,10 @@ impl Destination<'_> {
         for (index, file) in files.iter().enumerate() {
             if let Some(other) = files[..index].iter().position(|earlier| earlier == file) {
                 let (a, b) = (&results[other].source, &results[index].source);
-                let reason = format!("{a} and {b} would both be written to {}", file.display());
+                let reason = format!(
+                    "{a} and {b} would both be written to {}: rename one, or write them to separate folders",
+                    file.display()
+                );
                 return Err(Error::Unsupported(reason));
             }
         }

@@ -175,6 +175,17 @@ impl Levels {
         }
     }
 
+    /// What the user is to be told of a mosaic that the raw file has otherwise, of pictures of which `file` is the first.
+    pub(super) fn doubt(&self, file: &Path, raw: Option<&RawMetadata>) -> Option<String> {
+        let own = raw?.bayer.filter(|own| self.bayer != Some(*own))?;
+        Some(format!(
+            "{} says that its mosaic is {}; as --bayer has it, {} is taken: leave --bayer out if the colours come out wrong",
+            file.display(),
+            format!("{own:?}").to_uppercase(),
+            format!("{:?}", self.bayer?).to_uppercase()
+        ))
+    }
+
     /// What the user is to be told of the gains, of pictures of which `file` is the first.
     pub(super) fn warning(&self, file: &Path) -> Option<String> {
         let file = file.display();
@@ -276,6 +287,9 @@ mod tests {
         let of_file =
             Levels { white: 0.25, black: 0.01, bayer: own.bayer, white_balance: [2.0, 1.0, 1.5], ..expected };
         assert_eq!(Levels::of(&NOTHING, unit, Some(&own)), of_file);
+        let said = Levels::of(&told, unit, Some(&own)).doubt(Path::new("a.dng"), Some(&own)).unwrap();
+        assert!(said.contains("its mosaic is BGGR; as --bayer has it, RGGB is taken"), "{said}");
+        assert_eq!(of_file.doubt(Path::new("a.dng"), Some(&own)), None);
         let of_rule = Levels { white: 1.0, black: 0.0, bayer: None, white_balance: [1.0; 3], ..expected };
         assert_eq!(Levels::of(&NOTHING, Unit::Planes, None), of_rule);
     }

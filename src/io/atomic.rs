@@ -142,7 +142,7 @@ pub fn list_unfinished(folder: &Path) -> Result<Vec<PathBuf>> {
 /// Checks that an output may be written, before the work that makes it starts.
 ///
 /// # Errors
-/// [`Error::Io`] when the file exists and may not be replaced, or its folder does not exist.
+/// [`Error::Io`] when the file exists and may not be replaced, or its folder does not exist or may not be written to.
 pub fn check_output(path: &Path, overwrite: bool) -> Result<()> {
     if path.is_dir() {
         return Err(create_error(path, io::ErrorKind::IsADirectory, "it is a folder; name a file".into()));
@@ -152,13 +152,33 @@ pub fn check_output(path: &Path, overwrite: bool) -> Result<()> {
     }
     let folder = folder_of(path);
     if folder.is_dir() {
-        return Ok(());
+        return match is_writable(folder) {
+            true => Ok(()),
+            false => {
+                let reason = format!("the folder {} may not be written to; name another", folder.display());
+                Err(create_error(path, io::ErrorKind::PermissionDenied, reason))
+            }
+        };
     }
     let (kind, what) = match folder.symlink_metadata() {
         Ok(_) => (io::ErrorKind::NotADirectory, "is not a folder; name another"),
         Err(_) => (io::ErrorKind::NotFound, "does not exist; create it"),
     };
     Err(create_error(path, kind, format!("the folder {} {what}", folder.display())))
+}
+
+/// Whether files may be made in a folder: false where it is known that they may not.
+fn is_writable(folder: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use rustix::fs::{Access, access};
+        use rustix::io::Errno;
+
+        let refused = access(folder, Access::WRITE_OK | Access::EXEC_OK);
+        !matches!(refused, Err(Errno::ACCESS | Errno::PERM | Errno::ROFS))
+    }
+    #[cfg(not(unix))]
+    true
 }
 
 fn exists(path: &Path) -> Error {

@@ -449,3 +449,35 @@ fn light_and_models_that_nothing_can_be_computed_with_are_refused_with_their_nam
     let message = fail(folder, &restore, 1);
     assert!(message.contains("is a folder; name a file of weights, as a .safetensors or .pth"), "{message}");
 }
+
+/// By a user without rights, whoever runs the tests. The PSF that is named is none: nothing is read before.
+#[cfg(unix)]
+#[test]
+fn a_folder_that_may_not_be_written_to_is_told_before_the_work() {
+    use std::fs::{Permissions, copy, create_dir, metadata, set_permissions};
+    use std::os::unix::fs::{MetadataExt, PermissionsExt};
+    use std::os::unix::process::CommandExt;
+
+    const NOBODY: u32 = 65534;
+    let folder = tempfile::tempdir().unwrap();
+    let allow = |name: &str, mode| {
+        set_permissions(folder.path().join(name), Permissions::from_mode(mode)).unwrap();
+    };
+    let program = folder.path().join("udc");
+    copy(env!("CARGO_BIN_EXE_udc"), &program).unwrap();
+    copy(fixture("hwc_f4.npy"), folder.path().join("capture.npy")).unwrap();
+    create_dir(folder.path().join("closed")).unwrap();
+    for (name, mode) in [("", 0o755), ("udc", 0o755), ("capture.npy", 0o644), ("closed", 0o555)] {
+        allow(name, mode);
+    }
+    let mut run = std::process::Command::new(&program);
+    if metadata(folder.path()).unwrap().uid() == 0 {
+        run.uid(NOBODY);
+    }
+    let args = ["restore", "capture.npy", "--psf", "capture.npy", "-o", "closed/photo.jpg"];
+    let output = run.args(args).current_dir(folder.path()).output().unwrap();
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("the folder closed may not be written to; name another"), "{message}");
+    allow("closed", 0o755);
+}
